@@ -1,0 +1,2 @@
+//! The `rins` program.
+fn main() {}

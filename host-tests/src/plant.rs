@@ -1,0 +1,27 @@
+//! What an instrument is to the bench: something that yields a reading per data-ready edge and takes rate commands.
+
+/// What the IMU and the encoders report at one data-ready edge, SI.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reading {
+    /// Time of the edge, us.
+    pub time_us: u64,
+    /// Gyro outputs, rad/s.
+    pub omega_g: [f64; 3],
+    /// Accelerometer outputs, m/s^2.
+    pub force_a: [f64; 3],
+    /// Outer encoder, rad, continuous or wrapped.
+    pub outer_rad: f64,
+    /// Inner encoder, rad, continuous or wrapped.
+    pub inner_rad: f64,
+    /// IMU temperature, deg C; not a number where there is no sensor.
+    pub temperature_c: f32,
+}
+
+/// An instrument, virtual or recorded.
+pub trait Plant {
+    /// Advances to the next data-ready edge; `None` when there are no more.
+    fn next_reading(&mut self) -> Option<Reading>;
+
+    /// Rates of (outer, inner) that the drives shall reach by the next edge, rad/s. A recording ignores them.
+    fn command_rates(&mut self, rates_rad_s: [f64; 2]);
+}

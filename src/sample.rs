@@ -1,0 +1,49 @@
+//! IMU samples, raw and corrected: two types, so that neither passes for the other.
+
+use crate::angle::Angle;
+use crate::linear::{Matrix3, Real, Vector3};
+
+/// One reading of the IMU with both gimbal angles latched by the same data-ready edge.
+///
+/// Rate and force stand for their mean over a sample interval around `time_us`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RawSample<T: Real> {
+    /// Time of the data-ready edge, us, monotonic.
+    pub time_us: u64,
+    /// Gyro outputs on their own axes, rad/s.
+    pub omega_g: Vector3<T>,
+    /// Accelerometer outputs on their own axes, m/s^2.
+    pub force_a: Vector3<T>,
+    /// Outer gimbal angle.
+    pub outer: Angle,
+    /// Inner gimbal angle.
+    pub inner: Angle,
+    /// IMU temperature, deg C; not a number where there is no sensor.
+    pub temperature_c: f32,
+}
+
+impl<T: Real> Default for RawSample<T> {
+    fn default() -> Self {
+        Self {
+            time_us: 0,
+            omega_g: Vector3::zeros(),
+            force_a: Vector3::zeros(),
+            outer: Angle::default(),
+            inner: Angle::default(),
+            temperature_c: f32::NAN,
+        }
+    }
+}
+
+/// A sample with the instrument's errors taken out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CorrectedSample<T: Real> {
+    /// Time of the data-ready edge, us.
+    pub time_us: u64,
+    /// Specific force in the IMU frame, m/s^2.
+    pub force_s: Vector3<T>,
+    /// Inertial angular rate of the IMU frame in the IMU frame, rad/s.
+    pub omega_is_s: Vector3<T>,
+    /// Attitude of the IMU frame relative to the vehicle: s0 (= b) to s.
+    pub rot_s_s0: Matrix3<T>,
+}

@@ -1,0 +1,201 @@
+//! Rotation schemes as data: which way to turn, how fast, how long to stand.
+
+use crate::units::DEG;
+use heapless::{String, Vec};
+use serde::{Deserialize, Serialize};
+
+/// Most legs of one period.
+pub const MAX_LEGS: usize = 48;
+
+/// One move and the stop after it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Leg {
+    /// Outer angle to move to, rad, counted over whole turns.
+    pub outer_rad: f64,
+    /// Inner angle to move to, rad, counted over whole turns.
+    pub inner_rad: f64,
+    /// Time to stand there, s.
+    pub stop_s: f64,
+}
+
+/// A rotation scheme: it starts with a stop at (0, 0); each leg is a move and a stop.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Scheme {
+    /// Name, for reports.
+    pub name: String<32>,
+    /// Rate of a turning axis, rad/s.
+    pub rate_rad_s: f64,
+    /// Acceleration at the ends of a move, rad/s^2.
+    pub acceleration_rad_s2: f64,
+    /// The first stop, at (0, 0), s.
+    pub first_stop_s: f64,
+    /// The legs of one period, which ends where it began.
+    pub legs: Vec<Leg, MAX_LEGS>,
+    /// How often the period is run.
+    pub periods: u8,
+}
+
+/// Why a scheme is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum SchemeError {
+    /// Rate, acceleration or the number of periods is not positive and finite.
+    Motion,
+    /// A stop, counted from 0, is not positive and finite.
+    Stop(u8),
+    /// A leg, counted from 1, has an angle that is not finite, or moves nothing.
+    Leg(u8),
+    /// More legs than fit, or none.
+    Legs,
+    /// Several periods, and the first does not end where it began.
+    OpenPeriod,
+}
+
+/// Bai's 18 moves: quarter turns of (outer, inner). (Bai, section 4: three steps, one period)
+const BAI_QUARTERS: [(i8, i8); 18] = [
+    (-1, 0),
+    (-1, 0),
+    (-1, 0),
+    (1, 0),
+    (1, 0),
+    (0, -1),
+    (-1, 0),
+    (-1, 0),
+    (-1, 0),
+    (1, 0),
+    (1, 0),
+    (1, 0),
+    (0, -1),
+    (0, -1),
+    (0, 1),
+    (0, 1),
+    (0, 1),
+    (1, 0),
+];
+
+impl Scheme {
+    /// Scheme "bai": `periods` of 18 moves at 20 deg/s with 19 stops of `stop_s` each. Bai stands 200 s and runs two.
+    pub fn bai(stop_s: f64, periods: u8) -> Self {
+        let mut quarters = (0_i32, 0_i32);
+        let mut legs = Vec::new();
+        for (outer, inner) in BAI_QUARTERS {
+            quarters = (quarters.0 + i32::from(outer), quarters.1 + i32::from(inner));
+            let rad = |quarters| f64::from(quarters) * 90.0 * DEG;
+            // 18 legs fit.
+            let _ = legs.push(Leg { outer_rad: rad(quarters.0), inner_rad: rad(quarters.1), stop_s });
+        }
+        Self {
+            name: String::try_from("bai").unwrap_or_default(),
+            rate_rad_s: 20.0 * DEG,
+            acceleration_rad_s2: 20.0 * DEG,
+            first_stop_s: stop_s,
+            legs,
+            periods,
+        }
+    }
+
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// The first one that is wrong.
+    pub fn check(&self) -> Result<(), SchemeError> {
+        let positive = |x: f64| x.is_finite() && x > 0.0;
+        if !positive(self.rate_rad_s) || !positive(self.acceleration_rad_s2) || self.periods == 0 {
+            return Err(SchemeError::Motion);
+        }
+        if !positive(self.first_stop_s) {
+            return Err(SchemeError::Stop(0));
+        }
+        let mut from = (0.0, 0.0);
+        for (number, leg) in (1_u8..).zip(&self.legs) {
+            let to = (leg.outer_rad, leg.inner_rad);
+            if !to.0.is_finite() || !to.1.is_finite() || to == from {
+                return Err(SchemeError::Leg(number));
+            }
+            if !positive(leg.stop_s) {
+                return Err(SchemeError::Stop(number));
+            }
+            from = to;
+        }
+        if self.legs.is_empty() {
+            Err(SchemeError::Legs)
+        } else if self.periods > 1 && from != (0.0, 0.0) {
+            Err(SchemeError::OpenPeriod)
+        } else {
+            Ok(())
+        }
+    }
+
+    /// Moves of all periods.
+    pub fn moves(&self) -> usize {
+        self.legs.len() * usize::from(self.periods)
+    }
+
+    /// Leg number `index` of all periods, from 0; `None` past the end. A period's first stop, at the origin, follows on
+    /// the last stop of the period before: the axes stand there for both.
+    pub fn leg(&self, index: usize) -> Option<Leg> {
+        let position = index.checked_rem(self.legs.len())?;
+        let mut leg = *self.legs.get(position)?;
+        if index >= self.moves() {
+            return None;
+        }
+        if position + 1 == self.legs.len() && index + 1 < self.moves() {
+            leg.stop_s += self.first_stop_s;
+        }
+        Some(leg)
+    }
+
+    /// Time of a trapezoidal (or, where it is short, triangular) move by `angle_rad`, s.
+    pub fn move_s(&self, angle_rad: f64) -> f64 {
+        use crate::linear::ComplexField;
+        let angle = ComplexField::abs(angle_rad);
+        let ramp_s = self.rate_rad_s / self.acceleration_rad_s2;
+        if angle >= self.rate_rad_s * ramp_s {
+            angle / self.rate_rad_s + ramp_s
+        } else {
+            2.0 * ComplexField::sqrt(angle / self.acceleration_rad_s2)
+        }
+    }
+
+    /// Nominal duration of all stops and moves, s, without settling beyond the stops' own time.
+    pub fn duration_s(&self) -> f64 {
+        let mut from = (0.0, 0.0);
+        let mut total = self.first_stop_s;
+        for leg in (0..).map_while(|index| self.leg(index)) {
+            let longest = f64::max(self.move_s(leg.outer_rad - from.0), self.move_s(leg.inner_rad - from.1));
+            total += longest + leg.stop_s;
+            from = (leg.outer_rad, leg.inner_rad);
+        }
+        total
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bai_is_a_closed_period_of_64_7_minutes() {
+        let scheme = Scheme::bai(200.0, 1);
+        assert_eq!(scheme.check(), Ok(()));
+        assert_eq!(scheme.legs.last().map(|leg| (leg.outer_rad, leg.inner_rad)), Some((0.0, 0.0)));
+        assert!((scheme.duration_s() - (19.0 * 200.0 + 18.0 * 5.5)).abs() < 1e-9);
+        assert!((Scheme::bai(200.0, 2).duration_s() - 2.0 * scheme.duration_s()).abs() < 1e-9);
+        let outer = scheme.legs.iter().map(|leg| leg.outer_rad / DEG);
+        assert_eq!(outer.fold((0.0, 0.0), |(low, high), x| (f64::min(low, x), f64::max(high, x))), (-360.0, 0.0));
+    }
+
+    #[test]
+    fn wrong_schemes_are_refused_by_leg() {
+        let mut scheme = Scheme::bai(10.0, 2);
+        scheme.legs[3].stop_s = 0.0;
+        assert_eq!(scheme.check(), Err(SchemeError::Stop(4)));
+        let mut scheme = Scheme::bai(10.0, 2);
+        scheme.legs[2].outer_rad = f64::NAN;
+        assert_eq!(scheme.check(), Err(SchemeError::Leg(3)));
+        let mut scheme = Scheme::bai(10.0, 2);
+        scheme.legs.truncate(4);
+        assert_eq!(scheme.check(), Err(SchemeError::OpenPeriod));
+        scheme.legs.clear();
+        assert_eq!(scheme.check(), Err(SchemeError::Legs));
+    }
+}
