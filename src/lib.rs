@@ -4,8 +4,12 @@
 
 pub mod angle;
 pub mod error_model;
+pub mod intake;
+pub mod kalman;
 pub mod linear;
+pub mod measurement;
 pub mod sample;
 pub mod scheme;
+pub mod segment;
 pub mod site;
 pub mod units;

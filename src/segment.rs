@@ -1,0 +1,483 @@
+//! Segments: a stop or a move with its sufficient sums, the unit of information from sampling to report.
+//!
+//! The parameters are constant, so while samples arrive only sums are kept. Stops and moves are found from the encoder
+//! angles alone, with no knowledge of the scheme:
+//!
+//! ```text
+//! angle  ________                       ____________
+//!                \_____________________/
+//!        ...b b b|m m m ... m m m|s s s|b b ...|b b b|m m
+//!          stop  |g|     move      |settle|  stop   |guard, part of the next move
+//! ```
+//! Samples are summed over blocks of 0.1 s. A block is still if both angles keep within `still_rad` over it. A move ends
+//! with three still blocks in a row (settling); a stop ends three blocks before the first that is not still (guard). So
+//! a move's window reaches from inside one stop to inside the next, and no ramp touches a stop.
+
+use crate::angle::{Angle, rad_to_ticks, ticks_to_rad};
+use crate::linear::{CompensatedSum, Real, Vector3, real};
+use crate::sample::RawSample;
+use crate::units::ARCSEC;
+use core::mem;
+use serde::{Deserialize, Serialize};
+
+/// Length of a block, us.
+const BLOCK_US: u64 = 100_000;
+/// Blocks of settling after a move, and of guard before the next.
+const GUARD_BLOCKS: u8 = 3;
+/// A stop with a longer gap between two samples may hide a move and back; a move with one has lost rotation.
+pub const LONGEST_GAP_US: u64 = 100_000;
+
+/// How motion of the axes is recognized.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Stillness {
+    /// Range of an encoder angle over 0.1 s, and distance from where the stop began, up to which an axis stands, rad.
+    /// Must exceed the encoder's noise and resolution; 20 arcsec are passed within 25 ms of a 20 deg/s^2 ramp.
+    pub still_rad: f64,
+}
+
+impl Default for Stillness {
+    fn default() -> Self {
+        Self { still_rad: 20.0 * ARCSEC }
+    }
+}
+
+/// Stop or move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SegmentKind {
+    /// Both axes stand.
+    Stop,
+    /// One or both axes turn, with the settling before and after.
+    Move,
+}
+
+/// Sums over the gimbal angles of a segment, from which the integrals of (3) follow for any non-perpendicularity.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GimbalSums<T> {
+    /// Integral of (1, cos, sin)(inner) x (1, cos, sin)(outer) over time, s: row inner, column outer.
+    pub attitude_s: [[T; 3]; 3],
+    /// Integral of cos(inner) over the outer angle, rad.
+    pub outer_cos_inner: T,
+    /// Integral of sin(inner) over the outer angle, rad.
+    pub outer_sin_inner: T,
+    /// Outer increment, rad.
+    pub outer: T,
+    /// Inner increment, rad.
+    pub inner: T,
+}
+
+/// A finished stop or move.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Segment<T: Real> {
+    /// Stop or move.
+    pub kind: SegmentKind,
+    /// Time of the sample before the first, us.
+    pub start_us: u64,
+    /// Duration, us.
+    pub duration_us: u64,
+    /// Number of samples.
+    pub samples: u32,
+    /// Longest interval between two samples, us.
+    pub longest_interval_us: u64,
+    /// Mean IMU temperature, deg C.
+    pub temperature_c: f32,
+    /// Integral of the gyro outputs over time, rad.
+    pub rotation_g: Vector3<T>,
+    /// Mean of the accelerometer outputs, m/s^2.
+    pub force_a: Vector3<T>,
+    /// Outer angle: mean of a stop, last of a move.
+    pub outer: Angle,
+    /// Inner angle: mean of a stop, last of a move.
+    pub inner: Angle,
+    /// Gimbal sums.
+    pub gimbals: GimbalSums<T>,
+}
+
+impl<T: Real> Segment<T> {
+    /// Duration, s.
+    pub fn duration_s(&self) -> T {
+        real(self.duration_us as f64 * 1e-6)
+    }
+
+    /// Whether samples are missing for so long that the sums are not those of a stop or a move.
+    pub fn is_broken(&self) -> bool {
+        self.longest_interval_us > LONGEST_GAP_US
+    }
+}
+
+/// Mean of an angle as offset from the first.
+#[derive(Clone, Copy, Debug, Default)]
+struct AngleMean {
+    first: Angle,
+    last: Angle,
+    count: i64,
+    offset_ticks: i64,
+}
+
+impl AngleMean {
+    fn add(&mut self, angle: Angle) {
+        if self.count == 0 {
+            self.first = angle;
+        }
+        self.last = angle;
+        self.count += 1;
+        self.offset_ticks += i64::from(angle.since(self.first));
+    }
+
+    fn merge(&mut self, other: &Self) {
+        if self.count == 0 {
+            *self = *other;
+        } else {
+            self.offset_ticks += other.offset_ticks + other.count * i64::from(other.first.since(self.first));
+            self.count += other.count;
+            self.last = other.last;
+        }
+    }
+
+    fn mean(&self) -> Angle {
+        // A mean of 32-bit offsets fits 32 bits.
+        self.first.turned(self.offset_ticks.checked_div(self.count).unwrap_or(0) as i32)
+    }
+}
+
+/// Sums of one block, or of many.
+#[derive(Clone, Copy, Debug, Default)]
+struct Sums<T> {
+    start_us: u64,
+    duration_us: u64,
+    samples: u32,
+    longest_interval_us: u64,
+    temperature_c: f32,
+    rotation: [CompensatedSum<T>; 3],
+    force: [CompensatedSum<T>; 3],
+    attitude: [[CompensatedSum<T>; 3]; 3],
+    outer_cos_inner: CompensatedSum<T>,
+    outer_sin_inner: CompensatedSum<T>,
+    outer_ticks: i64,
+    inner_ticks: i64,
+    outer: AngleMean,
+    inner: AngleMean,
+}
+
+/// Sine and cosine of the last angle asked for: most samples come at rest.
+#[derive(Clone, Copy, Debug)]
+struct CachedSinCos<T> {
+    angle: Angle,
+    sin: T,
+    cos: T,
+}
+
+impl<T: Real> CachedSinCos<T> {
+    fn new() -> Self {
+        Self { angle: Angle::default(), sin: T::zero(), cos: T::one() }
+    }
+
+    fn at(&mut self, angle: Angle) -> (T, T) {
+        if angle != self.angle {
+            (self.sin, self.cos) = angle.sin_cos();
+            self.angle = angle;
+        }
+        (self.sin, self.cos)
+    }
+}
+
+/// One interval between two samples: what a block adds up.
+struct Interval<T> {
+    duration_us: u64,
+    rotation: Vector3<T>,
+    outer_ticks: i32,
+    inner_ticks: i32,
+    sin_cos_outer: (T, T),
+    sin_cos_inner: (T, T),
+}
+
+impl<T: Real> Sums<T> {
+    fn add(&mut self, sample: &RawSample<T>, interval: &Interval<T>) {
+        if self.samples == 0 {
+            self.start_us = sample.time_us.saturating_sub(interval.duration_us);
+        }
+        self.samples += 1;
+        self.duration_us += interval.duration_us;
+        self.longest_interval_us = self.longest_interval_us.max(interval.duration_us);
+        self.temperature_c += sample.temperature_c;
+        add_each(&mut self.rotation, &interval.rotation);
+        add_each(&mut self.force, &sample.force_a);
+        self.add_gimbals(interval);
+        self.outer.add(sample.outer);
+        self.inner.add(sample.inner);
+    }
+
+    fn add_gimbals(&mut self, interval: &Interval<T>) {
+        let duration_s = seconds::<T>(interval.duration_us);
+        let (so, co) = interval.sin_cos_outer;
+        let (si, ci) = interval.sin_cos_inner;
+        let columns = [duration_s, duration_s * co, duration_s * so];
+        for (row, inner) in self.attitude.iter_mut().zip([T::one(), ci, si]) {
+            for (sum, column) in row.iter_mut().zip(columns) {
+                sum.add(inner * column);
+            }
+        }
+        if interval.outer_ticks != 0 {
+            let inner: T = ticks_to_rad(interval.inner_ticks.into());
+            // Mean of cosine and sine over an interval that they pass at constant rate, from their value in its middle.
+            let mean = T::one() - inner * inner / real(24.0);
+            let outer = ticks_to_rad::<T>(interval.outer_ticks.into()) * mean;
+            self.outer_cos_inner.add(ci * outer);
+            self.outer_sin_inner.add(si * outer);
+        }
+        self.outer_ticks += i64::from(interval.outer_ticks);
+        self.inner_ticks += i64::from(interval.inner_ticks);
+    }
+
+    fn merge(&mut self, other: &Self) {
+        if self.samples == 0 {
+            *self = *other;
+            return;
+        }
+        self.samples += other.samples;
+        self.duration_us += other.duration_us;
+        self.longest_interval_us = self.longest_interval_us.max(other.longest_interval_us);
+        self.temperature_c += other.temperature_c;
+        merge_each(&mut self.rotation, &other.rotation);
+        merge_each(&mut self.force, &other.force);
+        for (row, other) in self.attitude.iter_mut().zip(&other.attitude) {
+            merge_each(row, other);
+        }
+        self.outer_cos_inner.merge(&other.outer_cos_inner);
+        self.outer_sin_inner.merge(&other.outer_sin_inner);
+        self.outer_ticks += other.outer_ticks;
+        self.inner_ticks += other.inner_ticks;
+        self.outer.merge(&other.outer);
+        self.inner.merge(&other.inner);
+    }
+
+    fn segment(&self, kind: SegmentKind) -> Segment<T> {
+        let samples = self.samples.max(1);
+        let count: T = real(f64::from(samples));
+        let angle = |mean: &AngleMean| match kind {
+            SegmentKind::Stop => mean.mean(),
+            SegmentKind::Move => mean.last,
+        };
+        Segment {
+            kind,
+            start_us: self.start_us,
+            duration_us: self.duration_us,
+            samples: self.samples,
+            longest_interval_us: self.longest_interval_us,
+            temperature_c: self.temperature_c / samples as f32,
+            rotation_g: totals(&self.rotation),
+            force_a: totals(&self.force) / count,
+            outer: angle(&self.outer),
+            inner: angle(&self.inner),
+            gimbals: GimbalSums {
+                attitude_s: self.attitude.map(|row| row.map(|sum| sum.total())),
+                outer_cos_inner: self.outer_cos_inner.total(),
+                outer_sin_inner: self.outer_sin_inner.total(),
+                outer: ticks_to_rad(self.outer_ticks),
+                inner: ticks_to_rad(self.inner_ticks),
+            },
+        }
+    }
+}
+
+fn seconds<T: Real>(duration_us: u64) -> T {
+    real(duration_us as f64 * 1e-6)
+}
+
+fn add_each<T: Real>(sums: &mut [CompensatedSum<T>; 3], terms: &Vector3<T>) {
+    for (sum, term) in sums.iter_mut().zip(terms.iter()) {
+        sum.add(*term);
+    }
+}
+
+fn merge_each<T: Real>(sums: &mut [CompensatedSum<T>; 3], others: &[CompensatedSum<T>; 3]) {
+    for (sum, other) in sums.iter_mut().zip(others) {
+        sum.merge(other);
+    }
+}
+
+fn totals<T: Real>(sums: &[CompensatedSum<T>; 3]) -> Vector3<T> {
+    Vector3::from(sums.map(|sum| sum.total()))
+}
+
+/// Range that an angle has passed, ticks from a reference.
+#[derive(Clone, Copy, Debug)]
+struct AngleRange {
+    reference: Angle,
+    low: i32,
+    high: i32,
+}
+
+impl AngleRange {
+    fn at(reference: Angle) -> Self {
+        Self { reference, low: 0, high: 0 }
+    }
+
+    fn add(&mut self, angle: Angle) {
+        let offset = angle.since(self.reference);
+        self.low = self.low.min(offset);
+        self.high = self.high.max(offset);
+    }
+
+    fn ticks(&self) -> i64 {
+        i64::from(self.high) - i64::from(self.low)
+    }
+}
+
+/// The block being filled.
+#[derive(Clone, Copy, Debug)]
+struct Block<T> {
+    sums: Sums<T>,
+    outer: AngleRange,
+    inner: AngleRange,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Phase {
+    /// No block yet.
+    Start,
+    /// Axes turn, or have stood for this many blocks.
+    Moving { still_blocks: u8 },
+    /// Axes stand where these angles were read when the stop began.
+    Still { outer: Angle, inner: Angle },
+}
+
+/// Finds stops and moves and sums them up.
+///
+/// A move is reported once the stop after it is sure (0.7 s after the axes came to rest), a stop when the axes leave it.
+#[derive(Clone, Debug)]
+pub struct Segmenter<T: Real> {
+    still_ticks: i64,
+    previous: Option<RawSample<T>>,
+    trig_outer: CachedSinCos<T>,
+    trig_inner: CachedSinCos<T>,
+    block: Option<Block<T>>,
+    phase: Phase,
+    stopped_before: bool,
+    /// Still blocks that may turn out to be the guard of the next move; the oldest first.
+    guard: heapless::Deque<Sums<T>, { GUARD_BLOCKS as usize + 1 }>,
+    stop: Sums<T>,
+    moved: Sums<T>,
+}
+
+impl<T: Real> Segmenter<T> {
+    /// A new segmenter, before the first sample. Motion before the first stop is not reported.
+    pub fn new(stillness: &Stillness) -> Self {
+        Self {
+            still_ticks: rad_to_ticks(stillness.still_rad),
+            previous: None,
+            trig_outer: CachedSinCos::new(),
+            trig_inner: CachedSinCos::new(),
+            block: None,
+            phase: Phase::Start,
+            stopped_before: false,
+            guard: heapless::Deque::new(),
+            stop: Sums::default(),
+            moved: Sums::default(),
+        }
+    }
+
+    /// Takes one admitted sample; returns the segment that it completes.
+    pub fn step(&mut self, sample: &RawSample<T>) -> Option<Segment<T>> {
+        let previous = self.previous.replace(*sample)?;
+        let interval = self.interval(&previous, sample);
+        let block = self.block.get_or_insert_with(|| Block {
+            sums: Sums::default(),
+            outer: AngleRange::at(previous.outer),
+            inner: AngleRange::at(previous.inner),
+        });
+        block.outer.add(sample.outer);
+        block.inner.add(sample.inner);
+        block.sums.add(sample, &interval);
+        if block.sums.duration_us < BLOCK_US {
+            return None;
+        }
+        self.block.take().and_then(|block| self.close_block(&block))
+    }
+
+    /// Ends the last stop where the samples end. `None` if the axes do not stand, or stood too briefly.
+    pub fn finish(&mut self) -> Option<Segment<T>> {
+        if self.stop.samples == 0 {
+            return None;
+        }
+        while let Some(block) = self.guard.pop_front() {
+            self.stop.merge(&block);
+        }
+        self.phase = Phase::Moving { still_blocks: 0 };
+        Some(mem::take(&mut self.stop).segment(SegmentKind::Stop))
+    }
+
+    /// Whether the axes have stood for the settling time.
+    pub fn is_still(&self) -> bool {
+        matches!(self.phase, Phase::Still { .. })
+    }
+
+    fn interval(&mut self, previous: &RawSample<T>, sample: &RawSample<T>) -> Interval<T> {
+        let duration_us = sample.time_us.saturating_sub(previous.time_us);
+        let outer_ticks = sample.outer.since(previous.outer);
+        let inner_ticks = sample.inner.since(previous.inner);
+        let half = real::<T>(0.5);
+        Interval {
+            duration_us,
+            // The trapezoidal rule: axes stand at both ends of a segment, so it is exact for mean rates however the
+            // means are centred on their time stamps.
+            rotation: (previous.omega_g + sample.omega_g) * (half * seconds(duration_us)),
+            outer_ticks,
+            inner_ticks,
+            sin_cos_outer: self.trig_outer.at(previous.outer.turned(outer_ticks / 2)),
+            sin_cos_inner: self.trig_inner.at(previous.inner.turned(inner_ticks / 2)),
+        }
+    }
+
+    fn close_block(&mut self, block: &Block<T>) -> Option<Segment<T>> {
+        let still = block.outer.ticks() <= self.still_ticks && block.inner.ticks() <= self.still_ticks;
+        let standing = Phase::Still { outer: block.sums.outer.mean(), inner: block.sums.inner.mean() };
+        match self.phase {
+            Phase::Start if still => {
+                self.phase = standing;
+                self.stay(block)
+            }
+            Phase::Start => self.leave(block),
+            Phase::Moving { still_blocks } => {
+                self.moved.merge(&block.sums);
+                let still_blocks = if still { still_blocks + 1 } else { 0 };
+                self.phase = if still_blocks < GUARD_BLOCKS { Phase::Moving { still_blocks } } else { standing };
+                None
+            }
+            Phase::Still { outer, inner } => {
+                let departed = |from: Angle, mean: &AngleMean| i64::from(mean.mean().since(from)).abs();
+                let there = departed(outer, &block.sums.outer) <= self.still_ticks
+                    && departed(inner, &block.sums.inner) <= self.still_ticks;
+                if still && there { self.stay(block) } else { self.leave(block) }
+            }
+        }
+    }
+
+    /// A block on which the axes still stand: the oldest one of the guard is now surely part of the stop.
+    fn stay(&mut self, block: &Block<T>) -> Option<Segment<T>> {
+        // The guard is drained below before it can be full.
+        let _ = self.guard.push_back(block.sums);
+        if self.guard.len() <= usize::from(GUARD_BLOCKS) {
+            return None;
+        }
+        let arrived = self.stop.samples == 0;
+        if let Some(sure) = self.guard.pop_front() {
+            self.stop.merge(&sure);
+        }
+        if !arrived {
+            return None;
+        }
+        let moved = mem::take(&mut self.moved);
+        mem::replace(&mut self.stopped_before, true).then(|| moved.segment(SegmentKind::Move))
+    }
+
+    /// The block on which the axes start: with the guard it begins the next move, or, if they had not stood long enough
+    /// for a stop, goes on with the last one.
+    fn leave(&mut self, block: &Block<T>) -> Option<Segment<T>> {
+        self.phase = Phase::Moving { still_blocks: 0 };
+        while let Some(guard) = self.guard.pop_front() {
+            self.moved.merge(&guard);
+        }
+        self.moved.merge(&block.sums);
+        (self.stop.samples > 0).then(|| mem::take(&mut self.stop).segment(SegmentKind::Stop))
+    }
+}
