@@ -234,7 +234,8 @@ impl<T: Real> InstrumentErrors<T> {
         exp_so3(&Vector3::new(T::zero(), self.axis_non_perpendicularity, T::zero()))
     }
 
-    /// Base to local level: `R_z(-heading) R_y(pitch) R_x(roll)`.
+    /// Base to local level: `R_z(-heading) R_y(pitch) R_x(roll)`. The base frame b is the rotation frame at gimbal
+    /// angles (0, 0): encoder zeros and the gimbal axes define it, whatever the IMU's mounting.
     pub fn rot_nb(&self) -> Matrix3<T> {
         let zero = T::zero();
         exp_so3(&Vector3::new(zero, zero, -self.heading))
@@ -304,14 +305,14 @@ impl<T: Real> Calibration<T> {
             time_us: sample.time_us,
             force_s: self.force_matrix_sa * (sample.force_a - self.accel_bias_a),
             omega_is_s: self.rate_matrix_sg * (sample.omega_g - self.gyro_bias_g),
-            rot_s_s0: self.rot_s_s0(sample.outer, sample.inner),
+            rot_sb: self.rot_sb(sample.outer, sample.inner),
         }
     }
 
-    /// Attitude of the IMU in the vehicle from the gimbal angles: s0 (the vehicle frame b) to s, with the mounting
-    /// angles and the non-perpendicularity taken out. (10)
-    pub fn rot_s_s0(&self, outer: Angle, inner: Angle) -> Matrix3<T> {
-        self.rot_sr * self.errors.rot_rr0(outer, inner) * self.rot_sr.transpose()
+    /// Attitude of the IMU in the vehicle from the gimbal angles, with the mounting angles and the non-perpendicularity
+    /// taken out: b (= r0) to s. (2), (3)
+    pub fn rot_sb(&self, outer: Angle, inner: Angle) -> Matrix3<T> {
+        self.rot_sr * self.errors.rot_rr0(outer, inner)
     }
 
     /// The errors this calibration takes out.

@@ -4,10 +4,12 @@
 
 pub mod angle;
 pub mod error_model;
+pub mod estimator;
 pub mod intake;
 pub mod kalman;
 pub mod linear;
 pub mod measurement;
+pub mod method;
 pub mod sample;
 pub mod scheme;
 pub mod segment;

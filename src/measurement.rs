@@ -2,10 +2,10 @@
 //!
 //! A stop measures the mean specific force; a stop or a move measures the integral of angular rate:
 //! ```text
-//! f_a      = (I + diag ka) rot_sa^-1 rot_sr R rot_rs f_s0 + ba,                      R = rot_rr0(outer, inner)
-//! int w_g  = (I + diag kg) rot_sg^-1 rot_sr [ V + A rot_rs w_s0 ] + bg T,
+//! f_a      = (I + diag ka) rot_sa^-1 rot_sr R f_b + ba,             R = rot_rr0(outer, inner)
+//! int w_g  = (I + diag kg) rot_sg^-1 rot_sr [ V + A w_b ] + bg T,
 //!            V = int R_inner [outer rate, 0, 0]^T + e_inner inner rate,   A = int R
-//! f_s0 = rot_bn (0, 0, g),   w_s0 = rot_bn w_ie,   b = s0
+//! f_b = rot_bn (0, 0, g),   w_b = rot_bn w_ie,   b = r0
 //! ```
 //! which is (4), (5), (10) and (12) of Bai et al., Sensors 2019, 19, 4005, exact and integrated. With R_inner = Q R_z Q^T,
 //! Q the tilt of the inner axis by d, both integrals follow from the segment's sums for any d.
@@ -36,8 +36,8 @@ pub struct Prediction<T: Real> {
 #[derive(Clone, Debug)]
 pub struct MeasurementModel<T: Real> {
     errors: InstrumentErrors<T>,
-    force_s0: Vector3<T>,
-    earth_rate_s0: Vector3<T>,
+    force_b: Vector3<T>,
+    earth_rate_b: Vector3<T>,
     /// Column k: axis about which parameter k of roll, pitch, heading turns a fixed vector as seen in b.
     attitude_axes_b: Matrix3<T>,
     rot_sr: Matrix3<T>,
@@ -55,8 +55,8 @@ impl<T: Real> MeasurementModel<T> {
         let up_n = Vector3::new(T::zero(), T::zero(), T::one());
         Self {
             errors: *errors,
-            force_s0: rot_bn * (up_n * real::<T>(site.gravity_m_s2())),
-            earth_rate_s0: rot_bn * Vector3::from(site.earth_rate_n().map(real)),
+            force_b: rot_bn * (up_n * real::<T>(site.gravity_m_s2())),
+            earth_rate_b: rot_bn * Vector3::from(site.earth_rate_n().map(real)),
             attitude_axes_b: Matrix3::from_columns(&[
                 Vector3::new(-T::one(), T::zero(), T::zero()),
                 -rot_br.column(1).into_owned(),
@@ -70,22 +70,21 @@ impl<T: Real> MeasurementModel<T> {
         }
     }
 
-    /// Specific force of s0 at rest, rotated as seen in s0, m/s^2.
-    pub fn force_s0(&self) -> &Vector3<T> {
-        &self.force_s0
+    /// Specific force of the base at rest, m/s^2.
+    pub fn force_b(&self) -> &Vector3<T> {
+        &self.force_b
     }
 
     /// Mean accelerometer output at a stop. (4), (10)
     pub fn force_at_stop(&self, stop: &Segment<T>) -> Prediction<T> {
         let rot_inner = self.rot_inner_axis * frame_rotation_z(stop.inner) * self.rot_inner_axis.transpose();
         let rot_outer = frame_rotation_x(stop.outer);
-        let force_r0 = self.rot_sr.transpose() * self.force_s0;
-        let after_outer = rot_outer * force_r0;
+        let after_outer = rot_outer * self.force_b;
         let force_r = rot_inner * after_outer;
         let y = unit::<T>(1);
         let motion = Motion {
             in_r: force_r,
-            by_s0: rot_inner * rot_outer,
+            by_b: rot_inner * rot_outer,
             by_non_perpendicularity: y.cross(&force_r) - rot_inner * y.cross(&after_outer),
             by_encoder_errors: Matrix::from_columns(&[
                 Vector3::zeros(),
@@ -94,7 +93,7 @@ impl<T: Real> MeasurementModel<T> {
                 self.inner_axis().cross(&force_r),
             ]),
         };
-        let mut prediction = self.felt(&motion, &self.force_s0);
+        let mut prediction = self.felt(&motion, &self.force_b);
         sensed(&mut prediction, &self.rot_as, &self.errors.accel_scale, block::ACCEL_SCALE, |force_a| {
             (block::ACCEL_NON_ORTHOGONALITY, accel_non_orthogonality_matrix(force_a))
         });
@@ -111,16 +110,15 @@ impl<T: Real> MeasurementModel<T> {
         let y = skew(&unit::<T>(1));
         let attitude = tilt * attitude_integral(gimbals, &untilt);
         let attitude_by_tilt = y * attitude - tilt * attitude_integral(gimbals, &(untilt * y));
-        let earth_rate_r0 = self.rot_sr.transpose() * self.earth_rate_s0;
         let turned = axes.outer_integral + axes.inner * gimbals.inner;
         let turned_by_tilt = y * turned + tilt * axes.outer_sums * untilt.column(2);
         let motion = Motion {
-            in_r: turned + attitude * earth_rate_r0,
-            by_s0: attitude,
-            by_non_perpendicularity: turned_by_tilt + attitude_by_tilt * earth_rate_r0,
+            in_r: turned + attitude * self.earth_rate_b,
+            by_b: attitude,
+            by_non_perpendicularity: turned_by_tilt + attitude_by_tilt * self.earth_rate_b,
             by_encoder_errors: axes.by_encoder_errors(),
         };
-        let mut prediction = self.felt(&motion, &self.earth_rate_s0);
+        let mut prediction = self.felt(&motion, &self.earth_rate_b);
         sensed(&mut prediction, &self.rot_gs, &self.errors.gyro_scale, block::GYRO_SCALE, |omega_g| {
             (block::GYRO_NON_ORTHOGONALITY, gyro_non_orthogonality_matrix(omega_g))
         });
@@ -133,15 +131,14 @@ impl<T: Real> MeasurementModel<T> {
     }
 
     /// What the IMU frame feels of a motion given in the rotation frame, with the derivatives by mounting angles,
-    /// non-perpendicularity, attitude and encoder errors. `fixed_s0` is the vector that does not turn.
-    fn felt(&self, motion: &Motion<T>, fixed_s0: &Vector3<T>) -> Prediction<T> {
+    /// non-perpendicularity, attitude and encoder errors. `fixed_b` is the vector in b that does not turn.
+    fn felt(&self, motion: &Motion<T>, fixed_b: &Vector3<T>) -> Prediction<T> {
         let value = self.rot_sr * motion.in_r;
-        let rot_s_s0 = self.rot_sr * motion.by_s0 * self.rot_sr.transpose();
-        let by_mounting = (skew(&value) - rot_s_s0 * skew(fixed_s0)) * self.mounting_jacobian;
+        let by_mounting = skew(&value) * self.mounting_jacobian;
         let mut by_parameters = Matrix::<T, 3, PARAMETERS>::zeros();
         by_parameters.fixed_columns_mut::<3>(block::MOUNTING).copy_from(&by_mounting);
         by_parameters.set_column(block::NON_PERPENDICULARITY, &(self.rot_sr * motion.by_non_perpendicularity));
-        let by_attitude = rot_s_s0 * -skew(fixed_s0) * self.attitude_axes_b;
+        let by_attitude = self.rot_sr * motion.by_b * -skew(fixed_b) * self.attitude_axes_b;
         by_parameters.fixed_columns_mut::<3>(block::ATTITUDE).copy_from(&by_attitude);
         Prediction { value, by_parameters, by_encoder_errors: self.rot_sr * motion.by_encoder_errors }
     }
@@ -150,8 +147,8 @@ impl<T: Real> MeasurementModel<T> {
 /// A vector or an integral of one, in the rotation frame.
 struct Motion<T: Real> {
     in_r: Vector3<T>,
-    /// Its part that is fixed in space depends on that vector in r0 by this matrix.
-    by_s0: Matrix3<T>,
+    /// It depends by this matrix on the vector in b that does not turn.
+    by_b: Matrix3<T>,
     by_non_perpendicularity: Vector3<T>,
     by_encoder_errors: Matrix<T, 3, ENCODER_ERRORS>,
 }
@@ -363,7 +360,7 @@ mod tests {
             let (outer, inner) = (0.5 * (from.0 + to.0), 0.5 * (from.1 + to.1));
             let rot_inner = exp_so3(&(axis_r * -inner));
             let rot_rr0 = rot_inner * exp_so3(&(Vector3::x() * -outer));
-            let earth = rot_rr0 * errors.rot_sr().transpose() * earth_rate_b * step_s;
+            let earth = rot_rr0 * earth_rate_b * step_s;
             sum_s += errors.rot_sr() * (rot_inner * Vector3::x() * (to.0 - from.0) + axis_r * (to.1 - from.1) + earth);
         }
         let rate_s = sum_s / duration_s;

@@ -44,6 +44,6 @@ pub struct CorrectedSample<T: Real> {
     pub force_s: Vector3<T>,
     /// Inertial angular rate of the IMU frame in the IMU frame, rad/s.
     pub omega_is_s: Vector3<T>,
-    /// Attitude of the IMU frame relative to the vehicle: s0 (= b) to s.
-    pub rot_s_s0: Matrix3<T>,
+    /// Attitude of the IMU frame relative to the vehicle: b to s.
+    pub rot_sb: Matrix3<T>,
 }

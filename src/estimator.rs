@@ -1,0 +1,481 @@
+//! From segments to parameters: one filter, two methods.
+//!
+//! State: `[encoder errors of the stop before (2), of this stop (2), parameters (28)]`. An encoder error belongs to the
+//! accelerometers of its stop and to the two moves that meet there; carried as states they correlate all three as they
+//! are, and are renewed at every move. Each segment updates the filter when it ends, so estimate and covariance are
+//! live. At the end all segments are processed again about the last estimate until it stands (iterated Kalman filter,
+//! Gauss-Newton), so no linearization error remains.
+//!
+//! Joint method: every stop gives specific force and rate, every move its rotation.
+//!
+//! Two-stage method (Bai et al., Sensors 2019, 19, 4005, section 3):
+//! - Stage 1, (11) at the stops of period one. Bai takes differences to the first stop, z1 = f_a0 - R^T f_a, which
+//!   removes the specific force of the base and makes the first stop's error common to all. Here that force is a state (roll,
+//!   pitch, and a scale common to the three accelerometers), which is the same estimate with the right covariance.
+//! - Heading by gyrocompassing the first stop, or as configured.
+//! - Stage 2, (13) in the moves of period two, integrated over each move. The mounting angles and the levelled attitude
+//!   of stage 1 are considered: their values stay, their uncertainty counts.
+//! - With one period only, both measurements are taken from it in one sweep, and nothing is left as considered: the
+//!   same encoder errors act on both stages.
+
+use crate::error_model::{InstrumentErrors, PARAMETERS, block};
+use crate::kalman::{Measurement, UdFilter, Update};
+use crate::linear::{ComplexField, Matrix, Real, Vector, Vector3, exp_so3, real};
+use crate::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
+use crate::method::Method;
+use crate::segment::{Segment, SegmentKind};
+use crate::site::Site;
+use crate::units::{DEG, DEG_H};
+use core::ops::Range;
+use serde::{Deserialize, Serialize};
+
+/// Segments that fit: scheme "bai" run twice has 73.
+pub const MAX_SEGMENTS: usize = 96;
+
+/// States of the filter.
+pub const STATES: usize = ENCODER_ERRORS + PARAMETERS;
+
+/// Encoder errors of one stop.
+const ENCODER_ERRORS_PER_STOP: usize = 2;
+
+/// Sweeps over the segments before the estimate must stand.
+const MAX_SWEEPS: u8 = 12;
+
+/// The estimate stands when no parameter moves by more than this part of its sigma, and what rounding makes it jitter.
+const STANDING: f64 = 0.01;
+const JITTER_EPSILONS: f64 = 1e6;
+
+/// White noise of the sensors and repeatability of the encoders.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Noise {
+    /// Velocity random walk, m/s^2/sqrt(Hz).
+    pub accel_psd_sqrt: f64,
+    /// Angular random walk, rad/sqrt(s).
+    pub gyro_psd_sqrt: f64,
+    /// Encoder error, drawn anew for each stop and axis, rad.
+    pub encoder_sigma_rad: f64,
+}
+
+/// Where the heading comes from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub enum HeadingSource {
+    /// The Earth rate felt at the first stop.
+    #[default]
+    Gyrocompass,
+    /// The configuration.
+    Configured {
+        /// Bearing of the base's y axis, clockwise from north, rad.
+        heading_rad: f64,
+        /// Its uncertainty, rad.
+        sigma_rad: f64,
+    },
+}
+
+/// What the estimator must know.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EstimatorConfig {
+    /// Joint or two-stage.
+    pub method: Method,
+    /// Where the instrument stands.
+    pub site: Site,
+    /// Noise of its sensors.
+    pub noise: Noise,
+    /// Where the heading comes from.
+    pub heading: HeadingSource,
+    /// Moves of period one, for the two-stage method; unknown, the periods are found from the stops' angles.
+    pub period_moves: Option<u16>,
+    /// Normalized innovation beyond which a measurement is kept out and counted; `None` keeps all.
+    pub gate_sigma: Option<f64>,
+}
+
+/// Prior sigma of a block of parameters: wide, so that it carries no information worth mentioning.
+struct Prior {
+    states: Range<usize>,
+    sigma: f64,
+    two_stage: bool,
+}
+
+const fn prior(first: usize, count: usize, sigma: f64, two_stage: bool) -> Prior {
+    let first = ENCODER_ERRORS + first;
+    Prior { states: first..first + count, sigma, two_stage }
+}
+
+const PRIORS: [Prior; 10] = [
+    prior(block::GYRO_NON_ORTHOGONALITY, 6, DEG, true),
+    prior(block::ACCEL_NON_ORTHOGONALITY, 3, DEG, true),
+    prior(block::MOUNTING, 3, DEG, true),
+    prior(block::ACCEL_BIAS, 3, 0.2, false),
+    prior(block::ACCEL_SCALE, 3, 0.02, false),
+    prior(block::GYRO_BIAS, 3, 20.0 * DEG_H, false),
+    prior(block::GYRO_SCALE, 3, 0.02, false),
+    prior(block::NON_PERPENDICULARITY, 1, 0.3 * DEG, false),
+    prior(block::ATTITUDE, 2, 20.0 * DEG, true),
+    prior(block::ATTITUDE + 2, 1, 2.0, true),
+];
+
+/// The innovation farthest from what was expected.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LargestInnovation {
+    /// In units of its standard deviation.
+    pub normalized: f64,
+    /// Segment, counted from 0.
+    pub segment: u16,
+    /// Channel: 0 to 2 accelerometers x y z, 3 to 5 gyros x y z.
+    pub channel: u8,
+}
+
+/// Agreement of the segments with the model.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Fit {
+    /// Sum of squared normalized innovations.
+    pub chi_square: f64,
+    /// Measurements taken in.
+    pub measurements: u32,
+    /// Measurements kept out by the gate.
+    pub gated: u32,
+    /// Measurements refused for a number that is not finite.
+    pub refused: u32,
+    /// The worst of all, gated ones included.
+    pub largest: LargestInnovation,
+}
+
+/// Parameters with their uncertainty, widened to `f64`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Estimate {
+    /// The parameters.
+    pub errors: InstrumentErrors<f64>,
+    /// Their standard deviations, SI; 0 for one that the method takes as known.
+    pub sigmas: [f64; PARAMETERS],
+}
+
+/// The outcome of all sweeps.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Solution {
+    /// Parameters and sigmas.
+    pub estimate: Estimate,
+    /// Agreement with the model.
+    pub fit: Fit,
+    /// Measurements less parameters that they determine.
+    pub degrees_of_freedom: u32,
+    /// Sweeps made.
+    pub sweeps: u8,
+    /// Whether the estimate stands.
+    pub converged: bool,
+    /// Segments processed.
+    pub segments: u16,
+    /// Segments that are broken by a gap, or did not fit, and were left out.
+    pub left_out: u16,
+    /// Time from the first segment's start to the last one's end, s.
+    pub duration_s: f64,
+    /// Mean temperature, deg C; not a number where it is unknown.
+    pub temperature_c: f32,
+}
+
+/// Which measurements of a segment are taken in, and which states are only considered.
+#[derive(Clone, Copy)]
+struct Use {
+    force: bool,
+    rotation: bool,
+    considered: &'static [bool; STATES],
+}
+
+const NOTHING_CONSIDERED: [bool; STATES] = [false; STATES];
+const STAGE_ONE_CONSIDERED: [bool; STATES] = {
+    let mut considered = [false; STATES];
+    let mut state = ENCODER_ERRORS + block::ACCEL_NON_ORTHOGONALITY;
+    // Everything of stage 1 but the heading, which the gyros gave.
+    while state < ENCODER_ERRORS + block::ATTITUDE + 2 {
+        considered[state] = true;
+        state += 1;
+    }
+    considered
+};
+
+/// Takes segments in and gives parameters out.
+#[derive(Clone, Debug)]
+pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS> {
+    config: EstimatorConfig,
+    segments: heapless::Vec<Segment<T>, SEGMENTS>,
+    left_out: u16,
+    /// Mean of the prior: zero, and the attitude of the coarse alignment.
+    start: Vector<T, PARAMETERS>,
+    /// The point that the filter's state deviates from.
+    nominal: Vector<T, PARAMETERS>,
+    filter: UdFilter<T, STATES>,
+    fit: Fit,
+}
+
+impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
+    /// An estimator without data.
+    pub fn new(config: &EstimatorConfig) -> Self {
+        Self {
+            config: *config,
+            segments: heapless::Vec::new(),
+            left_out: 0,
+            start: Vector::zeros(),
+            nominal: Vector::zeros(),
+            filter: prior_filter(config),
+            fit: Fit::default(),
+        }
+    }
+
+    /// Takes in a finished segment and updates the live estimate. Returns whether the segment is used; one before the
+    /// first stop, or broken by a gap, is not.
+    pub fn add(&mut self, segment: &Segment<T>) -> bool {
+        if self.segments.is_empty() && segment.kind == SegmentKind::Move {
+            return false;
+        }
+        if self.segments.push(*segment).is_err() {
+            self.left_out = self.left_out.saturating_add(1);
+            return false;
+        }
+        if self.segments.len() == 1 {
+            self.start = self.coarse_alignment(segment);
+            self.nominal = self.start;
+        }
+        let number = self.segments.len() - 1;
+        let moves_before = self.moves_before(number);
+        let used = self.process(number, segment, self.use_of(segment.kind, moves_before, self.config.period_moves));
+        self.absorb();
+        used
+    }
+
+    /// The live estimate.
+    pub fn estimate(&self) -> Estimate {
+        let variances = self.filter.variances();
+        let mut sigmas = [0.0; PARAMETERS];
+        for (sigma, variance) in sigmas.iter_mut().zip(variances.iter().skip(ENCODER_ERRORS)) {
+            *sigma = variance.sqrt().widened();
+        }
+        Estimate { errors: InstrumentErrors::from_vector(&self.nominal.map(Real::widened)), sigmas }
+    }
+
+    /// Covariance of the parameters, (28 x 28), SI.
+    pub fn covariance(&self) -> Matrix<T, PARAMETERS, PARAMETERS> {
+        self.filter.covariance().fixed_view::<PARAMETERS, PARAMETERS>(ENCODER_ERRORS, ENCODER_ERRORS).into_owned()
+    }
+
+    /// Segments taken in so far.
+    pub fn segments(&self) -> &[Segment<T>] {
+        &self.segments
+    }
+
+    /// Processes all segments again and again until the estimate stands.
+    pub fn solve(&mut self) -> Solution {
+        let period_moves = self.config.period_moves.or_else(|| self.find_period());
+        let (mut sweeps, mut converged) = (0, false);
+        while sweeps < MAX_SWEEPS && !converged {
+            let before = self.nominal;
+            self.sweep(period_moves);
+            sweeps += 1;
+            converged = self.stands(&before);
+        }
+        self.solution(sweeps, converged)
+    }
+
+    fn sweep(&mut self, period_moves: Option<u16>) {
+        self.filter = prior_filter(&self.config);
+        self.fit = Fit::default();
+        let deviation = self.start - self.nominal;
+        self.filter.state_mut().fixed_rows_mut::<PARAMETERS>(ENCODER_ERRORS).copy_from(&deviation);
+        let mut moves = 0;
+        for number in 0..self.segments.len() {
+            let Some(segment) = self.segments.get(number).copied() else { break };
+            let _ = self.process(number, &segment, self.use_of(segment.kind, moves, period_moves));
+            moves += u16::from(segment.kind == SegmentKind::Move);
+        }
+        self.absorb();
+    }
+
+    /// Moves the linearization point to the estimate.
+    fn absorb(&mut self) {
+        let mut deviation = self.filter.state_mut().fixed_rows_mut::<PARAMETERS>(ENCODER_ERRORS);
+        self.nominal += &deviation;
+        deviation.fill(T::zero());
+    }
+
+    fn stands(&self, before: &Vector<T, PARAMETERS>) -> bool {
+        let step = self.nominal - before;
+        let variances = self.filter.variances();
+        let standing = STANDING + JITTER_EPSILONS * T::EPSILON;
+        let limit = real::<T>(standing * standing);
+        let moved = |(step, variance): (&T, &T)| *step * *step > limit * *variance;
+        !step.iter().zip(variances.iter().skip(ENCODER_ERRORS)).any(moved)
+    }
+
+    fn use_of(&self, kind: SegmentKind, moves_before: u16, period_moves: Option<u16>) -> Use {
+        let stop = kind == SegmentKind::Stop;
+        let gyrocompass = stop && moves_before == 0 && self.config.heading == HeadingSource::Gyrocompass;
+        match (self.config.method, period_moves) {
+            (Method::Joint, _) => Use { force: stop, rotation: true, considered: &NOTHING_CONSIDERED },
+            (Method::TwoStage, None) => {
+                Use { force: stop, rotation: !stop || gyrocompass, considered: &NOTHING_CONSIDERED }
+            }
+            (Method::TwoStage, Some(period)) if moves_before < period || (stop && moves_before == period) => {
+                Use { force: stop, rotation: gyrocompass, considered: &NOTHING_CONSIDERED }
+            }
+            (Method::TwoStage, Some(_)) => Use { force: false, rotation: !stop, considered: &STAGE_ONE_CONSIDERED },
+        }
+    }
+
+    fn process(&mut self, number: usize, segment: &Segment<T>, usage: Use) -> bool {
+        if segment.kind == SegmentKind::Move {
+            let sigma: T = real(self.config.noise.encoder_sigma_rad);
+            self.filter.renew_leading::<ENCODER_ERRORS_PER_STOP>(sigma * sigma);
+        }
+        if segment.is_broken() {
+            return false;
+        }
+        let model = MeasurementModel::new(&InstrumentErrors::from_vector(&self.nominal), &self.config.site);
+        let duration_s = segment.duration_s();
+        if usage.force {
+            let psd_sqrt: T = real(self.config.noise.accel_psd_sqrt);
+            let variance = psd_sqrt * psd_sqrt / duration_s;
+            self.take_in(&segment.force_a, &model.force_at_stop(segment), variance, usage, (number, 0));
+        }
+        if usage.rotation {
+            let psd_sqrt: T = real(self.config.noise.gyro_psd_sqrt);
+            let variance = psd_sqrt * psd_sqrt * duration_s;
+            let mut prediction = model.rotation(segment);
+            if segment.kind == SegmentKind::Stop {
+                // The same encoder error at both ends.
+                prediction.by_encoder_errors.fill(T::zero());
+            }
+            self.take_in(&segment.rotation_g, &prediction, variance, usage, (number, 3));
+        }
+        usage.force || usage.rotation
+    }
+
+    /// Three scalar updates: white sensor noise is independent from channel to channel.
+    fn take_in(
+        &mut self,
+        measured: &Vector3<T>,
+        prediction: &Prediction<T>,
+        variance: T,
+        usage: Use,
+        (segment, first_channel): (usize, u8),
+    ) {
+        let residual = measured - prediction.value;
+        for ((z, channel), row) in residual.iter().zip(first_channel..).zip(0..3) {
+            let mut h = Vector::<T, STATES>::zeros();
+            h.fixed_rows_mut::<ENCODER_ERRORS>(0).copy_from(&prediction.by_encoder_errors.row(row).transpose());
+            h.fixed_rows_mut::<PARAMETERS>(ENCODER_ERRORS).copy_from(&prediction.by_parameters.row(row).transpose());
+            let update = self.filter.update(&Measurement { z: *z, h, r: variance }, usage.considered);
+            self.fit.note(&update, segment, channel);
+        }
+    }
+
+    /// Attitude from the first stop as if the sensors were perfect: levelling, then gyrocompassing.
+    fn coarse_alignment(&self, stop: &Segment<T>) -> Vector<T, PARAMETERS> {
+        let rot_rr0 = InstrumentErrors::<T>::default().rot_rr0(stop.outer, stop.inner);
+        let force_b = rot_rr0.transpose() * stop.force_a;
+        let rotation_b = rot_rr0.transpose() * stop.rotation_g;
+        let roll = force_b.y.atan2(force_b.z);
+        let pitch = (-force_b.x).atan2(force_b.y.hypot(force_b.z));
+        let zero = T::zero();
+        let levelled =
+            exp_so3(&Vector3::new(zero, pitch, zero)) * exp_so3(&Vector3::new(roll, zero, zero)) * rotation_b;
+        let heading = match self.config.heading {
+            HeadingSource::Gyrocompass => (-levelled.x).atan2(levelled.y),
+            HeadingSource::Configured { heading_rad, .. } => real(heading_rad),
+        };
+        let attitude = InstrumentErrors { base_roll: roll, base_pitch: pitch, heading, ..InstrumentErrors::default() };
+        attitude.to_vector()
+    }
+
+    fn moves_before(&self, number: usize) -> u16 {
+        let is_move = |segment: &&Segment<T>| segment.kind == SegmentKind::Move;
+        self.segments.iter().take(number).filter(is_move).count() as u16
+    }
+
+    /// Number of moves after which the stops' angles begin again, if they do so once.
+    fn find_period(&self) -> Option<u16> {
+        const SAME_RAD: f64 = DEG;
+        let stops = || self.segments.iter().filter(|segment| segment.kind == SegmentKind::Stop);
+        let moves = stops().count().checked_sub(1)?;
+        let half = moves / 2;
+        let near = |a: &Segment<T>, b: &Segment<T>| {
+            let apart = |ticks: i32| crate::angle::ticks_to_rad::<f64>(ticks.into()).abs();
+            apart(a.outer.since(b.outer)) < SAME_RAD && apart(a.inner.since(b.inner)) < SAME_RAD
+        };
+        let repeats = moves > 0 && moves % 2 == 0 && stops().zip(stops().skip(half)).all(|(a, b)| near(a, b));
+        repeats.then_some(half as u16)
+    }
+
+    fn solution(&self, sweeps: u8, converged: bool) -> Solution {
+        let estimate = self.estimate();
+        let broken = self.segments.iter().filter(|segment| segment.is_broken()).count();
+        let ends = self.segments.first().zip(self.segments.last());
+        let count = self.segments.len().max(1) as f32;
+        Solution {
+            estimate,
+            fit: Fit { gated: self.filter.gated(), refused: self.filter.refused(), ..self.fit },
+            degrees_of_freedom: self.fit.measurements.saturating_sub(self.determined(&estimate)),
+            sweeps,
+            converged,
+            segments: self.segments.len() as u16,
+            left_out: self.left_out.saturating_add(broken as u16),
+            duration_s: ends.map_or(0.0, |(first, last)| {
+                (last.start_us + last.duration_us).saturating_sub(first.start_us) as f64 * 1e-6
+            }),
+            temperature_c: self.segments.iter().map(|segment| segment.temperature_c).sum::<f32>() / count,
+        }
+    }
+
+    /// How many parameters the measurements, not the prior, determine.
+    fn determined(&self, estimate: &Estimate) -> u32 {
+        let prior = prior_filter::<T>(&self.config).variances();
+        let gained = estimate.sigmas.iter().zip(prior.iter().skip(ENCODER_ERRORS)).map(|(sigma, prior)| {
+            let prior = prior.widened();
+            if prior > 0.0 { 1.0 - sigma * sigma / prior } else { 0.0 }
+        });
+        let total: f64 = gained.sum();
+        // Of the accelerometers' scale errors, the two-stage method knows only one, common to the three.
+        let common = if self.config.method == Method::TwoStage { 2.0 } else { 0.0 };
+        ComplexField::round(total - common) as u32
+    }
+}
+
+impl Fit {
+    fn note<T: Real>(&mut self, update: &Update<T>, segment: usize, channel: u8) {
+        let innovation = match update {
+            Update::Applied(innovation) => innovation,
+            Update::Gated(innovation) => innovation,
+            Update::Refused => return,
+        };
+        let normalized = innovation.normalized().widened();
+        if matches!(update, Update::Applied(_)) {
+            self.chi_square += normalized * normalized;
+            self.measurements += 1;
+        }
+        if normalized.abs() > self.largest.normalized.abs() {
+            self.largest = LargestInnovation { normalized, segment: segment as u16, channel };
+        }
+    }
+}
+
+/// The filter before any segment: wide where the method estimates, certain where it takes a parameter as known.
+fn prior_filter<T: Real>(config: &EstimatorConfig) -> UdFilter<T, STATES> {
+    let mut sigmas = Vector::<T, STATES>::zeros();
+    sigmas.fixed_rows_mut::<ENCODER_ERRORS>(0).fill(real(config.noise.encoder_sigma_rad));
+    for prior in PRIORS.iter().filter(|prior| prior.two_stage || config.method == Method::Joint) {
+        for sigma in sigmas.iter_mut().take(prior.states.end).skip(prior.states.start) {
+            *sigma = real(prior.sigma);
+        }
+    }
+    if let (HeadingSource::Configured { sigma_rad, .. }, Some(heading)) = (config.heading, sigmas.iter_mut().last()) {
+        *heading = real(sigma_rad);
+    }
+    let mut filter = UdFilter::new(&sigmas, config.gate_sigma.map(real));
+    if config.method == Method::TwoStage {
+        filter.inflate(&common_accel_scale(), T::one());
+    }
+    filter
+}
+
+/// One scale error common to the three accelerometers, with its prior sigma: it stands for the magnitude of the specific
+/// force, which (11) does not use.
+fn common_accel_scale<T: Real>() -> Vector<T, STATES> {
+    let first = ENCODER_ERRORS + block::ACCEL_SCALE;
+    Vector::from_fn(|state, _| if (first..first + 3).contains(&state) { real(0.02) } else { T::zero() })
+}
