@@ -3,6 +3,7 @@
 #![forbid(unsafe_code)]
 
 pub mod angle;
+pub mod axis;
 pub mod error_model;
 pub mod estimator;
 pub mod intake;
@@ -13,5 +14,6 @@ pub mod method;
 pub mod sample;
 pub mod scheme;
 pub mod segment;
+pub mod sequencer;
 pub mod site;
 pub mod units;

@@ -14,7 +14,7 @@
 //! a move's window reaches from inside one stop to inside the next, and no ramp touches a stop.
 
 use crate::angle::{Angle, rad_to_ticks, ticks_to_rad};
-use crate::linear::{CompensatedSum, Real, Vector3, real};
+use crate::linear::{CompensatedSum, ComplexField, Real, Vector3, real};
 use crate::sample::RawSample;
 use crate::units::ARCSEC;
 use core::mem;
@@ -65,6 +65,73 @@ pub struct GimbalSums<T> {
     pub inner: T,
 }
 
+/// Channels of the IMU: accelerometers x y z, gyros x y z.
+pub const CHANNELS: usize = 6;
+
+/// How the means of a stop's blocks scatter: white noise, or something that moves.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Scatter {
+    /// Number of blocks.
+    pub blocks: u16,
+    /// Sample variance of the block means per channel, (m/s^2)^2 and (rad/s)^2.
+    pub variance: [f32; CHANNELS],
+    /// Trend of the block means per channel, scaled to the deviation of one block mean: under white noise its variance
+    /// is that of a block mean. m/s^2 and rad/s.
+    pub trend: [f32; CHANNELS],
+}
+
+/// Sums over block means, each less the first.
+#[derive(Clone, Copy, Debug, Default)]
+struct ScatterSums<T> {
+    blocks: u16,
+    channels: [ChannelSums<T>; CHANNELS],
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct ChannelSums<T> {
+    first: T,
+    sum: T,
+    squares: T,
+    by_number: T,
+}
+
+impl<T: Real> ScatterSums<T> {
+    fn add(&mut self, block: &Sums<T>) {
+        let number: T = real(self.blocks.into());
+        let count: T = real(f64::from(block.samples.max(1)));
+        let duration_s = seconds::<T>(block.duration_us.max(1));
+        let force = block.force.iter().map(|sum| sum.total() / count);
+        let rate = block.rotation.iter().map(|sum| sum.total() / duration_s);
+        for (channel, mean) in self.channels.iter_mut().zip(force.chain(rate)) {
+            if self.blocks == 0 {
+                channel.first = mean;
+            }
+            let deviation = mean - channel.first;
+            channel.sum += deviation;
+            channel.squares += deviation * deviation;
+            channel.by_number += deviation * number;
+        }
+        self.blocks = self.blocks.saturating_add(1);
+    }
+
+    fn scatter(&self) -> Scatter {
+        let mut scatter = Scatter { blocks: self.blocks, ..Scatter::default() };
+        if self.blocks < 3 {
+            return scatter;
+        }
+        let n = f64::from(self.blocks);
+        let spread = n * (n * n - 1.0) / 12.0;
+        let outputs = scatter.variance.iter_mut().zip(scatter.trend.iter_mut());
+        for (channel, (variance, trend)) in self.channels.iter().zip(outputs) {
+            let (sum, squares) = (channel.sum.widened(), channel.squares.widened());
+            let by_number = channel.by_number.widened() - sum * (n - 1.0) / 2.0;
+            *variance = ((squares - sum * sum / n) / (n - 1.0)) as f32;
+            *trend = (by_number / ComplexField::sqrt(spread)) as f32;
+        }
+        scatter
+    }
+}
+
 /// A finished stop or move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Segment<T: Real> {
@@ -90,6 +157,8 @@ pub struct Segment<T: Real> {
     pub inner: Angle,
     /// Gimbal sums.
     pub gimbals: GimbalSums<T>,
+    /// Scatter of a stop's block means.
+    pub scatter: Scatter,
 }
 
 impl<T: Real> Segment<T> {
@@ -275,6 +344,7 @@ impl<T: Real> Sums<T> {
                 outer: ticks_to_rad(self.outer_ticks),
                 inner: ticks_to_rad(self.inner_ticks),
             },
+            scatter: Scatter::default(),
         }
     }
 }
@@ -356,6 +426,7 @@ pub struct Segmenter<T: Real> {
     /// Still blocks that may turn out to be the guard of the next move; the oldest first.
     guard: heapless::Deque<Sums<T>, { GUARD_BLOCKS as usize + 1 }>,
     stop: Sums<T>,
+    scatter: ScatterSums<T>,
     moved: Sums<T>,
 }
 
@@ -372,6 +443,7 @@ impl<T: Real> Segmenter<T> {
             stopped_before: false,
             guard: heapless::Deque::new(),
             stop: Sums::default(),
+            scatter: ScatterSums::default(),
             moved: Sums::default(),
         }
     }
@@ -400,10 +472,22 @@ impl<T: Real> Segmenter<T> {
             return None;
         }
         while let Some(block) = self.guard.pop_front() {
-            self.stop.merge(&block);
+            self.add_to_stop(&block);
         }
         self.phase = Phase::Moving { still_blocks: 0 };
-        Some(mem::take(&mut self.stop).segment(SegmentKind::Stop))
+        self.take_stop()
+    }
+
+    /// The stop as it is now, without the guard. `None` if the axes do not stand, or not for long enough.
+    pub fn stop_so_far(&self) -> Option<Segment<T>> {
+        let segment = Segment { scatter: self.scatter.scatter(), ..self.stop.segment(SegmentKind::Stop) };
+        (self.stop.samples > 0).then_some(segment)
+    }
+
+    /// Forgets what was summed at this stop so far; it begins anew with the next block.
+    pub fn restart_stop(&mut self) {
+        self.stop = Sums::default();
+        self.scatter = ScatterSums::default();
     }
 
     /// Whether the axes have stood for the settling time.
@@ -461,9 +545,9 @@ impl<T: Real> Segmenter<T> {
         }
         let arrived = self.stop.samples == 0;
         if let Some(sure) = self.guard.pop_front() {
-            self.stop.merge(&sure);
+            self.add_to_stop(&sure);
         }
-        if !arrived {
+        if !arrived || self.moved.samples == 0 {
             return None;
         }
         let moved = mem::take(&mut self.moved);
@@ -478,6 +562,18 @@ impl<T: Real> Segmenter<T> {
             self.moved.merge(&guard);
         }
         self.moved.merge(&block.sums);
-        (self.stop.samples > 0).then(|| mem::take(&mut self.stop).segment(SegmentKind::Stop))
+        self.take_stop()
+    }
+
+    fn add_to_stop(&mut self, block: &Sums<T>) {
+        self.scatter.add(block);
+        self.stop.merge(block);
+    }
+
+    fn take_stop(&mut self) -> Option<Segment<T>> {
+        let stop = self.stop_so_far();
+        self.stop = Sums::default();
+        self.scatter = ScatterSums::default();
+        stop
     }
 }

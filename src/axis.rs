@@ -1,0 +1,260 @@
+//! One gimbal axis: a trapezoidal profile, and a loop that holds the encoder to it.
+//!
+//! ```text
+//! rate command = profile rate at the end of the interval + gain * (profile angle - encoder angle)
+//! ```
+//! The profile's rate is fed forward, so the loop has only the drive's lag and the encoder's error to take out.
+
+use crate::angle::{Angle, rad_to_ticks, ticks_to_rad};
+use crate::linear::{ComplexField, Real, real};
+use crate::units::{ARCSEC, DEG};
+use serde::{Deserialize, Serialize};
+
+/// Gain of the position loop, 1/s: a time constant of 0.1 s, twenty sample intervals at 200 Hz.
+const POSITION_GAIN: f64 = 10.0;
+
+/// Rate, acceleration and travel of an axis.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AxisLimits {
+    /// Highest rate that may be commanded, rad/s.
+    pub rate_rad_s: f64,
+    /// Highest acceleration that may be commanded, rad/s^2; profiles should stay below it.
+    pub acceleration_rad_s2: f64,
+    /// Lowest angle, counted over whole turns, rad.
+    pub lowest_rad: f64,
+    /// Highest angle, counted over whole turns, rad.
+    pub highest_rad: f64,
+    /// Distance from the target within which the axis has arrived, rad.
+    pub arrived_rad: f64,
+    /// Distance from the profile beyond which the axis does not follow, rad.
+    pub following_error_rad: f64,
+}
+
+impl Default for AxisLimits {
+    /// 60 deg/s, 60 deg/s^2, two turns either way, 2 arcsec, 1 deg.
+    fn default() -> Self {
+        Self {
+            rate_rad_s: 60.0 * DEG,
+            acceleration_rad_s2: 60.0 * DEG,
+            lowest_rad: -720.0 * DEG,
+            highest_rad: 720.0 * DEG,
+            arrived_rad: 2.0 * ARCSEC,
+            following_error_rad: DEG,
+        }
+    }
+}
+
+/// Angle and rate against time: constant acceleration, constant rate, constant deceleration; without the middle part
+/// where the way is short.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Profile<T> {
+    direction: T,
+    acceleration: T,
+    ramp_s: T,
+    cruise_s: T,
+}
+
+impl<T: Real> Profile<T> {
+    /// Over `distance_rad`, of either sign, at no more than these positive rates and accelerations.
+    pub fn new(distance_rad: T, rate_rad_s: T, acceleration_rad_s2: T) -> Self {
+        let distance = distance_rad.abs();
+        let full_ramp_s = rate_rad_s / acceleration_rad_s2;
+        let short = distance < rate_rad_s * full_ramp_s;
+        let ramp_s = if short { (distance / acceleration_rad_s2).sqrt() } else { full_ramp_s };
+        let cruise_s = if short { T::zero() } else { distance / rate_rad_s - full_ramp_s };
+        let direction = if distance_rad < T::zero() { -T::one() } else { T::one() };
+        Self { direction, acceleration: acceleration_rad_s2, ramp_s, cruise_s }
+    }
+
+    /// Duration, s.
+    pub fn duration_s(&self) -> T {
+        self.ramp_s + self.cruise_s + self.ramp_s
+    }
+
+    /// Angle from the start (rad) and rate (rad/s) at a time from the start.
+    pub fn at(&self, time_s: T) -> (T, T) {
+        let half: T = real(0.5);
+        let time = time_s.max(T::zero()).min(self.duration_s());
+        let rising = time.min(self.ramp_s);
+        let cruising = (time - self.ramp_s).max(T::zero()).min(self.cruise_s);
+        let falling = (time - self.ramp_s - self.cruise_s).max(T::zero());
+        let top = self.acceleration * self.ramp_s;
+        let angle = half * self.acceleration * rising * rising + top * cruising + top * falling
+            - half * self.acceleration * falling * falling;
+        let rate = self.acceleration * (rising - falling);
+        (self.direction * angle, self.direction * rate)
+    }
+}
+
+/// A move under way.
+#[derive(Clone, Copy, Debug)]
+struct Motion<T> {
+    profile: Profile<T>,
+    from_ticks: i64,
+    start_us: u64,
+}
+
+/// State of one axis.
+#[derive(Clone, Debug)]
+pub struct Axis<T: Real> {
+    limits: AxisLimits,
+    /// Encoder angle counted over whole turns.
+    angle_ticks: Option<i64>,
+    target_ticks: i64,
+    motion: Option<Motion<T>>,
+    /// Coming to rest, wherever that will be.
+    braking: bool,
+    commanded_rad_s: T,
+}
+
+impl<T: Real> Axis<T> {
+    /// An axis whose encoder has not been read yet.
+    pub fn new(limits: &AxisLimits) -> Self {
+        Self {
+            limits: *limits,
+            angle_ticks: None,
+            target_ticks: 0,
+            motion: None,
+            braking: false,
+            commanded_rad_s: T::zero(),
+        }
+    }
+
+    /// Takes in an encoder reading; the first decides the turn, as the angle in half a turn either way.
+    pub fn measure(&mut self, angle: Angle) {
+        self.angle_ticks = Some(match self.angle_ticks {
+            Some(before) => before + i64::from(angle.since(Angle::from_ticks(before as u32))),
+            None => i64::from(angle.ticks() as i32),
+        });
+    }
+
+    /// Starts a move to `target_rad`, counted over whole turns.
+    pub fn move_to(&mut self, target_rad: f64, rate_rad_s: f64, acceleration_rad_s2: f64, now_us: u64) {
+        let Some(from_ticks) = self.angle_ticks else { return };
+        self.target_ticks = rad_to_ticks(target_rad);
+        let distance = ticks_to_rad(self.target_ticks - from_ticks);
+        let profile = Profile::new(distance, real(rate_rad_s), real(acceleration_rad_s2));
+        self.motion = Some(Motion { profile, from_ticks, start_us: now_us });
+        self.braking = false;
+    }
+
+    /// Comes to rest as fast as it may, and stays there.
+    pub fn hold(&mut self) {
+        self.motion = None;
+        self.braking = true;
+        self.target_ticks = self.angle_ticks.unwrap_or(0);
+    }
+
+    /// Rate that the drive shall reach `interval_s` from now, rad/s. Zero before the first reading.
+    pub fn rate_command(&mut self, now_us: u64, interval_s: T) -> T {
+        let Some(angle_ticks) = self.angle_ticks else { return T::zero() };
+        if self.braking {
+            self.target_ticks = angle_ticks;
+            self.braking = self.commanded_rad_s != T::zero();
+        }
+        let (wanted_ticks, _) = self.wanted(now_us, T::zero());
+        let (_, rate) = self.wanted(now_us, interval_s);
+        let error: T = ticks_to_rad(wanted_ticks - angle_ticks);
+        let (highest, step) =
+            (real::<T>(self.limits.rate_rad_s), real::<T>(self.limits.acceleration_rad_s2) * interval_s);
+        let wanted = (rate + error * real(POSITION_GAIN)).max(-highest).min(highest);
+        self.commanded_rad_s = wanted.max(self.commanded_rad_s - step).min(self.commanded_rad_s + step);
+        self.commanded_rad_s
+    }
+
+    /// Whether the profile is over and the encoder within the tolerance of its end.
+    pub fn has_arrived(&self, now_us: u64) -> bool {
+        let over = self.motion.is_none_or(|motion| motion.elapsed_s(now_us) >= motion.profile.duration_s());
+        over && self.distance_rad(self.target_ticks) <= self.limits.arrived_rad
+    }
+
+    /// Distance of the encoder from the profile, rad, if it is more than the axis is allowed to be behind.
+    pub fn following_error_rad(&self, now_us: u64) -> Option<f64> {
+        let error = self.distance_rad(self.wanted(now_us, T::zero()).0);
+        (error > self.limits.following_error_rad).then_some(error)
+    }
+
+    /// Whether an angle, counted over whole turns, is within the travel.
+    pub fn is_within_travel(&self, angle_rad: f64) -> bool {
+        (self.limits.lowest_rad..=self.limits.highest_rad).contains(&angle_rad)
+    }
+
+    fn distance_rad(&self, from_ticks: i64) -> f64 {
+        self.angle_ticks.map_or(0.0, |angle| ComplexField::abs(ticks_to_rad::<f64>(angle - from_ticks)))
+    }
+
+    /// Angle (ticks) and rate (rad/s) that the profile wants `later_s` from now.
+    fn wanted(&self, now_us: u64, later_s: T) -> (i64, T) {
+        match self.motion {
+            Some(motion) if motion.elapsed_s(now_us) < motion.profile.duration_s() => {
+                let (angle, rate) = motion.profile.at(motion.elapsed_s(now_us) + later_s);
+                (motion.from_ticks + rad_to_ticks(angle.widened()), rate)
+            }
+            _ => (self.target_ticks, T::zero()),
+        }
+    }
+}
+
+impl<T: Real> Motion<T> {
+    fn elapsed_s(&self, now_us: u64) -> T {
+        real(now_us.saturating_sub(self.start_us) as f64 * 1e-6)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn profile_covers_the_way_with_and_without_cruise() {
+        for distance in [1.5, -1.5, 0.2, -0.01] {
+            let profile = Profile::<f64>::new(distance, 0.35, 0.35);
+            let end = profile.duration_s();
+            assert!((profile.at(end).0 - distance).abs() < 1e-15 && profile.at(end).1.abs() < 1e-15);
+            let (middle, rate) = profile.at(end / 2.0);
+            assert!((middle - distance / 2.0).abs() < 1e-15 && rate.abs() <= 0.35 && rate * distance > 0.0);
+            // The rate is the derivative of the angle.
+            for k in 1..20 {
+                let t = end * f64::from(k) / 20.0;
+                let slope = (profile.at(t + 1e-6).0 - profile.at(t - 1e-6).0) / 2e-6;
+                assert!((slope - profile.at(t).1).abs() < 1e-6);
+            }
+        }
+    }
+
+    /// A drive that reaches the commanded rate at the end of each interval, with a gain error, and an encoder.
+    #[test]
+    fn loop_follows_and_arrives_in_spite_of_a_drive_error() {
+        let mut axis = Axis::<f64>::new(&AxisLimits::default());
+        let (mut angle, mut rate, mut now_us) = (0.1_f64, 0.0, 0);
+        axis.measure(Angle::from_rad(angle));
+        axis.move_to(-4.0, 0.35, 0.35, now_us);
+        let mut arrived_us = None;
+        for _ in 0..4000 {
+            let next = axis.rate_command(now_us, 0.005) * 1.001;
+            angle += 0.5 * (rate + next) * 0.005;
+            rate = next;
+            now_us += 5000;
+            axis.measure(Angle::from_rad(angle));
+            assert_eq!(axis.following_error_rad(now_us), None);
+            if axis.has_arrived(now_us) {
+                arrived_us.get_or_insert(now_us);
+            }
+        }
+        assert!((angle + 4.0).abs() < 1e-8, "{angle}");
+        let late_s = arrived_us.expect("arrives") as f64 * 1e-6 - (4.1 / 0.35 + 1.0);
+        assert!(late_s < 1.0, "{late_s}");
+    }
+
+    #[test]
+    fn an_axis_that_does_not_turn_is_noticed() {
+        let mut axis = Axis::<f64>::new(&AxisLimits::default());
+        axis.measure(Angle::from_rad(0.0));
+        axis.move_to(1.0, 0.35, 0.35, 0);
+        axis.measure(Angle::from_rad(0.0));
+        assert!(axis.following_error_rad(1_000_000).is_some_and(|error| error > 0.17));
+        axis.hold();
+        assert_eq!(axis.following_error_rad(1_000_000), None);
+        assert_eq!(axis.rate_command(1_000_000, 0.005), 0.0);
+    }
+}

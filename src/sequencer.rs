@@ -1,0 +1,366 @@
+//! Self-calibration as a state machine. It decides; others act.
+//!
+//! ```text
+//!             stored calibration, and it may be used
+//!  PowerUp ------------------------------------------------------------> Correcting
+//!     |                                                                      ^  ^
+//!     v                                                                      |  |
+//!  AwaitStill --> Turn --> Settle --> Dwell --(last leg)--> Compute --> Verdict --> Store
+//!                  ^                    |                                |
+//!                  +----(next leg)------+                         rejected|
+//!                                                                        v
+//!  any state before Store --(abort)------------------> Stopping --> Parking --> Parked
+//! ```
+//! Time is an argument, in microseconds. Leg 0 is the way to the scheme's start at (0, 0) and the first stop there; leg
+//! k > 0 is the scheme's k-th move and the stop after it. A rejected or aborted run parks the gimbals at (0, 0) and
+//! leaves the stored calibration as it was.
+
+use crate::scheme::{Leg, Scheme};
+use serde::{Deserialize, Serialize};
+
+/// Base and axes must have been still for this long before anything moves, us.
+const STILL_US: u64 = 1_000_000;
+/// Longest wait for the base to be still, us.
+const STILL_TIMEOUT_US: u64 = 60_000_000;
+/// Standing time after arrival before the dwell counts, us.
+const SETTLE_US: u64 = 300_000;
+/// Time to bring the axes to rest before they are parked, us.
+const STOP_US: u64 = 1_000_000;
+/// Longest time beyond its nominal duration that a move may take, us.
+const TURN_TIMEOUT_US: u64 = 10_000_000;
+
+/// Why a run was given up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum AbortReason {
+    /// The operator or the navigation software asked for it.
+    Commanded,
+    /// The base was not still for a second within a minute of power-up.
+    NotStill,
+    /// The move of this leg did not end in time.
+    TurnTimeout(u16),
+    /// The outer axis did not follow its profile.
+    OuterFollowing,
+    /// The inner axis did not follow its profile.
+    InnerFollowing,
+    /// Samples were missing or unusable for too long.
+    SampleLoss,
+}
+
+/// Where the run is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum State {
+    /// Nothing decided yet.
+    PowerUp,
+    /// Waiting until base and axes are still.
+    AwaitStill,
+    /// Turning to the stop of a leg.
+    Turn(u16),
+    /// Letting servo and structure come to rest.
+    Settle(u16),
+    /// Standing, measuring.
+    Dwell(u16),
+    /// All segments are being processed.
+    Compute,
+    /// The result is being judged.
+    Verdict,
+    /// The accepted calibration is being stored.
+    Store,
+    /// Samples are being corrected.
+    Correcting,
+    /// Bringing the axes to rest after a run that was aborted or rejected.
+    Stopping,
+    /// Turning back to (0, 0).
+    Parking,
+    /// Standing at (0, 0), not calibrated by this run.
+    Parked,
+}
+
+/// What the sequencer must be told at each step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Input {
+    /// Time, us.
+    pub now_us: u64,
+    /// The gyros and encoders show neither base nor axes moving.
+    pub still: bool,
+    /// Both axes have arrived where they were sent.
+    pub arrived: bool,
+    /// Something happened that ends the run.
+    pub abort: Option<AbortReason>,
+    /// Answer to `Judge`: whether the result is accepted.
+    pub accepted: Option<bool>,
+    /// Answer to `Save`: writing has ended, well or not.
+    pub saved: bool,
+}
+
+/// What is to be done now.
+#[must_use]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Command {
+    /// Nothing new.
+    Continue,
+    /// Both axes shall stand where they are.
+    Hold,
+    /// Both axes shall move to these angles, rad, counted over whole turns.
+    MoveTo {
+        /// Outer angle, rad.
+        outer_rad: f64,
+        /// Inner angle, rad.
+        inner_rad: f64,
+    },
+    /// Begin to measure: the axes stand at the scheme's first stop.
+    Measure,
+    /// Close the last stop and process all segments.
+    Solve,
+    /// Judge the solution.
+    Judge,
+    /// Store the accepted calibration.
+    Save,
+    /// Correct samples from now on.
+    Correct,
+    /// Bring the axes to rest and give the run up: aborted for this reason, or rejected. Parking follows.
+    GiveUp(Option<AbortReason>),
+}
+
+/// The state machine.
+#[derive(Clone, Debug)]
+pub struct Sequencer {
+    scheme: Scheme,
+    state: State,
+    since_us: u64,
+    still_since_us: Option<u64>,
+    use_stored: bool,
+}
+
+impl Sequencer {
+    /// A sequencer at power-up. With `use_stored` it goes straight to correcting.
+    pub fn new(scheme: Scheme, use_stored: bool) -> Self {
+        Self { scheme, state: State::PowerUp, since_us: 0, still_since_us: None, use_stored }
+    }
+
+    /// Where the run is.
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// The scheme being run.
+    pub fn scheme(&self) -> &Scheme {
+        &self.scheme
+    }
+
+    /// Legs of the whole run, the way to the start included.
+    pub fn legs(&self) -> u16 {
+        self.scheme.moves() as u16 + 1
+    }
+
+    /// One step; at most one edge is taken.
+    pub fn step(&mut self, input: &Input) -> Command {
+        if let Some(reason) = input.abort
+            && self.can_abort()
+        {
+            return self.give_up(input, Some(reason));
+        }
+        match self.state {
+            State::PowerUp => self.power_up(input),
+            State::AwaitStill => self.await_still(input),
+            State::Turn(leg) => self.turn(input, leg),
+            State::Settle(leg) => self.settle(input, leg),
+            State::Dwell(leg) => self.dwell(input, leg),
+            State::Compute => self.enter(input, State::Verdict, Command::Judge),
+            State::Verdict => match input.accepted {
+                Some(true) => self.enter(input, State::Store, Command::Save),
+                Some(false) => self.give_up(input, None),
+                None => Command::Continue,
+            },
+            State::Store if input.saved => self.enter(input, State::Correcting, Command::Correct),
+            State::Stopping if self.elapsed_us(input) >= STOP_US => {
+                self.enter(input, State::Parking, Command::MoveTo { outer_rad: 0.0, inner_rad: 0.0 })
+            }
+            State::Parking if input.arrived || self.elapsed_us(input) > self.turn_us(0) + TURN_TIMEOUT_US => {
+                self.enter(input, State::Parked, Command::Hold)
+            }
+            State::Store | State::Correcting | State::Stopping | State::Parking | State::Parked => Command::Continue,
+        }
+    }
+
+    fn enter(&mut self, input: &Input, state: State, command: Command) -> Command {
+        self.state = state;
+        self.since_us = input.now_us;
+        command
+    }
+
+    fn elapsed_us(&self, input: &Input) -> u64 {
+        input.now_us.saturating_sub(self.since_us)
+    }
+
+    fn can_abort(&self) -> bool {
+        !matches!(self.state, State::Store | State::Correcting | State::Stopping | State::Parking | State::Parked)
+    }
+
+    fn give_up(&mut self, input: &Input, reason: Option<AbortReason>) -> Command {
+        self.enter(input, State::Stopping, Command::GiveUp(reason))
+    }
+
+    fn power_up(&mut self, input: &Input) -> Command {
+        if self.use_stored {
+            self.enter(input, State::Correcting, Command::Correct)
+        } else {
+            self.enter(input, State::AwaitStill, Command::Hold)
+        }
+    }
+
+    fn await_still(&mut self, input: &Input) -> Command {
+        if !input.still {
+            self.still_since_us = None;
+        } else if input.now_us.saturating_sub(*self.still_since_us.get_or_insert(input.now_us)) >= STILL_US {
+            return self.turn_to(input, 0);
+        }
+        if self.elapsed_us(input) > STILL_TIMEOUT_US {
+            return self.give_up(input, Some(AbortReason::NotStill));
+        }
+        Command::Continue
+    }
+
+    fn turn_to(&mut self, input: &Input, leg: u16) -> Command {
+        let Leg { outer_rad, inner_rad, .. } = self.leg(leg);
+        self.enter(input, State::Turn(leg), Command::MoveTo { outer_rad, inner_rad })
+    }
+
+    fn turn(&mut self, input: &Input, leg: u16) -> Command {
+        if self.elapsed_us(input) > self.turn_us(leg) + TURN_TIMEOUT_US {
+            self.give_up(input, Some(AbortReason::TurnTimeout(leg)))
+        } else if input.arrived {
+            self.enter(input, State::Settle(leg), Command::Continue)
+        } else {
+            Command::Continue
+        }
+    }
+
+    fn settle(&mut self, input: &Input, leg: u16) -> Command {
+        if self.elapsed_us(input) < SETTLE_US {
+            return Command::Continue;
+        }
+        let command = if leg == 0 { Command::Measure } else { Command::Continue };
+        self.enter(input, State::Dwell(leg), command)
+    }
+
+    fn dwell(&mut self, input: &Input, leg: u16) -> Command {
+        if self.elapsed_us(input) < (self.leg(leg).stop_s * 1e6) as u64 {
+            Command::Continue
+        } else if leg + 1 < self.legs() {
+            self.turn_to(input, leg + 1)
+        } else {
+            self.enter(input, State::Compute, Command::Solve)
+        }
+    }
+
+    /// Leg 0 is the start at (0, 0).
+    fn leg(&self, leg: u16) -> Leg {
+        let start = Leg { outer_rad: 0.0, inner_rad: 0.0, stop_s: self.scheme.first_stop_s };
+        usize::from(leg).checked_sub(1).and_then(|index| self.scheme.leg(index)).unwrap_or(start)
+    }
+
+    /// Nominal duration of a leg's move; the way to the start may be a whole turn.
+    fn turn_us(&self, leg: u16) -> u64 {
+        let to = self.leg(leg);
+        let from = if leg > 0 { self.leg(leg - 1) } else { Leg { outer_rad: core::f64::consts::TAU, ..to } };
+        let outer_s = self.scheme.move_s(to.outer_rad - from.outer_rad);
+        let inner_s = self.scheme.move_s(to.inner_rad - from.inner_rad);
+        (outer_s.max(inner_s) * 1e6) as u64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    /// Steps at 200 Hz with `input` made of the time and the state, until the state stays or an hour has passed.
+    fn run(sequencer: &mut Sequencer, mut input: impl FnMut(u64, State) -> Input) -> Vec<(State, Command)> {
+        let mut trace: Vec<(State, Command)> = Vec::new();
+        for step in 0..720_000_u64 {
+            let command = sequencer.step(&input(step * 5000, sequencer.state()));
+            if trace.last().is_none_or(|last| last.0 != sequencer.state()) || command != Command::Continue {
+                trace.push((sequencer.state(), command));
+            }
+        }
+        trace
+    }
+
+    fn cooperative(now_us: u64, state: State) -> Input {
+        Input {
+            now_us,
+            still: true,
+            arrived: true,
+            abort: None,
+            accepted: (state == State::Verdict).then_some(true),
+            saved: state == State::Store,
+        }
+    }
+
+    #[test]
+    fn a_good_run_visits_every_leg_and_ends_correcting() {
+        let scheme = Scheme::bai(10.0, 2);
+        let mut sequencer = Sequencer::new(scheme, false);
+        let trace = run(&mut sequencer, cooperative);
+        let dwells = trace.iter().filter(|(state, _)| matches!(state, State::Dwell(_))).count();
+        assert_eq!(dwells, 37);
+        let moves = trace.iter().filter(|(_, command)| matches!(command, Command::MoveTo { .. })).count();
+        assert_eq!(moves, 37, "36 moves and the way to the start");
+        let commands: Vec<Command> = trace.iter().rev().take(4).rev().map(|(_, command)| *command).collect();
+        assert_eq!(commands, [Command::Solve, Command::Judge, Command::Save, Command::Correct]);
+        assert_eq!(sequencer.state(), State::Correcting);
+    }
+
+    #[test]
+    fn a_stored_calibration_goes_straight_to_correcting() {
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), true);
+        assert_eq!(sequencer.step(&cooperative(0, State::PowerUp)), Command::Correct);
+        assert_eq!(sequencer.state(), State::Correcting);
+    }
+
+    #[test]
+    fn a_rejected_run_is_parked_and_nothing_is_saved() {
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false);
+        let reject = |now_us, state| Input { accepted: Some(false), saved: false, ..cooperative(now_us, state) };
+        let trace = run(&mut sequencer, reject);
+        assert_eq!(sequencer.state(), State::Parked);
+        assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(None)));
+        assert!(!trace.iter().any(|(_, command)| matches!(command, Command::Save | Command::Correct)));
+    }
+
+    #[test]
+    fn abort_from_every_state_before_storing_parks_the_gimbals() {
+        let mut reached = Vec::new();
+        for abort_at in (0..320_000_000_u64).step_by(997_000) {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false);
+            let mut aborted_from = None;
+            let trace = run(&mut sequencer, |now_us, state| {
+                let abort = (now_us / 5000 == abort_at / 5000).then_some(AbortReason::Commanded);
+                aborted_from = aborted_from.or(abort.map(|_| state));
+                Input { abort, ..cooperative(now_us, state) }
+            });
+            let from = aborted_from.expect("within the hour");
+            if matches!(from, State::Store | State::Correcting) {
+                continue;
+            }
+            reached.push(core::mem::discriminant(&from));
+            assert_eq!(sequencer.state(), State::Parked, "from {from:?}");
+            let last = trace.iter().rev().find(|(_, command)| matches!(command, Command::MoveTo { .. }));
+            assert_eq!(last.map(|(_, c)| *c), Some(Command::MoveTo { outer_rad: 0.0, inner_rad: 0.0 }));
+        }
+        reached.dedup();
+        assert!(reached.len() > 3);
+    }
+
+    #[test]
+    fn an_unquiet_base_and_a_stuck_axis_end_the_run() {
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false);
+        let trace = run(&mut sequencer, |now_us, state| Input { still: false, ..cooperative(now_us, state) });
+        assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(Some(AbortReason::NotStill))));
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false);
+        let stuck = |now_us, state| Input { arrived: state != State::Turn(3), ..cooperative(now_us, state) };
+        let trace = run(&mut sequencer, stuck);
+        assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(Some(AbortReason::TurnTimeout(3)))));
+        assert_eq!(sequencer.state(), State::Parked);
+    }
+}
