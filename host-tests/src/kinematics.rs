@@ -2,7 +2,7 @@
 //!
 //! Written from the equations, not from the core, so that the two can be held against each other:
 //! ```text
-//! (3)  rot_rr0 = R_e(inner) R_x(outer),  e = (sin d, 0, cos d);   rot_s0r0 = exp(-[theta x]);   b = s0
+//! (3)  rot_rr0 = R_e(inner) R_x(outer),  e = (sin d, 0, cos d);   rot_s0r0 = exp(-[theta x]);   b = r0
 //!      x_r = R_e(inner) e_x                                           outer axis in r
 //!      omega_br_r = x_r outer' + e inner'
 //!      d/dt omega_br_r = x_r outer'' + e inner'' - (e x x_r) outer' inner'
@@ -10,7 +10,8 @@
 //! (4)  f_a = (I + diag ka) rot_sa^-1 rot_sr f_r + ba
 //! (5)  w_g = (I + diag kg) rot_sg^-1 rot_sr (omega_br_r + rot_rr0 earth_r0) + bg
 //! ```
-//! The base tilts and the biases ramp in proportion to time; the tilt is carried to first order.
+//! The base's roll, pitch and heading are those of b = r0, whose axes are the rotation axes at (0, 0); with b = s0 they would
+//! differ by the mounting angles. The base tilts and the biases ramp in proportion to time; the tilt is carried to first order.
 
 use crate::vec3::{
     Mat3, Vec3, add, add_scaled, apply, apply_transposed, cross, frame_rotation, inverse, multiply, scale,
@@ -111,18 +112,18 @@ impl RigidTruth {
         let (errors, effects) = (&unit.errors, &unit.effects);
         let rot_sr = frame_rotation(errors.mounting);
         let tilt = effects.base_tilt_drift_arcsec_h.map(|drift| drift * ARCSEC / HOUR_S);
-        let in_r0 = |v_n: Vec3| {
+        let in_b = |v_n: Vec3| {
             let start_b = base_from_level(unit, v_n);
             // A frame that turns by phi sees v + v x phi.
             let per_s_b = cross(start_b, [tilt[0], tilt[1], 0.0]);
-            Line { start: start_b, per_s: per_s_b }.mapped(|v| apply_transposed(&rot_sr, v))
+            Line { start: start_b, per_s: per_s_b }
         };
         let (sin, cos) = errors.axis_non_perpendicularity.sin_cos();
         Self {
             inner_axis_r: [sin, 0.0, cos],
             lever_r: apply_transposed(&rot_sr, effects.lever_arm_m),
-            up_r0: in_r0([0.0, 0.0, unit.site.gravity_m_s2()]),
-            earth_r0: in_r0(unit.site.earth_rate_n()),
+            up_r0: in_b([0.0, 0.0, unit.site.gravity_m_s2()]),
+            earth_r0: in_b(unit.site.earth_rate_n()),
             force_matrix_ar: sensor_matrix(&accel_axes(&errors.accel_non_orthogonality), errors.accel_scale, &rot_sr),
             rate_matrix_gr: sensor_matrix(&gyro_axes(&errors.gyro_non_orthogonality), errors.gyro_scale, &rot_sr),
             accel_bias_a: Line {

@@ -236,7 +236,13 @@ struct Rows {
 
 impl Rows {
     fn open(path: &Path) -> Result<Self, LogError> {
-        let mut csv = csv::ReaderBuilder::new().flexible(true).buffer_capacity(1 << 16).from_reader(open_input(path)?);
+        // Rows end at a line feed, the last one too; carriage returns are trimmed with other blanks. So lines count right.
+        let input: Box<dyn Read> = Box::new(open_input(path)?.chain(&b"\n"[..]));
+        let mut csv = csv::ReaderBuilder::new()
+            .flexible(true)
+            .terminator(csv::Terminator::Any(b'\n'))
+            .buffer_capacity(1 << 16)
+            .from_reader(input);
         let header = read_header(path, &mut csv)?;
         let mut columns = [0; COLUMNS.len()];
         for (position, column) in columns.iter_mut().zip(COLUMNS) {
@@ -249,10 +255,7 @@ impl Rows {
     }
 
     fn next_row(&mut self) -> Result<Option<LogRow>, LogError> {
-        if !self.csv.read_byte_record(&mut self.record).map_err(|error| read_error(&self.path, error, &self.csv))? {
-            return Ok(None);
-        }
-        let line = self.record.position().map_or(0, csv::Position::line);
+        let Some(line) = self.read_record()? else { return Ok(None) };
         self.check_length(line)?;
         let mut values = [0.0; COLUMNS.len()];
         for (value, (position, column)) in values.iter_mut().zip(self.columns.iter().zip(COLUMNS)) {
@@ -268,6 +271,20 @@ impl Rows {
             temperature_c: self.temperature(line)?,
         };
         Ok(Some(LogRow { line, reading }))
+    }
+
+    /// Reads the next row that is not blank; its line.
+    fn read_record(&mut self) -> Result<Option<u64>, LogError> {
+        loop {
+            let read = self.csv.read_byte_record(&mut self.record);
+            if !read.map_err(|error| read_error(&self.path, error, &self.csv))? {
+                return Ok(None);
+            }
+            if self.record.len() > 1 || !self.record[0].trim_ascii().is_empty() {
+                // The reader stands behind the row's end.
+                return Ok(Some(self.csv.position().line() - 1));
+            }
+        }
     }
 
     fn check_length(&self, line: u64) -> Result<(), LogError> {
@@ -314,7 +331,7 @@ impl Rows {
 
     fn temperature(&self, line: u64) -> Result<f32, LogError> {
         match self.temperature {
-            Some(position) if !self.record[position].is_empty() => {
+            Some(position) if !self.record[position].trim_ascii().is_empty() => {
                 Ok(self.number(line, position, TEMPERATURE_COLUMN)? as f32)
             }
             _ => Ok(f32::NAN),

@@ -62,8 +62,13 @@ pub fn errors_named(name: &str, seed: u64) -> Result<UnitErrors, TomlFileError> 
         "real" => plain(real(seed)),
         _ if !Path::new(name).exists() => Err(TomlFileError::Name { name: name.into(), known: "table1, table3, real" }),
         _ => {
-            let file: ErrorsFile = TomlFile::read(Path::new(name))?.parse()?;
-            Ok(UnitErrors { errors: file.parameters.to_errors(), effects: file.effects })
+            let file = TomlFile::read(Path::new(name))?;
+            let ErrorsFile { parameters, effects } = file.parse()?;
+            if let Some(parameter) = parameters.not_finite() {
+                return Err(file.wrong_value("parameters", parameter, "must be finite"));
+            }
+            effects.check().map_err(|(key, what)| file.wrong_value("effects", key, what))?;
+            Ok(UnitErrors { errors: parameters.to_errors(), effects })
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Rotation schemes by name and from files.
 //!
 //! ```toml
-//! name = "mine"                   # up to 32 bytes; default: the file's name
+//! name = "mine"                   # up to 32 bytes; default: the start of the file's name
 //! rate_deg_s = 20.0               # default 20
 //! acceleration_deg_s2 = 20.0      # default 20
 //! first_stop_s = 10.0
@@ -114,13 +114,16 @@ pub fn write_scheme(path: &Path, scheme: &Scheme) -> Result<(), TomlFileError> {
 
 fn from_table(table: &SchemeTable, path: &Path) -> Option<Scheme> {
     let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
+    // Eight characters are at most 32 bytes.
     let name = if table.name.is_empty() { stem.chars().take(8).collect() } else { table.name.clone() };
-    let mut scheme = Scheme::bai(table.first_stop_s, table.periods);
-    scheme.name = name.as_str().try_into().ok()?;
-    scheme.rate_rad_s = table.rate_deg_s * DEG;
-    scheme.acceleration_rad_s2 = table.acceleration_deg_s2 * DEG;
-    scheme.legs = table.legs.iter().map(leg_rad).collect();
-    Some(scheme)
+    Some(Scheme {
+        name: name.as_str().try_into().ok()?,
+        rate_rad_s: table.rate_deg_s * DEG,
+        acceleration_rad_s2: table.acceleration_deg_s2 * DEG,
+        first_stop_s: table.first_stop_s,
+        legs: table.legs.iter().map(leg_rad).collect(),
+        periods: table.periods,
+    })
 }
 
 fn leg_rad(leg: &LegTable) -> Leg {

@@ -30,6 +30,12 @@ impl ParameterTable {
     pub fn value(&self, name: &str) -> Option<f64> {
         position(name).map(|index| self.0[index])
     }
+
+    /// Name of the first value that is not finite.
+    pub(crate) fn not_finite(&self) -> Option<&'static str> {
+        let values = PARAMETER_INFO.iter().zip(&self.0);
+        values.filter(|(_, value)| !value.is_finite()).map(|(info, _)| info.name).next()
+    }
 }
 
 fn position(name: &str) -> Option<usize> {

@@ -50,11 +50,32 @@ pub struct Effects {
     pub temperature_ramp_c_h: f64,
 }
 
+impl Effects {
+    /// Checks the limits of the drives and the walks; else the key and what is wrong with it.
+    pub(crate) fn check(&self) -> Result<(), (&'static str, &'static str)> {
+        let limits =
+            [("max_rate_deg_s", self.max_rate_deg_s), ("max_acceleration_deg_s2", self.max_acceleration_deg_s2)];
+        let walks = [
+            ("accel_bias_walk_ug_sqrt_h", self.accel_bias_walk_ug_sqrt_h),
+            ("gyro_bias_walk_deg_h_sqrt_h", self.gyro_bias_walk_deg_h_sqrt_h),
+        ];
+        if let Some((key, _)) =
+            limits.iter().find(|(_, limit)| limit.is_some_and(|limit| limit.is_nan() || limit <= 0.0))
+        {
+            return Err((key, "must be positive"));
+        }
+        match walks.iter().find(|(_, walk)| !walk.is_finite() || *walk < 0.0) {
+            Some((key, _)) => Err((key, "must be finite and not negative")),
+            None => Ok(()),
+        }
+    }
+}
+
 /// One instrument, its base and its site.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct VirtualUnit {
-    /// The 28 true errors, SI; the base's attitude at time zero.
+    /// The 28 true errors, SI; the base's attitude, of the frame b = r0, at time zero.
     pub errors: InstrumentErrors<f64>,
     /// Where it stands.
     pub site: Site,
