@@ -1,0 +1,151 @@
+//! Encoder errors of both axes.
+//!
+//! Repeatability: at every stop each axis' error is drawn anew; it stays while the axes stand and goes over to the next
+//! stop's value in proportion to time while they move. A plant does not know how long a move will last, so it is told the
+//! expected durations. On top, while an axis turns, the rate reference noise is integrated into its angle, and pinned to
+//! zero at both stops (a Brownian bridge). Eccentricity and second harmonic are functions of the true angle.
+//!
+//! ```text
+//! standing --(a rate is not negligible)--> turning --(blend is over, and rates negligible for REST_S)--> standing
+//! ```
+
+use rand_distr::{Distribution, StandardNormal};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rins_selfcal::units::ARCSEC;
+use serde::{Deserialize, Serialize};
+
+/// Rate below which an axis counts as standing, rad/s.
+pub const REST_RAD_S: f64 = 1e-4;
+/// How long both axes must stand before the next motion counts as the next move, s. A servo's last correction does not.
+const REST_S: f64 = 0.1;
+/// A quarter turn at 20 deg/s with ramps of 20 deg/s^2, s.
+const DEFAULT_MOVE_S: f64 = 5.5;
+
+/// A harmonic of an encoder's error: `amplitude sin(n angle + phase)`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Harmonic {
+    /// Amplitude, arcsec.
+    pub amplitude_arcsec: f64,
+    /// Phase, deg.
+    pub phase_deg: f64,
+}
+
+impl Harmonic {
+    /// Error at `n angle`, rad.
+    pub fn error_rad(&self, multiple_rad: f64) -> f64 {
+        if self.amplitude_arcsec == 0.0 {
+            return 0.0;
+        }
+        self.amplitude_arcsec * ARCSEC * (multiple_rad + self.phase_deg.to_radians()).sin()
+    }
+}
+
+enum Phase {
+    Standing,
+    /// All in samples.
+    Turning {
+        elapsed: u32,
+        duration: u32,
+        quiet: u32,
+    },
+}
+
+/// The random errors of both encoders.
+pub struct EncoderErrors {
+    rng: Xoshiro256PlusPlus,
+    rate_hz: f64,
+    sigma_rad: f64,
+    sigma_bridge_rad: f64,
+    /// Expected durations of the moves to come, s, last first; the last one left serves for all that follow.
+    durations_s: Vec<f64>,
+    phase: Phase,
+    from_rad: [f64; 2],
+    to_rad: [f64; 2],
+    bridge_rad: [f64; 2],
+}
+
+impl EncoderErrors {
+    /// Errors with `sigma_rad` per stop and axis, and an angle walk of `sigma_bridge_rad` per sample while turning.
+    pub fn new(rng: Xoshiro256PlusPlus, rate_hz: f64, sigma_rad: f64, sigma_bridge_rad: f64) -> Self {
+        let mut errors = Self {
+            rng,
+            rate_hz,
+            sigma_rad,
+            sigma_bridge_rad,
+            durations_s: vec![DEFAULT_MOVE_S],
+            phase: Phase::Standing,
+            from_rad: [0.0; 2],
+            to_rad: [0.0; 2],
+            bridge_rad: [0.0; 2],
+        };
+        errors.from_rad = errors.drawn();
+        errors
+    }
+
+    /// Says how long the moves to come will take, s.
+    pub fn expect_moves(&mut self, durations_s: &[f64]) {
+        self.durations_s = durations_s.iter().rev().copied().collect();
+        if self.durations_s.is_empty() {
+            self.durations_s.push(DEFAULT_MOVE_S);
+        }
+    }
+
+    /// Advances by one sample, at whose end the axes turn at `rates_rad_s`.
+    pub fn step(&mut self, rates_rad_s: [f64; 2]) {
+        let turning = rates_rad_s.map(|rate| rate.abs() > REST_RAD_S);
+        let any = turning[0] || turning[1];
+        if any && matches!(self.phase, Phase::Standing) {
+            self.start_move();
+        }
+        if let Phase::Turning { elapsed, duration, quiet } = self.phase {
+            self.step_bridge(turning, duration.saturating_sub(elapsed));
+            let (elapsed, quiet) = (elapsed.saturating_add(1), if any { 0 } else { quiet + 1 });
+            self.phase = Phase::Turning { elapsed, duration, quiet };
+            if elapsed >= duration && f64::from(quiet) >= REST_S * self.rate_hz {
+                self.from_rad = self.to_rad;
+                self.phase = Phase::Standing;
+            }
+        }
+    }
+
+    /// Errors of (outer, inner) now, rad.
+    pub fn errors_rad(&self) -> [f64; 2] {
+        let Phase::Turning { elapsed, duration, .. } = self.phase else { return self.from_rad };
+        let part = (f64::from(elapsed) / f64::from(duration)).min(1.0);
+        std::array::from_fn(|axis| {
+            self.from_rad[axis] + (self.to_rad[axis] - self.from_rad[axis]) * part + self.bridge_rad[axis]
+        })
+    }
+
+    fn start_move(&mut self) {
+        let expected_s = self.durations_s.last().copied().unwrap_or(DEFAULT_MOVE_S);
+        if self.durations_s.len() > 1 {
+            self.durations_s.pop();
+        }
+        let duration = (expected_s * self.rate_hz).round().max(1.0) as u32;
+        self.phase = Phase::Turning { elapsed: 0, duration, quiet: 0 };
+        self.to_rad = self.drawn();
+        self.bridge_rad = [0.0; 2];
+    }
+
+    /// One step of the bridges that end, at zero, `remaining` samples from here.
+    fn step_bridge(&mut self, turning: [bool; 2], remaining: u32) {
+        if self.sigma_bridge_rad == 0.0 {
+            return;
+        }
+        let kept = if remaining > 1 { 1.0 - f64::from(remaining).recip() } else { 0.0 };
+        for (axis, turning) in turning.into_iter().enumerate() {
+            let noise = if turning && kept > 0.0 { self.sigma_bridge_rad * kept.sqrt() * self.normal() } else { 0.0 };
+            self.bridge_rad[axis] = self.bridge_rad[axis] * kept + noise;
+        }
+    }
+
+    fn drawn(&mut self) -> [f64; 2] {
+        std::array::from_fn(|_| self.sigma_rad * self.normal())
+    }
+
+    fn normal(&mut self) -> f64 {
+        StandardNormal.sample(&mut self.rng)
+    }
+}

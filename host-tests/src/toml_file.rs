@@ -1,0 +1,90 @@
+//! TOML files, with errors of one line that name file, line and key.
+
+use serde::de::DeserializeOwned;
+use std::path::{Path, PathBuf};
+
+/// Why a TOML file is refused.
+#[derive(Debug, thiserror::Error)]
+pub enum TomlFileError {
+    /// The file cannot be read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// A name that is neither built in nor a file.
+    #[error("{name}: no such file, and not one of {known}")]
+    Name {
+        /// What was asked for.
+        name: String,
+        /// The built-in names.
+        known: &'static str,
+    },
+    /// The contents are wrong.
+    #[error("{}:{line}: {message}", path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// What is wrong; names the key.
+        message: String,
+    },
+}
+
+/// The text of a TOML file, kept to say where a wrong value stands.
+pub struct TomlFile {
+    path: PathBuf,
+    text: String,
+}
+
+impl TomlFile {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// The file cannot be read, or is not UTF-8.
+    pub fn read(path: &Path) -> Result<Self, TomlFileError> {
+        let text = std::fs::read_to_string(path).map_err(|source| TomlFileError::Io { path: path.into(), source })?;
+        Ok(Self { path: path.into(), text })
+    }
+
+    /// The contents as a value.
+    ///
+    /// # Errors
+    /// Syntax, an unknown key or a value of the wrong type.
+    pub fn parse<T: DeserializeOwned>(&self) -> Result<T, TomlFileError> {
+        toml::from_str(&self.text).map_err(|error| {
+            let at = error.span().map_or(0, |span| span.start.min(self.text.len()));
+            let line = self.text.as_bytes()[..at].iter().filter(|&&byte| byte == b'\n').count() + 1;
+            let message = error.message().trim().replace('\n', "; ");
+            let key = self.key_on(line).filter(|key| !message.contains(&format!("`{key}`")));
+            self.content(line, key.map_or(message.clone(), |key| format!("{key}: {message}")))
+        })
+    }
+
+    /// The error that the value of `key` in the table `[table]` (empty: before any table) is wrong.
+    pub fn wrong_value(&self, table: &str, key: &str, what: &str) -> TomlFileError {
+        let mut current = "";
+        let mut found = 1;
+        for (number, line) in (1..).zip(self.text.lines()) {
+            let line = line.trim();
+            if line.starts_with('[') {
+                current = line.trim_start_matches('[').split(']').next().unwrap_or("").trim();
+            } else if current == table && self.key_on(number) == Some(key) {
+                found = number;
+            }
+        }
+        self.content(found, format!("{key}: {what}"))
+    }
+
+    fn key_on(&self, line: usize) -> Option<&str> {
+        let (key, _) = self.text.lines().nth(line - 1)?.split_once('=')?;
+        Some(key.trim().trim_matches('"'))
+    }
+
+    fn content(&self, line: usize, message: String) -> TomlFileError {
+        TomlFileError::Content { path: self.path.clone(), line, message }
+    }
+}

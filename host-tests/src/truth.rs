@@ -1,0 +1,164 @@
+//! The true parameters of an instrument by name and in report units, and the file that carries them, TRUTH.json.
+
+use rins_selfcal::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS};
+use rins_selfcal::linear::Vector;
+use serde::de::{Error as _, MapAccess, Visitor};
+use serde::ser::SerializeMap;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// The 28 parameters in report units, a map from name to value in files. A name left out is zero, an unknown or repeated
+/// one an error.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ParameterTable(pub [f64; PARAMETERS]);
+
+impl ParameterTable {
+    /// SI to report units.
+    pub fn from_errors(errors: &InstrumentErrors<f64>) -> Self {
+        let x = errors.to_vector();
+        Self(std::array::from_fn(|index| x[index] / PARAMETER_INFO[index].unit_si))
+    }
+
+    /// Report units to SI.
+    pub fn to_errors(&self) -> InstrumentErrors<f64> {
+        let x: [f64; PARAMETERS] = std::array::from_fn(|index| self.0[index] * PARAMETER_INFO[index].unit_si);
+        InstrumentErrors::from_vector(&Vector::from(x))
+    }
+
+    /// Value in report units by name.
+    pub fn value(&self, name: &str) -> Option<f64> {
+        position(name).map(|index| self.0[index])
+    }
+
+    /// Name of the first value that is not finite.
+    pub(crate) fn not_finite(&self) -> Option<&'static str> {
+        let values = PARAMETER_INFO.iter().zip(&self.0);
+        values.filter(|(_, value)| !value.is_finite()).map(|(info, _)| info.name).next()
+    }
+}
+
+fn position(name: &str) -> Option<usize> {
+    PARAMETER_INFO.iter().position(|info| info.name == name)
+}
+
+impl Serialize for ParameterTable {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(Some(PARAMETERS))?;
+        for (info, value) in PARAMETER_INFO.iter().zip(&self.0) {
+            map.serialize_entry(info.name, value)?;
+        }
+        map.end()
+    }
+}
+
+impl<'de> Deserialize<'de> for ParameterTable {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_map(TableVisitor)
+    }
+}
+
+struct TableVisitor;
+
+impl<'de> Visitor<'de> for TableVisitor {
+    type Value = ParameterTable;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("a table of parameter names and values")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<ParameterTable, A::Error> {
+        let mut values = [None; PARAMETERS];
+        while let Some(name) = map.next_key::<String>()? {
+            let index = position(&name).ok_or_else(|| A::Error::custom(format!("unknown parameter `{name}`")))?;
+            if values[index].replace(map.next_value::<f64>()?).is_some() {
+                return Err(A::Error::custom(format!("parameter `{name}` given twice")));
+            }
+        }
+        Ok(ParameterTable(values.map(Option::unwrap_or_default)))
+    }
+}
+
+/// What TRUTH.json says.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Truth {
+    /// The units in words.
+    pub units: String,
+    /// True parameters, report units.
+    pub parameters: ParameterTable,
+    /// Sigmas an exact estimator reaches on the log, report units.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reachable_sigma: Option<ParameterTable>,
+}
+
+/// Why a truth file cannot be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum TruthError {
+    /// The file cannot be opened, read or written.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The text is not a truth file; the message carries line and column.
+    #[error("{}: {source}", path.display())]
+    Json {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong, and where.
+        source: serde_json::Error,
+    },
+}
+
+impl Truth {
+    /// The truth about an instrument with these errors.
+    pub fn new(errors: &InstrumentErrors<f64>) -> Self {
+        let units = "12 installation errors and non-perpendicularity arcsec; accel_bias ug; scales ppm; \
+                     gyro_bias deg/h; roll, pitch, heading deg";
+        Self { units: units.into(), parameters: ParameterTable::from_errors(errors), reachable_sigma: None }
+    }
+
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// One line that names the file and, for its contents, line and column.
+    pub fn read(path: &Path) -> Result<Self, TruthError> {
+        let text = std::fs::read_to_string(path).map_err(|source| TruthError::Io { path: path.into(), source })?;
+        serde_json::from_str(&text).map_err(|source| TruthError::Json { path: path.into(), source })
+    }
+
+    /// Writes a file.
+    ///
+    /// # Errors
+    /// One line that names the file.
+    pub fn write(&self, path: &Path) -> Result<(), TruthError> {
+        let text =
+            serde_json::to_string_pretty(self).map_err(|source| TruthError::Json { path: path.into(), source })?;
+        std::fs::write(path, text + "\n").map_err(|source| TruthError::Io { path: path.into(), source })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn table_round_trips_through_si_and_json() {
+        let table = ParameterTable(std::array::from_fn(|index| index as f64 - 9.5));
+        let back = ParameterTable::from_errors(&table.to_errors());
+        assert!(table.0.iter().zip(&back.0).all(|(a, b)| (a - b).abs() < 1e-12));
+        let json = serde_json::to_string(&table).unwrap();
+        assert_eq!(serde_json::from_str::<ParameterTable>(&json).unwrap(), table);
+        assert_eq!(table.value("heading"), Some(17.5));
+    }
+
+    #[test]
+    fn unknown_and_repeated_names_are_refused() {
+        let message = |json| serde_json::from_str::<ParameterTable>(json).unwrap_err().to_string();
+        assert!(message("{\"Sgxx\": 1.0}").contains("unknown parameter `Sgxx`"));
+        assert!(message("{\"alpha\": 1.0, \"alpha\": 2.0}").contains("`alpha` given twice"));
+    }
+}

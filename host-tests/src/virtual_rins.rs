@@ -1,0 +1,312 @@
+//! A dual-axis rotational INS that exists in numbers only.
+//!
+//! A sample is the mean of force and rate over one interval; its time stamp is the **end** of that interval, and its
+//! encoder angles are the angles at the stamp. Over an interval the axes' rates go linearly to the commanded ones.
+//! The first interval starts at time zero, with the axes standing at (0, 0).
+
+use crate::encoder::{EncoderErrors, Harmonic};
+use crate::kinematics::{Line, Motion, RigidTruth, Sensed};
+use crate::plant::{Plant, Reading};
+use crate::unit::Noise;
+use crate::vec3::{Vec3, add};
+use rand_distr::{Distribution, StandardNormal};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rand_xoshiro::rand_core::SeedableRng;
+use rins_selfcal::error_model::InstrumentErrors;
+use rins_selfcal::site::Site;
+use rins_selfcal::units::{DEG, DEG_H, MICRO_G};
+use serde::{Deserialize, Serialize};
+
+/// Sample rate of the unit in the literature, Hz.
+pub const DEFAULT_RATE_HZ: f64 = 200.0;
+
+/// What a unit does beyond its 28 errors and white noise; everything is absent by default.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Effects {
+    /// From the intersection of the axes to the IMU, s-frame, m.
+    pub lever_arm_m: [f64; 3],
+    /// Largest rate of the drives, deg/s; unlimited where absent.
+    pub max_rate_deg_s: Option<f64>,
+    /// Largest acceleration of the drives, deg/s^2; unlimited where absent.
+    pub max_acceleration_deg_s2: Option<f64>,
+    /// First harmonic of the encoder errors, outer and inner.
+    pub encoder_eccentricity: [Harmonic; 2],
+    /// Second harmonic of the encoder errors, outer and inner.
+    pub encoder_second_harmonic: [Harmonic; 2],
+    /// Ramp of the accelerometer biases, ug/h.
+    pub accel_bias_ramp_ug_h: [f64; 3],
+    /// Ramp of the gyro biases, (deg/h)/h.
+    pub gyro_bias_ramp_deg_h_h: [f64; 3],
+    /// Random walk of the accelerometer biases, ug/sqrt(h).
+    pub accel_bias_walk_ug_sqrt_h: f64,
+    /// Random walk of the gyro biases, (deg/h)/sqrt(h).
+    pub gyro_bias_walk_deg_h_sqrt_h: f64,
+    /// Rate at which the base tilts about its x and y axes, arcsec/h.
+    pub base_tilt_drift_arcsec_h: [f64; 2],
+    /// Temperature at the start, deg C; no sensor where absent.
+    pub temperature_c: Option<f64>,
+    /// Rise of the temperature, deg C/h.
+    pub temperature_ramp_c_h: f64,
+}
+
+impl Effects {
+    /// Checks the limits of the drives and the walks; else the key and what is wrong with it.
+    pub(crate) fn check(&self) -> Result<(), (&'static str, &'static str)> {
+        let limits =
+            [("max_rate_deg_s", self.max_rate_deg_s), ("max_acceleration_deg_s2", self.max_acceleration_deg_s2)];
+        let walks = [
+            ("accel_bias_walk_ug_sqrt_h", self.accel_bias_walk_ug_sqrt_h),
+            ("gyro_bias_walk_deg_h_sqrt_h", self.gyro_bias_walk_deg_h_sqrt_h),
+        ];
+        if let Some((key, _)) =
+            limits.iter().find(|(_, limit)| limit.is_some_and(|limit| limit.is_nan() || limit <= 0.0))
+        {
+            return Err((key, "must be positive"));
+        }
+        match walks.iter().find(|(_, walk)| !walk.is_finite() || *walk < 0.0) {
+            Some((key, _)) => Err((key, "must be finite and not negative")),
+            None => Ok(()),
+        }
+    }
+}
+
+/// One instrument, its base and its site.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct VirtualUnit {
+    /// The 28 true errors, SI; the base's attitude, of the frame b = r0, at time zero.
+    pub errors: InstrumentErrors<f64>,
+    /// Where it stands.
+    pub site: Site,
+    /// Noise of sensors and encoders.
+    pub noise: Noise,
+    /// Sample rate, Hz.
+    pub rate_hz: f64,
+    /// Everything else.
+    pub effects: Effects,
+}
+
+impl Default for VirtualUnit {
+    /// A perfect instrument, level and facing north, with the default noise.
+    fn default() -> Self {
+        Self {
+            errors: InstrumentErrors::default(),
+            site: Site::default(),
+            noise: Noise::default(),
+            rate_hz: DEFAULT_RATE_HZ,
+            effects: Effects::default(),
+        }
+    }
+}
+
+/// The virtual RINS: a [`VirtualUnit`] in motion.
+pub struct VirtualRins {
+    truth: RigidTruth,
+    white: WhiteNoise,
+    walk: BiasWalk,
+    encoder: EncoderErrors,
+    harmonics: [[Harmonic; 2]; 2],
+    limits: Limits,
+    temperature: Temperature,
+    interval_s: f64,
+    samples: u64,
+    angles_rad: [f64; 2],
+    rates_rad_s: [f64; 2],
+    commanded_rad_s: [f64; 2],
+    /// What the sensors read at the angles where the axes stand.
+    standing: Option<Sensed<Line>>,
+}
+
+impl VirtualRins {
+    /// Puts a unit into operation; every random number comes from `seed`.
+    pub fn new(unit: &VirtualUnit, seed: u64) -> Self {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let encoder_rng = rng.clone();
+        // The encoders' errors shall not depend on how many samples a stop has.
+        rng.jump();
+        let noise = &unit.noise;
+        let effects = &unit.effects;
+        Self {
+            truth: RigidTruth::new(unit),
+            white: WhiteNoise {
+                sigma_force: noise.sigma_force_m_s2(unit.rate_hz),
+                sigma_omega: noise.sigma_omega_rad_s(unit.rate_hz),
+                rng,
+            },
+            walk: BiasWalk::new(effects, unit.rate_hz),
+            encoder: EncoderErrors::new(
+                encoder_rng,
+                unit.rate_hz,
+                noise.sigma_encoder_rad(),
+                noise.sigma_reference_rad(unit.rate_hz),
+            ),
+            harmonics: [0, 1].map(|axis| [effects.encoder_eccentricity[axis], effects.encoder_second_harmonic[axis]]),
+            limits: Limits::new(effects, unit.rate_hz),
+            temperature: Temperature::new(effects),
+            interval_s: unit.rate_hz.recip(),
+            samples: 0,
+            angles_rad: [0.0; 2],
+            rates_rad_s: [0.0; 2],
+            commanded_rad_s: [0.0; 2],
+            standing: None,
+        }
+    }
+
+    /// Says how long the moves to come will take, s: over these times the encoder errors go from stop to stop. The last
+    /// one, 5.5 s where there is none, also serves for all moves after it.
+    pub fn expect_moves(&mut self, durations_s: &[f64]) {
+        self.encoder.expect_moves(durations_s);
+    }
+
+    /// True angles of (outer, inner) now, rad.
+    pub fn true_angles_rad(&self) -> [f64; 2] {
+        self.angles_rad
+    }
+
+    /// True rates of (outer, inner) now, rad/s.
+    pub fn true_rates_rad_s(&self) -> [f64; 2] {
+        self.rates_rad_s
+    }
+
+    /// Sample interval, s.
+    pub fn interval_s(&self) -> f64 {
+        self.interval_s
+    }
+
+    /// The next reading; a virtual instrument never runs out of them.
+    pub fn advance(&mut self) -> Reading {
+        let middle_s = (self.samples as f64 + 0.5) * self.interval_s;
+        self.samples += 1;
+        let sensed = self.turn_and_sense(middle_s);
+        self.encoder.step(self.rates_rad_s);
+        self.walk.step(&mut self.white.rng);
+        let [outer_rad, inner_rad] = self.encoder_angles();
+        Reading {
+            time_us: (self.samples as f64 * self.interval_s * 1e6).round() as u64,
+            omega_g: self.white.added(add(sensed.omega_g, self.walk.gyro_g), self.white.sigma_omega),
+            force_a: self.white.added(add(sensed.force_a, self.walk.accel_a), self.white.sigma_force),
+            outer_rad,
+            inner_rad,
+            temperature_c: self.temperature.at(middle_s),
+        }
+    }
+
+    /// Moves the axes over one interval; the noise-free means over it.
+    fn turn_and_sense(&mut self, middle_s: f64) -> Sensed<Vec3> {
+        let to_rad_s = self.limits.limited(self.rates_rad_s, self.commanded_rad_s);
+        if self.rates_rad_s == [0.0; 2] && to_rad_s == [0.0; 2] {
+            let standing = self.standing.get_or_insert_with(|| self.truth.at_rest(self.angles_rad));
+            return Sensed { force_a: standing.force_a.at(middle_s), omega_g: standing.omega_g.at(middle_s) };
+        }
+        self.standing = None;
+        let motion =
+            Motion { angles_rad: self.angles_rad, from_rad_s: self.rates_rad_s, to_rad_s, duration_s: self.interval_s };
+        self.angles_rad = motion.angles_at(1.0);
+        self.rates_rad_s = to_rad_s;
+        self.truth.mean_over(&motion, middle_s)
+    }
+
+    fn encoder_angles(&self) -> [f64; 2] {
+        let random = self.encoder.errors_rad();
+        std::array::from_fn(|axis| {
+            let angle = self.angles_rad[axis];
+            let [first, second] = &self.harmonics[axis];
+            angle + first.error_rad(angle) + second.error_rad(2.0 * angle) + random[axis]
+        })
+    }
+}
+
+impl Plant for VirtualRins {
+    fn next_reading(&mut self) -> Option<Reading> {
+        Some(self.advance())
+    }
+
+    fn command_rates(&mut self, rates_rad_s: [f64; 2]) {
+        self.commanded_rad_s = rates_rad_s;
+    }
+}
+
+/// White noise per sample.
+struct WhiteNoise {
+    rng: Xoshiro256PlusPlus,
+    sigma_force: f64,
+    sigma_omega: f64,
+}
+
+impl WhiteNoise {
+    fn added(&mut self, mean: Vec3, sigma: f64) -> Vec3 {
+        mean.map(|value| value + sigma * normal(&mut self.rng))
+    }
+}
+
+fn normal(rng: &mut Xoshiro256PlusPlus) -> f64 {
+    StandardNormal.sample(rng)
+}
+
+/// Random walk of the biases from the values in the unit's errors.
+struct BiasWalk {
+    accel_a: Vec3,
+    gyro_g: Vec3,
+    sigma_accel: f64,
+    sigma_gyro: f64,
+}
+
+impl BiasWalk {
+    fn new(effects: &Effects, rate_hz: f64) -> Self {
+        let per_step = (3600.0 * rate_hz).sqrt().recip();
+        Self {
+            accel_a: [0.0; 3],
+            gyro_g: [0.0; 3],
+            sigma_accel: effects.accel_bias_walk_ug_sqrt_h * MICRO_G * per_step,
+            sigma_gyro: effects.gyro_bias_walk_deg_h_sqrt_h * DEG_H * per_step,
+        }
+    }
+
+    fn step(&mut self, rng: &mut Xoshiro256PlusPlus) {
+        if self.sigma_accel > 0.0 {
+            self.accel_a = self.accel_a.map(|bias| bias + self.sigma_accel * normal(rng));
+        }
+        if self.sigma_gyro > 0.0 {
+            self.gyro_g = self.gyro_g.map(|bias| bias + self.sigma_gyro * normal(rng));
+        }
+    }
+}
+
+/// What the drives can do.
+struct Limits {
+    rate_rad_s: f64,
+    change_rad_s: f64,
+}
+
+impl Limits {
+    fn new(effects: &Effects, rate_hz: f64) -> Self {
+        Self {
+            rate_rad_s: effects.max_rate_deg_s.map_or(f64::INFINITY, |rate| rate * DEG),
+            change_rad_s: effects.max_acceleration_deg_s2.map_or(f64::INFINITY, |limit| limit * DEG / rate_hz),
+        }
+    }
+
+    fn limited(&self, from: [f64; 2], to: [f64; 2]) -> [f64; 2] {
+        std::array::from_fn(|axis| {
+            let wanted = to[axis].clamp(-self.rate_rad_s, self.rate_rad_s);
+            wanted.clamp(from[axis] - self.change_rad_s, from[axis] + self.change_rad_s)
+        })
+    }
+}
+
+/// The temperature sensor.
+struct Temperature {
+    start_c: f64,
+    per_s: f64,
+}
+
+impl Temperature {
+    fn new(effects: &Effects) -> Self {
+        Self { start_c: effects.temperature_c.unwrap_or(f64::NAN), per_s: effects.temperature_ramp_c_h / 3600.0 }
+    }
+
+    fn at(&self, time_s: f64) -> f32 {
+        (self.start_c + self.per_s * time_s) as f32
+    }
+}
