@@ -45,6 +45,9 @@ const MAX_SWEEPS: u8 = 12;
 const STANDING: f64 = 0.01;
 const JITTER_EPSILONS: f64 = 1e6;
 
+/// Standard deviation of what rounding does to a sum and its prediction, in units of the spacing of numbers.
+const ROUNDING_EPSILONS: f64 = 0.5;
+
 /// White noise of the sensors and repeatability of the encoders.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Noise {
@@ -346,7 +349,8 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         usage.force || usage.rotation
     }
 
-    /// Three scalar updates: white sensor noise is independent from channel to channel.
+    /// Three scalar updates: white sensor noise is independent from channel to channel. To its variance comes that of
+    /// rounding the sums, which counts in `f32` only.
     fn take_in(
         &mut self,
         measured: &Vector3<T>,
@@ -356,11 +360,13 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         (segment, first_channel): (usize, u8),
     ) {
         let residual = measured - prediction.value;
+        let rounding = measured.norm() * real(ROUNDING_EPSILONS * T::EPSILON);
+        let r = variance + rounding * rounding;
         for ((z, channel), row) in residual.iter().zip(first_channel..).zip(0..3) {
             let mut h = Vector::<T, STATES>::zeros();
             h.fixed_rows_mut::<ENCODER_ERRORS>(0).copy_from(&prediction.by_encoder_errors.row(row).transpose());
             h.fixed_rows_mut::<PARAMETERS>(ENCODER_ERRORS).copy_from(&prediction.by_parameters.row(row).transpose());
-            let update = self.filter.update(&Measurement { z: *z, h, r: variance }, usage.considered);
+            let update = self.filter.update(&Measurement { z: *z, h, r }, usage.considered);
             self.fit.note(&update, segment, channel);
         }
     }

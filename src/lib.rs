@@ -4,6 +4,7 @@
 
 pub mod angle;
 pub mod axis;
+pub mod calibrator;
 pub mod error_model;
 pub mod estimator;
 pub mod intake;

@@ -547,11 +547,12 @@ impl<T: Real> Segmenter<T> {
         if let Some(sure) = self.guard.pop_front() {
             self.add_to_stop(&sure);
         }
-        if !arrived || self.moved.samples == 0 {
+        if !arrived {
             return None;
         }
         let moved = mem::take(&mut self.moved);
-        mem::replace(&mut self.stopped_before, true).then(|| moved.segment(SegmentKind::Move))
+        let reported = mem::replace(&mut self.stopped_before, true) && moved.samples > 0;
+        reported.then(|| moved.segment(SegmentKind::Move))
     }
 
     /// The block on which the axes start: with the guard it begins the next move, or, if they had not stood long enough

@@ -1,0 +1,98 @@
+//! From samples to a solution: intake, segmenter and estimator in line. The same for a live instrument and a recording.
+
+use crate::estimator::{Estimate, Estimator, EstimatorConfig, MAX_SEGMENTS, Solution};
+use crate::intake::{Admission, Intake, IntakeCounts};
+use crate::linear::Real;
+use crate::sample::RawSample;
+use crate::segment::{Segment, SegmentKind, Segmenter, Stillness};
+use serde::{Deserialize, Serialize};
+
+/// What the chain from samples to parameters must know.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CalibratorConfig {
+    /// Nominal sample rate, Hz.
+    pub rate_hz: f64,
+    /// How motion of the axes is recognized.
+    pub stillness: Stillness,
+    /// What the estimator must know.
+    pub estimator: EstimatorConfig,
+}
+
+/// A finished segment and the live estimate after it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    /// Segments so far.
+    pub segments: u16,
+    /// Stop or move.
+    pub kind: SegmentKind,
+    /// Time of the segment's end, us.
+    pub end_us: u64,
+    /// The live estimate.
+    pub estimate: Estimate,
+}
+
+/// Takes samples in and gives parameters out.
+#[derive(Clone, Debug)]
+pub struct Calibrator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS> {
+    intake: Intake,
+    segmenter: Segmenter<T>,
+    estimator: Estimator<T, SEGMENTS>,
+}
+
+impl<T: Real, const SEGMENTS: usize> Calibrator<T, SEGMENTS> {
+    /// A calibrator before the first sample.
+    pub fn new(config: &CalibratorConfig) -> Self {
+        Self {
+            intake: Intake::new(config.rate_hz),
+            segmenter: Segmenter::new(&config.stillness),
+            estimator: Estimator::new(&config.estimator),
+        }
+    }
+
+    /// Takes in one sample. Most return nothing; the one that completes a segment returns the live estimate.
+    pub fn step(&mut self, sample: &RawSample<T>) -> Option<Progress> {
+        match self.intake.admit(sample) {
+            Admission::Admitted { .. } => self.segmenter.step(sample).and_then(|segment| self.add(&segment)),
+            Admission::Repeated | Admission::OutOfOrder | Admission::NonFinite => None,
+        }
+    }
+
+    /// Closes the last stop, at the end of the samples.
+    pub fn finish(&mut self) -> Option<Progress> {
+        self.segmenter.finish().and_then(|segment| self.add(&segment))
+    }
+
+    /// Processes all segments until the estimate stands.
+    pub fn solve(&mut self) -> Solution {
+        self.estimator.solve()
+    }
+
+    /// The stop under way, for a look at its quality.
+    pub fn stop_so_far(&self) -> Option<Segment<T>> {
+        self.segmenter.stop_so_far()
+    }
+
+    /// Forgets what was summed at the stop under way.
+    pub fn restart_stop(&mut self) {
+        self.segmenter.restart_stop();
+    }
+
+    /// What became of the samples.
+    pub fn counts(&self) -> IntakeCounts {
+        self.intake.counts()
+    }
+
+    /// The estimator, with segments and covariance.
+    pub fn estimator(&self) -> &Estimator<T, SEGMENTS> {
+        &self.estimator
+    }
+
+    fn add(&mut self, segment: &Segment<T>) -> Option<Progress> {
+        self.estimator.add(segment).then(|| Progress {
+            segments: self.estimator.segments().len() as u16,
+            kind: segment.kind,
+            end_us: segment.start_us + segment.duration_us,
+            estimate: self.estimator.estimate(),
+        })
+    }
+}
