@@ -5,6 +5,7 @@ use crate::intake::{Admission, Intake, IntakeCounts};
 use crate::linear::Real;
 use crate::sample::RawSample;
 use crate::segment::{Segment, SegmentKind, Segmenter, Stillness};
+use crate::verdict::{Assessment, Verdict, VerdictLimits, judge};
 use serde::{Deserialize, Serialize};
 
 /// What the chain from samples to parameters must know.
@@ -65,6 +66,18 @@ impl<T: Real, const SEGMENTS: usize> Calibrator<T, SEGMENTS> {
     /// Processes all segments until the estimate stands.
     pub fn solve(&mut self) -> Solution {
         self.estimator.solve()
+    }
+
+    /// Judges a solution of this run's segments.
+    pub fn judge(&self, solution: &Solution, stored: Option<&Estimate>, limits: &VerdictLimits) -> Verdict {
+        let assessment = Assessment {
+            solution,
+            prior_sigmas: &self.estimator.prior_sigmas(),
+            segments: self.estimator.segments(),
+            noise: self.estimator.noise(),
+            stored,
+        };
+        judge(&assessment, limits)
     }
 
     /// The stop under way, for a look at its quality.

@@ -104,9 +104,9 @@ const fn prior(first: usize, count: usize, sigma: f64, two_stage: bool) -> Prior
 }
 
 const PRIORS: [Prior; 10] = [
-    prior(block::GYRO_NON_ORTHOGONALITY, 6, DEG, true),
-    prior(block::ACCEL_NON_ORTHOGONALITY, 3, DEG, true),
-    prior(block::MOUNTING, 3, DEG, true),
+    prior(block::GYRO_NON_ORTHOGONALITY, 6, 3.0 * DEG, true),
+    prior(block::ACCEL_NON_ORTHOGONALITY, 3, 3.0 * DEG, true),
+    prior(block::MOUNTING, 3, 3.0 * DEG, true),
     prior(block::ACCEL_BIAS, 3, 0.2, false),
     prior(block::ACCEL_SCALE, 3, 0.02, false),
     prior(block::GYRO_BIAS, 3, 20.0 * DEG_H, false),
@@ -245,17 +245,25 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
 
     /// The live estimate.
     pub fn estimate(&self) -> Estimate {
-        let variances = self.filter.variances();
-        let mut sigmas = [0.0; PARAMETERS];
-        for (sigma, variance) in sigmas.iter_mut().zip(variances.iter().skip(ENCODER_ERRORS)) {
-            *sigma = variance.sqrt().widened();
+        Estimate {
+            errors: InstrumentErrors::from_vector(&self.nominal.map(Real::widened)),
+            sigmas: sigmas(&self.filter),
         }
-        Estimate { errors: InstrumentErrors::from_vector(&self.nominal.map(Real::widened)), sigmas }
     }
 
     /// Covariance of the parameters, (28 x 28), SI.
     pub fn covariance(&self) -> Matrix<T, PARAMETERS, PARAMETERS> {
         self.filter.covariance().fixed_view::<PARAMETERS, PARAMETERS>(ENCODER_ERRORS, ENCODER_ERRORS).into_owned()
+    }
+
+    /// Sigmas of the prior, SI; 0 for a parameter that the method takes as known.
+    pub fn prior_sigmas(&self) -> [f64; PARAMETERS] {
+        sigmas(&prior_filter::<T>(&self.config))
+    }
+
+    /// The configured noise.
+    pub fn noise(&self) -> &Noise {
+        &self.config.noise
     }
 
     /// Segments taken in so far.
@@ -430,11 +438,12 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
 
     /// How many parameters the measurements, not the prior, determine.
     fn determined(&self, estimate: &Estimate) -> u32 {
-        let prior = prior_filter::<T>(&self.config).variances();
-        let gained = estimate.sigmas.iter().zip(prior.iter().skip(ENCODER_ERRORS)).map(|(sigma, prior)| {
-            let prior = prior.widened();
-            if prior > 0.0 { 1.0 - sigma * sigma / prior } else { 0.0 }
-        });
+        let prior = self.prior_sigmas();
+        let gained = estimate
+            .sigmas
+            .iter()
+            .zip(&prior)
+            .map(|(sigma, prior)| if *prior > 0.0 { 1.0 - sigma * sigma / (prior * prior) } else { 0.0 });
         let total: f64 = gained.sum();
         // Of the accelerometers' scale errors, the two-stage method knows only one, common to the three.
         let common = if self.config.method == Method::TwoStage { 2.0 } else { 0.0 };
@@ -458,6 +467,15 @@ impl Fit {
             self.largest = LargestInnovation { normalized, segment: segment as u16, channel };
         }
     }
+}
+
+/// Standard deviations of the parameters, SI.
+fn sigmas<T: Real>(filter: &UdFilter<T, STATES>) -> [f64; PARAMETERS] {
+    let mut sigmas = [0.0; PARAMETERS];
+    for (sigma, variance) in sigmas.iter_mut().zip(filter.variances().iter().skip(ENCODER_ERRORS)) {
+        *sigma = variance.sqrt().widened();
+    }
+    sigmas
 }
 
 /// The filter before any segment: wide where the method estimates, certain where it takes a parameter as known.

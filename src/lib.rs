@@ -18,3 +18,4 @@ pub mod segment;
 pub mod sequencer;
 pub mod site;
 pub mod units;
+pub mod verdict;
