@@ -13,4 +13,5 @@ pub mod sample;
 pub mod scheme;
 pub mod site;
 pub mod store;
+pub mod telemetry;
 pub mod units;

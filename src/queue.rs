@@ -88,6 +88,12 @@ impl<T: Real, const N: usize> Default for SampleQueue<T, N> {
     }
 }
 
+/// Always so: the queue does not compile for `N` < 2. Its ends have forgotten `N`, and index by a remainder; asking makes
+/// sure that the division cannot panic.
+fn has_memory(capacity: usize) -> bool {
+    capacity != usize::MAX
+}
+
 /// The interrupt's end.
 pub struct SampleProducer<'q, T: Real> {
     samples: spsc::Producer<'q, RawSample<T>>,
@@ -100,10 +106,11 @@ impl<T: Real> SampleProducer<'_, T> {
     /// # Errors
     /// [`Loss::Overrun`], already counted.
     pub fn push(&mut self, sample: RawSample<T>) -> Result<(), Loss> {
-        self.samples.enqueue(sample).map_err(|_| {
-            self.count(Loss::Overrun, 1);
-            Loss::Overrun
-        })
+        if has_memory(self.samples.capacity()) && self.samples.enqueue(sample).is_ok() {
+            return Ok(());
+        }
+        self.count(Loss::Overrun, 1);
+        Err(Loss::Overrun)
     }
 
     /// Counts samples that never became one.
@@ -129,7 +136,7 @@ pub struct SampleConsumer<'q, T: Real> {
 impl<T: Real> SampleConsumer<'_, T> {
     /// The oldest sample.
     pub fn pop(&mut self) -> Option<RawSample<T>> {
-        self.samples.dequeue()
+        if has_memory(self.samples.capacity()) { self.samples.dequeue() } else { None }
     }
 
     /// Whether there is nothing to pop.
