@@ -2,9 +2,11 @@
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
+pub mod acquisition;
 pub mod angle;
 pub mod axis;
 pub mod calibrator;
+pub mod device;
 pub mod error_model;
 pub mod estimator;
 pub mod intake;
@@ -12,10 +14,13 @@ pub mod kalman;
 pub mod linear;
 pub mod measurement;
 pub mod method;
+pub mod queue;
 pub mod sample;
 pub mod scheme;
 pub mod segment;
 pub mod sequencer;
 pub mod site;
+pub mod store;
+pub mod telemetry;
 pub mod units;
 pub mod verdict;
