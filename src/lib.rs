@@ -18,6 +18,7 @@ pub mod queue;
 pub mod sample;
 pub mod scheme;
 pub mod segment;
+pub mod self_calibration;
 pub mod sequencer;
 pub mod site;
 pub mod store;

@@ -1,5 +1,6 @@
 //! Rotation schemes as data: which way to turn, how fast, how long to stand.
 
+use crate::method::Method;
 use crate::units::DEG;
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
@@ -90,6 +91,14 @@ impl Scheme {
             first_stop_s: stop_s,
             legs,
             periods,
+        }
+    }
+
+    /// What a method runs where no scheme is given: Bai's, for the joint method one period of short stops.
+    pub fn default_for(method: Method) -> Self {
+        match method {
+            Method::Joint => Self::bai(10.0, 1),
+            Method::TwoStage => Self::bai(200.0, 2),
         }
     }
 

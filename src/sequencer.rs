@@ -84,6 +84,8 @@ pub struct Input {
     pub still: bool,
     /// Both axes have arrived where they were sent.
     pub arrived: bool,
+    /// The stop under way was not at rest.
+    pub disturbed: bool,
     /// Something happened that ends the run.
     pub abort: Option<AbortReason>,
     /// Answer to `Judge`: whether the result is accepted.
@@ -109,6 +111,8 @@ pub enum Command {
     },
     /// Begin to measure: the axes stand at the scheme's first stop.
     Measure,
+    /// Forget the stop so far and measure it again: it was disturbed.
+    RepeatStop,
     /// Close the last stop and process all segments.
     Solve,
     /// Judge the solution.
@@ -129,12 +133,15 @@ pub struct Sequencer {
     since_us: u64,
     still_since_us: Option<u64>,
     use_stored: bool,
+    /// Times that a stop may still be repeated.
+    repeats_left: u8,
 }
 
 impl Sequencer {
-    /// A sequencer at power-up. With `use_stored` it goes straight to correcting.
-    pub fn new(scheme: Scheme, use_stored: bool) -> Self {
-        Self { scheme, state: State::PowerUp, since_us: 0, still_since_us: None, use_stored }
+    /// A sequencer at power-up. With `use_stored` it goes straight to correcting. Over the run, disturbed stops are
+    /// repeated up to `repeats` times.
+    pub fn new(scheme: Scheme, use_stored: bool, repeats: u8) -> Self {
+        Self { scheme, state: State::PowerUp, since_us: 0, still_since_us: None, use_stored, repeats_left: repeats }
     }
 
     /// Where the run is.
@@ -243,9 +250,18 @@ impl Sequencer {
         self.enter(input, State::Dwell(leg), command)
     }
 
+    /// Whether a stop has lasted as long as it shall.
+    pub fn is_dwell_over(&self, now_us: u64) -> bool {
+        let State::Dwell(leg) = self.state else { return false };
+        now_us.saturating_sub(self.since_us) >= (self.leg(leg).stop_s * 1e6) as u64
+    }
+
     fn dwell(&mut self, input: &Input, leg: u16) -> Command {
-        if self.elapsed_us(input) < (self.leg(leg).stop_s * 1e6) as u64 {
+        if !self.is_dwell_over(input.now_us) {
             Command::Continue
+        } else if input.disturbed && self.repeats_left > 0 {
+            self.repeats_left -= 1;
+            self.enter(input, State::Dwell(leg), Command::RepeatStop)
         } else if leg + 1 < self.legs() {
             self.turn_to(input, leg + 1)
         } else {
@@ -291,6 +307,7 @@ mod tests {
             now_us,
             still: true,
             arrived: true,
+            disturbed: false,
             abort: None,
             accepted: (state == State::Verdict).then_some(true),
             saved: state == State::Store,
@@ -300,7 +317,7 @@ mod tests {
     #[test]
     fn a_good_run_visits_every_leg_and_ends_correcting() {
         let scheme = Scheme::bai(10.0, 2);
-        let mut sequencer = Sequencer::new(scheme, false);
+        let mut sequencer = Sequencer::new(scheme, false, 3);
         let trace = run(&mut sequencer, cooperative);
         let dwells = trace.iter().filter(|(state, _)| matches!(state, State::Dwell(_))).count();
         assert_eq!(dwells, 37);
@@ -313,14 +330,14 @@ mod tests {
 
     #[test]
     fn a_stored_calibration_goes_straight_to_correcting() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), true);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), true, 3);
         assert_eq!(sequencer.step(&cooperative(0, State::PowerUp)), Command::Correct);
         assert_eq!(sequencer.state(), State::Correcting);
     }
 
     #[test]
     fn a_rejected_run_is_parked_and_nothing_is_saved() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
         let reject = |now_us, state| Input { accepted: Some(false), saved: false, ..cooperative(now_us, state) };
         let trace = run(&mut sequencer, reject);
         assert_eq!(sequencer.state(), State::Parked);
@@ -332,7 +349,7 @@ mod tests {
     fn abort_from_every_state_before_storing_parks_the_gimbals() {
         let mut reached = Vec::new();
         for abort_at in (0..320_000_000_u64).step_by(997_000) {
-            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false);
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
             let mut aborted_from = None;
             let trace = run(&mut sequencer, |now_us, state| {
                 let abort = (now_us / 5000 == abort_at / 5000).then_some(AbortReason::Commanded);
@@ -353,11 +370,20 @@ mod tests {
     }
 
     #[test]
+    fn a_disturbed_stop_is_repeated_up_to_the_limit() {
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+        let disturbed = |now_us, state| Input { disturbed: state == State::Dwell(5), ..cooperative(now_us, state) };
+        let trace = run(&mut sequencer, disturbed);
+        assert_eq!(trace.iter().filter(|(_, command)| *command == Command::RepeatStop).count(), 3);
+        assert_eq!(sequencer.state(), State::Correcting);
+    }
+
+    #[test]
     fn an_unquiet_base_and_a_stuck_axis_end_the_run() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
         let trace = run(&mut sequencer, |now_us, state| Input { still: false, ..cooperative(now_us, state) });
         assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(Some(AbortReason::NotStill))));
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
         let stuck = |now_us, state| Input { arrived: state != State::Turn(3), ..cooperative(now_us, state) };
         let trace = run(&mut sequencer, stuck);
         assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(Some(AbortReason::TurnTimeout(3)))));

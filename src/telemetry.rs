@@ -1,6 +1,12 @@
 //! Messages of the firmware to the host: postcard in COBS frames, each ended by a zero byte.
 
+use crate::calibrator::Progress;
+use crate::estimator::Solution;
+use crate::intake::IntakeCounts;
 use crate::queue::Losses;
+use crate::self_calibration::ConfigError;
+use crate::sequencer::{AbortReason, State};
+use crate::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 
 /// Greatest length of a message, bytes.
@@ -8,8 +14,9 @@ pub const MAX_MESSAGE_BYTES: usize = 1000;
 /// Greatest length of its frame, bytes: one more for every started 254, and the end.
 pub const MAX_FRAME_BYTES: usize = MAX_MESSAGE_BYTES + MAX_MESSAGE_BYTES / 254 + 2;
 
-/// What the firmware tells.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// What the instrument tells.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
 pub enum Message {
     /// What the calibration store held at power-up.
     Store {
@@ -17,15 +24,46 @@ pub enum Message {
         found: bool,
         /// A slot is damaged.
         damaged: bool,
-        /// Degrees of freedom of the record found.
-        degrees_of_freedom: u32,
     },
-    /// Progress, once a second of samples, and at the end.
-    Progress {
-        /// Samples taken from the queue.
-        samples: u32,
-        /// Time of the last one, us.
+    /// The configuration is refused.
+    Refused(ConfigError),
+    /// The run has entered a state.
+    State {
+        /// Time, us.
         time_us: u64,
+        /// The state.
+        state: State,
+        /// Legs of the whole run.
+        legs: u16,
+    },
+    /// A segment has ended.
+    Segment(Progress),
+    /// All segments are processed.
+    Solved {
+        /// The solution.
+        solution: Solution,
+        /// What became of the samples.
+        counts: IntakeCounts,
+    },
+    /// The solution is judged.
+    Judged(Verdict),
+    /// The run was given up.
+    Aborted(AbortReason),
+    /// Storing has ended; whether it went well.
+    Saved(bool),
+    /// A corrected sample, once a second.
+    Corrected {
+        /// Time, us.
+        time_us: u64,
+        /// Specific force in the IMU frame, m/s^2.
+        force_s: [f64; 3],
+        /// Inertial angular rate of the IMU frame in the IMU frame, rad/s.
+        omega_is_s: [f64; 3],
+    },
+    /// At the end: samples taken from the queue, and samples that never got there.
+    Queue {
+        /// Samples taken.
+        samples: u64,
         /// Samples missing.
         losses: Losses,
     },
@@ -113,7 +151,7 @@ mod tests {
     #[test]
     fn a_message_comes_back() {
         let losses = Losses { crc: 300, ..Losses::default() };
-        let message = Message::Progress { samples: 200, time_us: 1_000_000, losses };
+        let message = Message::Queue { samples: 200, losses };
         let mut buffer = [0; MAX_FRAME_BYTES];
         let frame = encode(&message, &mut buffer).unwrap();
         let payload = unstuffed(&frame[..frame.len() - 1]);

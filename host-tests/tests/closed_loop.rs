@@ -1,0 +1,91 @@
+//! The core calibrates the virtual RINS in closed loop: its own rate commands turn the gimbals.
+
+use host_tests::drive::move_durations_s;
+use host_tests::plant::{Plant, Reading};
+use host_tests::presets;
+use host_tests::unit::Noise;
+use host_tests::virtual_rins::{VirtualRins, VirtualUnit};
+use rins_selfcal::angle::Angle;
+use rins_selfcal::axis::AxisLimits;
+use rins_selfcal::calibrator::CalibratorConfig;
+use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS};
+use rins_selfcal::estimator::{EstimatorConfig, HeadingSource};
+use rins_selfcal::linear::{Real, Vector3, real};
+use rins_selfcal::method::Method;
+use rins_selfcal::sample::RawSample;
+use rins_selfcal::scheme::Scheme;
+use rins_selfcal::segment::Stillness;
+use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
+use rins_selfcal::sequencer::State;
+use rins_selfcal::telemetry::Message;
+use rins_selfcal::verdict::VerdictLimits;
+
+fn config(unit: &VirtualUnit, scheme: Scheme) -> SelfCalibrationConfig {
+    let noise = rins_selfcal::estimator::Noise {
+        accel_psd_sqrt: unit.noise.sigma_force_m_s2(1.0),
+        gyro_psd_sqrt: unit.noise.sigma_omega_rad_s(1.0),
+        encoder_sigma_rad: unit.noise.sigma_encoder_rad(),
+    };
+    SelfCalibrationConfig {
+        calibrator: CalibratorConfig {
+            rate_hz: unit.rate_hz,
+            stillness: Stillness::default(),
+            estimator: EstimatorConfig {
+                method: Method::Joint,
+                site: unit.site,
+                noise,
+                heading: HeadingSource::Gyrocompass,
+                period_moves: None,
+                gate_sigma: Some(6.0),
+            },
+        },
+        scheme,
+        axes: [AxisLimits::default(); 2],
+        limits: VerdictLimits::default(),
+        stop_repeats: 3,
+        use_stored: true,
+    }
+}
+
+fn sample<T: Real>(reading: &Reading) -> RawSample<T> {
+    RawSample {
+        time_us: reading.time_us,
+        omega_g: Vector3::from(reading.omega_g.map(real)),
+        force_a: Vector3::from(reading.force_a.map(real)),
+        outer: Angle::from_rad(reading.outer_rad),
+        inner: Angle::from_rad(reading.inner_rad),
+        temperature_c: reading.temperature_c,
+    }
+}
+
+#[test]
+fn power_up_ends_correcting_with_the_truth() {
+    let unit = VirtualUnit { errors: presets::real(1), noise: Noise::navigation(), ..VirtualUnit::default() };
+    let scheme = Scheme::bai(10.0, 1);
+    let mut rins = VirtualRins::new(&unit, 1);
+    rins.expect_moves(&move_durations_s(&scheme, unit.rate_hz));
+    let mut run = SelfCalibration::<f64>::new(config(&unit, scheme), None).expect("a good configuration");
+    let mut messages = Vec::new();
+    let mut seconds_left = 600.0;
+    while run.state() != State::Correcting && seconds_left > 0.0 {
+        let reading = rins.next_reading().expect("it never ends");
+        let step = run.step(&sample(&reading), &mut |message: &Message| messages.push(message.clone()));
+        if step.save {
+            run.saved();
+        }
+        rins.command_rates(step.rates_rad_s);
+        seconds_left -= 1.0 / unit.rate_hz;
+    }
+    assert_eq!(run.state(), State::Correcting);
+    let record = run.record().expect("a solution");
+    let difference = record.errors.to_vector() - unit.errors.to_vector();
+    for (index, (difference, sigma)) in difference.iter().zip(&record.sigmas).enumerate() {
+        let turn = std::f64::consts::TAU;
+        let error = if index == PARAMETERS - 1 { difference - (difference / turn).round() * turn } else { *difference };
+        // One of 28 beyond 4.5 sigma by chance: 2e-4.
+        assert!(error.abs() < 4.5 * sigma, "{}: {:.1} sigma", PARAMETER_INFO[index].name, error / sigma);
+    }
+    let segments = messages.iter().filter(|message| matches!(message, Message::Segment(_))).count();
+    assert_eq!(segments, 37);
+    assert!(messages.iter().any(|message| matches!(message, Message::Judged(verdict) if verdict.accepted())));
+}
