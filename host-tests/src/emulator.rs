@@ -334,14 +334,16 @@ impl Host {
         loop {
             let mut busy = false;
             // The next request comes within microseconds: a few looks are quicker than a sleep.
-            for _ in 0..SPINS {
+            for look in 1..=LOOKS {
                 if self.serve_requests(bench)? {
                     busy = true;
                     break;
                 }
-                std::hint::spin_loop();
+                if look % LOOKS_PER_YIELD == 0 {
+                    std::thread::yield_now();
+                }
             }
-            if !busy || self.transfers % 1024 == 0 {
+            if !busy || self.transfers.is_multiple_of(1024) {
                 busy |= drain(&mut self.log, log)?;
                 busy |= drain(&mut self.telemetry, telemetry)?;
             }
@@ -403,8 +405,11 @@ impl Host {
     }
 }
 
-/// Looks for a request before the host goes to sleep.
-const SPINS: u32 = 64;
+/// Looks for a request before the host goes to sleep, some tenths of a millisecond. Measured on two cores: 48 us to a
+/// transfer without, 10 us with.
+const LOOKS: u32 = 1000;
+/// Looks before the processor is offered to others, which keeps two runs on two cores from starving each other.
+const LOOKS_PER_YIELD: u32 = 8;
 
 /// Bytes there are, without waiting; none is none yet or none any more.
 fn read_some(pipe: &mut File, bytes: &mut [u8]) -> Result<usize> {
