@@ -6,7 +6,9 @@
 //!                                                           CSV file -> log  /
 //! ```
 
+pub mod bench;
 pub mod drive;
+pub mod emulator;
 pub mod encoder;
 pub mod kinematics;
 pub mod log;
