@@ -13,6 +13,7 @@ pub mod encoder;
 pub mod kinematics;
 pub mod log;
 pub mod plant;
+pub mod power_up;
 pub mod presets;
 pub mod scheme_file;
 pub mod toml_file;
