@@ -14,6 +14,7 @@ pub mod kalman;
 pub mod linear;
 pub mod measurement;
 pub mod method;
+pub mod observability;
 pub mod queue;
 pub mod sample;
 pub mod scheme;
