@@ -1,0 +1,243 @@
+//! One calibration on the host: the core's chain in either precision, and its outcome, widened to `f64`.
+
+use crate::plant::Reading;
+use crate::unit::{Noise, UnitConfig};
+use rins_selfcal::angle::Angle;
+use rins_selfcal::calibrator::{Calibrator, CalibratorConfig, Progress};
+use rins_selfcal::error_model::{PARAMETERS, block};
+use rins_selfcal::estimator::{Estimate, EstimatorConfig, HeadingSource, Solution};
+use rins_selfcal::intake::IntakeCounts;
+use rins_selfcal::linear::{Matrix, Real, Vector3, real};
+use rins_selfcal::method::Method;
+use rins_selfcal::sample::RawSample;
+use rins_selfcal::scheme::Scheme;
+use rins_selfcal::segment::{SegmentKind, Stillness};
+use rins_selfcal::site::Site;
+use rins_selfcal::units::{DEG, DEG_SQRT_H, MICRO_G};
+use rins_selfcal::verdict::{Verdict, VerdictLimits};
+use serde::Serialize;
+
+/// Segments that fit on the host: any log that a day of calibration can give.
+pub const HOST_SEGMENTS: usize = 1024;
+
+/// Innovation gate of the joint method, sigmas: far beyond what noise does, so that it only keeps out what is no noise.
+const JOINT_GATE_SIGMA: f64 = 6.0;
+
+/// Scalar of the core.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Precision {
+    /// Double precision.
+    #[default]
+    F64,
+    /// Single precision.
+    F32,
+}
+
+/// Name of a method on the command line and in files.
+pub fn method_name(method: Method) -> &'static str {
+    match method {
+        Method::Joint => "joint",
+        Method::TwoStage => "two-stage",
+    }
+}
+
+/// Which parameters a method estimates; the two-stage method takes biases, scale-factor errors and non-perpendicularity
+/// as zero.
+pub fn is_estimated(method: Method, parameter: usize) -> bool {
+    method == Method::Joint || !(block::ACCEL_BIAS..block::ATTITUDE).contains(&parameter)
+}
+
+/// Everything that a calibration must know.
+#[derive(Clone, Debug)]
+pub struct Setup {
+    /// Joint or two-stage.
+    pub method: Method,
+    /// Scalar of the core.
+    pub precision: Precision,
+    /// Sample rate, Hz.
+    pub rate_hz: f64,
+    /// Where the unit stands.
+    pub site: Site,
+    /// Its noise.
+    pub noise: Noise,
+    /// Where the heading comes from.
+    pub heading: HeadingSource,
+    /// Moves of period one, where there are several and the scheme is known.
+    pub period_moves: Option<u16>,
+    /// Name of the scheme, where it is known.
+    pub scheme: Option<String>,
+}
+
+impl Setup {
+    /// For the unit that a file describes; the scheme is unknown.
+    pub fn new(unit: &UnitConfig, rate_hz: f64, method: Method, precision: Precision) -> Self {
+        let configured = |heading_deg: f64| HeadingSource::Configured {
+            heading_rad: heading_deg * DEG,
+            sigma_rad: unit.initial.heading_sigma_deg * DEG,
+        };
+        Self {
+            method,
+            precision,
+            rate_hz,
+            site: unit.site(),
+            noise: unit.noise,
+            heading: unit.initial.heading_deg.map_or(HeadingSource::Gyrocompass, configured),
+            period_moves: None,
+            scheme: None,
+        }
+    }
+
+    /// With a known scheme.
+    #[must_use]
+    pub fn on_scheme(self, scheme: &Scheme) -> Self {
+        let period_moves = (scheme.periods > 1).then_some(scheme.legs.len() as u16);
+        Self { period_moves, scheme: Some(scheme.name.as_str().into()), ..self }
+    }
+
+    /// What the core must know.
+    pub fn config(&self) -> CalibratorConfig {
+        CalibratorConfig {
+            rate_hz: self.rate_hz,
+            stillness: Stillness::default(),
+            estimator: EstimatorConfig {
+                method: self.method,
+                site: self.site,
+                noise: core_noise(&self.noise),
+                heading: self.heading,
+                period_moves: self.period_moves,
+                gate_sigma: (self.method == Method::Joint).then_some(JOINT_GATE_SIGMA),
+            },
+        }
+    }
+
+    /// A chain before its first sample.
+    pub fn chain(&self) -> Box<dyn Chain> {
+        match self.precision {
+            Precision::F64 => Box::new(CoreChain::<f64>::new(self)),
+            Precision::F32 => Box::new(CoreChain::<f32>::new(self)),
+        }
+    }
+}
+
+fn core_noise(noise: &Noise) -> rins_selfcal::estimator::Noise {
+    rins_selfcal::estimator::Noise {
+        accel_psd_sqrt: noise.accel_vrw_ug_sqrt_hz * MICRO_G,
+        gyro_psd_sqrt: noise.gyro_arw_deg_sqrt_h * DEG_SQRT_H,
+        encoder_sigma_rad: noise.sigma_encoder_rad(),
+    }
+}
+
+/// A reading as the core takes it.
+pub fn raw_sample<T: Real>(reading: &Reading) -> RawSample<T> {
+    RawSample {
+        time_us: reading.time_us,
+        omega_g: Vector3::from(reading.omega_g.map(real)),
+        force_a: Vector3::from(reading.force_a.map(real)),
+        outer: Angle::from_rad(reading.outer_rad),
+        inner: Angle::from_rad(reading.inner_rad),
+        temperature_c: reading.temperature_c,
+    }
+}
+
+/// From readings to the outcome, whatever the scalar.
+pub trait Chain: Send {
+    /// Takes in a reading; the live estimate if it completes a segment.
+    fn step(&mut self, reading: &Reading) -> Option<Progress>;
+
+    /// Closes the last stop, solves and judges.
+    fn finish(&mut self) -> Outcome;
+}
+
+struct CoreChain<T: Real> {
+    setup: Setup,
+    calibrator: Box<Calibrator<T, HOST_SEGMENTS>>,
+}
+
+impl<T: Real> CoreChain<T> {
+    fn new(setup: &Setup) -> Self {
+        Self { setup: setup.clone(), calibrator: Box::new(Calibrator::new(&setup.config())) }
+    }
+}
+
+impl<T: Real> Chain for CoreChain<T> {
+    fn step(&mut self, reading: &Reading) -> Option<Progress> {
+        self.calibrator.step(&raw_sample(reading))
+    }
+
+    fn finish(&mut self) -> Outcome {
+        // The last progress is part of the solution.
+        let _ = self.calibrator.finish();
+        let solution = self.calibrator.solve();
+        let verdict = self.calibrator.judge(&solution, None, &VerdictLimits::default());
+        Outcome::new(&self.setup, &self.calibrator, solution, verdict)
+    }
+}
+
+/// What came out, and of what.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// What the calibration knew.
+    pub setup: Setup,
+    /// Parameters, sigmas and fit.
+    pub solution: Solution,
+    /// Accepted, or why not.
+    pub verdict: Verdict,
+    /// Covariance of the parameters, SI.
+    pub covariance: Matrix<f64, PARAMETERS, PARAMETERS>,
+    /// Sigmas before any data, SI.
+    pub prior_sigmas: [f64; PARAMETERS],
+    /// What became of the samples.
+    pub counts: IntakeCounts,
+    /// Stops found.
+    pub stops: usize,
+    /// Moves found.
+    pub moves: usize,
+}
+
+impl Outcome {
+    /// Of a calibrator that has solved.
+    pub fn new<T: Real, const SEGMENTS: usize>(
+        setup: &Setup,
+        calibrator: &Calibrator<T, SEGMENTS>,
+        solution: Solution,
+        verdict: Verdict,
+    ) -> Self {
+        let estimator = calibrator.estimator();
+        let stops = estimator.segments().iter().filter(|segment| segment.kind == SegmentKind::Stop).count();
+        Self {
+            setup: setup.clone(),
+            solution,
+            verdict,
+            covariance: estimator.covariance().map(Real::widened),
+            prior_sigmas: estimator.prior_sigmas(),
+            counts: calibrator.counts(),
+            stops,
+            moves: estimator.segments().len() - stops,
+        }
+    }
+
+    /// The estimate.
+    pub fn estimate(&self) -> &Estimate {
+        &self.solution.estimate
+    }
+
+    /// Whether the method estimates a parameter.
+    pub fn is_estimated(&self, parameter: usize) -> bool {
+        is_estimated(self.setup.method, parameter)
+    }
+
+    /// Every doubt in words.
+    pub fn reasons(&self) -> Vec<String> {
+        let mut reasons: Vec<String> = self.verdict.reasons.iter().map(ToString::to_string).collect();
+        if self.verdict.more > 0 {
+            reasons.push(format!("and {} more", self.verdict.more));
+        }
+        reasons
+    }
+
+    /// "accepted" or "rejected".
+    pub fn verdict_name(&self) -> &'static str {
+        if self.verdict.accepted() { "accepted" } else { "rejected" }
+    }
+}
