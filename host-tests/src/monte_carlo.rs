@@ -90,7 +90,8 @@ pub struct RunResult {
     chi_square: f64,
     degrees_of_freedom: u32,
     accepted: bool,
-    diverged: bool,
+    converged: bool,
+    finite: bool,
     first_reason: Option<String>,
 }
 
@@ -146,7 +147,8 @@ impl RunResult {
             chi_square: outcome.solution.fit.chi_square,
             degrees_of_freedom: outcome.solution.degrees_of_freedom,
             accepted: outcome.verdict.accepted(),
-            diverged: !finite || !outcome.solution.converged,
+            converged: outcome.solution.converged,
+            finite,
             first_reason: outcome.reasons().into_iter().next(),
         }
     }
@@ -174,7 +176,9 @@ pub struct MethodStatistics {
     pub accepted: usize,
     /// Runs rejected.
     pub rejected: usize,
-    /// Runs that did not converge, or gave a number that is not finite.
+    /// Runs whose estimate did not stand after the last sweep.
+    pub unconverged: usize,
+    /// Runs that gave a number that is not finite.
     pub diverged: usize,
     /// Per parameter; none where the method does not estimate it.
     pub parameters: [Option<ErrorStatistics>; PARAMETERS],
@@ -191,7 +195,7 @@ impl MethodStatistics {
     const SHOWN_REJECTIONS: usize = 5;
 
     fn new(method: Method, results: &[RunResult]) -> Self {
-        let good: Vec<_> = results.iter().filter(|result| !result.diverged).collect();
+        let good: Vec<_> = results.iter().filter(|result| result.finite).collect();
         let of_parameter = |index: usize| {
             let runs: Vec<_> = good.iter().map(|result| result.errors[index]).collect();
             (is_estimated(method, index) && !runs.is_empty()).then(|| ErrorStatistics::new(&runs))
@@ -203,6 +207,7 @@ impl MethodStatistics {
             runs: good.len(),
             accepted,
             rejected: results.len() - accepted,
+            unconverged: results.iter().filter(|result| !result.converged).count(),
             diverged: results.len() - good.len(),
             parameters: std::array::from_fn(of_parameter),
             normalized_bounds: chi_square_mean_bounds(good.len(), 1.0, CONFIDENCE),

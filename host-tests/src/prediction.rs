@@ -10,6 +10,7 @@ use crate::unit::Noise;
 use crate::virtual_rins::VirtualUnit;
 use crate::virtual_run::VirtualRun;
 use rins_selfcal::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS};
+use rins_selfcal::linear::Matrix;
 use rins_selfcal::observability::{along_scheme, of_covariance};
 use rins_selfcal::scheme::Scheme;
 use serde::Serialize;
@@ -77,13 +78,14 @@ impl Prediction {
             let _ = chain.step(&reading);
         }
         let outcome = chain.finish();
-        let (rank, condition_number) = of_covariance(&outcome.covariance, &outcome.prior_sigmas);
+        let (covariance, prior_sigmas) = estimated_only(&outcome);
+        let (rank, condition_number) = of_covariance(&covariance, &prior_sigmas);
         Self {
             scheme: scheme.name.as_str().into(),
             method: crate::calibration::method_name(setup.method),
             duration_s: run.duration_s(),
             rank,
-            states: outcome.prior_sigmas.iter().filter(|sigma| **sigma > 0.0).count(),
+            states: prior_sigmas.iter().filter(|sigma| **sigma > 0.0).count(),
             condition_number,
             parameters: predicted_sigmas(&outcome),
             installation_rank: installation_rank(setup, scheme),
@@ -92,6 +94,14 @@ impl Prediction {
             software: SOFTWARE,
         }
     }
+}
+
+/// Covariance and prior sigmas, zero where the method only carries a parameter along.
+fn estimated_only(outcome: &Outcome) -> (Matrix<f64, PARAMETERS, PARAMETERS>, [f64; PARAMETERS]) {
+    let kept = |index: usize, value: f64| if outcome.is_estimated(index) { value } else { 0.0 };
+    let covariance = &outcome.covariance;
+    let entry = |row: usize, column: usize| kept(row, kept(column, covariance[(row, column)]));
+    (Matrix::from_fn(entry), std::array::from_fn(|index| kept(index, outcome.prior_sigmas[index])))
 }
 
 fn predicted_sigmas(outcome: &Outcome) -> Named<PredictedSigma> {

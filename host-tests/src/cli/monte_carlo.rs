@@ -54,7 +54,10 @@ fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo> {
 
 fn text(method: &MethodStatistics, beside_bai: bool) -> String {
     let name = method_name(method.method);
-    let counts = format!("{} accepted, {} rejected, {} diverged", method.accepted, method.rejected, method.diverged);
+    let counts = format!(
+        "{} accepted, {} rejected, {} not converged, {} diverged",
+        method.accepted, method.rejected, method.unconverged, method.diverged
+    );
     let mut text = format!("{name} method: {counts}\n");
     for reason in &method.rejections {
         text += &format!("  - {reason}\n");
@@ -136,6 +139,7 @@ struct MethodReport {
     runs: usize,
     accepted: usize,
     rejected: usize,
+    unconverged: usize,
     diverged: usize,
     rejections: Vec<String>,
     mean_ratio: f64,
@@ -180,6 +184,7 @@ impl From<&MethodStatistics> for MethodReport {
             runs: method.runs,
             accepted: method.accepted,
             rejected: method.rejected,
+            unconverged: method.unconverged,
             diverged: method.diverged,
             rejections: method.rejections.clone(),
             mean_ratio,
