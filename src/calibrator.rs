@@ -1,6 +1,6 @@
 //! From samples to a solution: intake, segmenter and estimator in line. The same for a live instrument and a recording.
 
-use crate::estimator::{Estimate, Estimator, EstimatorConfig, MAX_SEGMENTS, Solution};
+use crate::estimator::{BASIC_STATES, Estimate, Estimator, EstimatorConfig, MAX_SEGMENTS, Solution};
 use crate::intake::{Admission, Intake, IntakeCounts};
 use crate::linear::Real;
 use crate::sample::RawSample;
@@ -34,13 +34,13 @@ pub struct Progress {
 
 /// Takes samples in and gives parameters out.
 #[derive(Clone, Debug)]
-pub struct Calibrator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS> {
+pub struct Calibrator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATES: usize = BASIC_STATES> {
     intake: Intake,
     segmenter: Segmenter<T>,
-    estimator: Estimator<T, SEGMENTS>,
+    estimator: Estimator<T, SEGMENTS, STATES>,
 }
 
-impl<T: Real, const SEGMENTS: usize> Calibrator<T, SEGMENTS> {
+impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS, STATES> {
     /// A calibrator before the first sample.
     pub fn new(config: &CalibratorConfig) -> Self {
         Self {
@@ -96,7 +96,7 @@ impl<T: Real, const SEGMENTS: usize> Calibrator<T, SEGMENTS> {
     }
 
     /// The estimator, with segments and covariance.
-    pub fn estimator(&self) -> &Estimator<T, SEGMENTS> {
+    pub fn estimator(&self) -> &Estimator<T, SEGMENTS, STATES> {
         &self.estimator
     }
 

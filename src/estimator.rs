@@ -1,6 +1,6 @@
 //! From segments to parameters: one filter, two methods.
 //!
-//! State: `[encoder errors of the stop before (2), of this stop (2), parameters (28)]`. An encoder error belongs to the
+//! State: `[encoder errors of the stop before (2), of this stop (2), parameters (28), optional states]`. An encoder error belongs to the
 //! accelerometers of its stop and to the two moves that meet there; carried as states they correlate all three as they
 //! are, and are renewed at every move. Each segment updates the filter when it ends, so estimate and covariance are
 //! live. At the end all segments are processed again about the last estimate until it stands (iterated Kalman filter,
@@ -18,11 +18,15 @@
 //! - With one period only, both measurements are taken from it in one sweep, and nothing is left as considered: the
 //!   same encoder errors act on both stages.
 
+use crate::angle::Angle;
 use crate::error_model::{InstrumentErrors, PARAMETERS, block};
 use crate::kalman::{Measurement, UdFilter, Update};
 use crate::linear::{ComplexField, Matrix, Real, Vector, Vector3, exp_so3, real};
 use crate::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
 use crate::method::Method;
+use crate::options::{
+    Circumstances, OPTIONAL_STATES, OptionalColumns, OptionalEstimate, Options, force_columns, rotation_columns,
+};
 use crate::segment::{Segment, SegmentKind};
 use crate::site::Site;
 use crate::units::{DEG, DEG_H};
@@ -32,8 +36,11 @@ use serde::{Deserialize, Serialize};
 /// Segments that fit: scheme "bai" run twice has 73.
 pub const MAX_SEGMENTS: usize = 96;
 
-/// States of the filter.
-pub const STATES: usize = ENCODER_ERRORS + PARAMETERS;
+/// States of the filter without options.
+pub const BASIC_STATES: usize = ENCODER_ERRORS + PARAMETERS;
+
+/// States of the filter with room for all options.
+pub const FULL_STATES: usize = BASIC_STATES + OPTIONAL_STATES;
 
 /// Encoder errors of one stop.
 const ENCODER_ERRORS_PER_STOP: usize = 2;
@@ -89,6 +96,8 @@ pub struct EstimatorConfig {
     pub period_moves: Option<u16>,
     /// Normalized innovation beyond which a measurement is kept out and counted; `None` keeps all.
     pub gate_sigma: Option<f64>,
+    /// Further effects to be estimated or allowed for, by the joint method.
+    pub options: Options,
 }
 
 /// Prior sigma of a block of parameters: wide, so that it carries no information worth mentioning.
@@ -172,6 +181,8 @@ pub struct Solution {
     pub duration_s: f64,
     /// Mean temperature, deg C; not a number where it is unknown.
     pub temperature_c: f32,
+    /// Optional states. Biases, attitude and optional rates hold at the end of the last segment.
+    pub optional: OptionalEstimate,
 }
 
 /// Which measurements of a segment are taken in, and which states are only considered.
@@ -179,24 +190,15 @@ pub struct Solution {
 struct Use {
     force: bool,
     rotation: bool,
-    considered: &'static [bool; STATES],
+    considered: bool,
 }
 
-const NOTHING_CONSIDERED: [bool; STATES] = [false; STATES];
-const STAGE_ONE_CONSIDERED: [bool; STATES] = {
-    let mut considered = [false; STATES];
-    let mut state = ENCODER_ERRORS + block::ACCEL_NON_ORTHOGONALITY;
-    // Everything of stage 1 but the heading, which the gyros gave.
-    while state < ENCODER_ERRORS + block::ATTITUDE + 2 {
-        considered[state] = true;
-        state += 1;
-    }
-    considered
-};
+/// The states of stage 1 that stage 2 only considers: all but the heading, which the gyros gave.
+const STAGE_ONE: Range<usize> = ENCODER_ERRORS + block::ACCEL_NON_ORTHOGONALITY..ENCODER_ERRORS + block::ATTITUDE + 2;
 
 /// Takes segments in and gives parameters out.
 #[derive(Clone, Debug)]
-pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS> {
+pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATES: usize = BASIC_STATES> {
     config: EstimatorConfig,
     segments: heapless::Vec<Segment<T>, SEGMENTS>,
     left_out: u16,
@@ -206,9 +208,13 @@ pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS> {
     nominal: Vector<T, PARAMETERS>,
     filter: UdFilter<T, STATES>,
     fit: Fit,
+    /// Time that biases, attitude and optional rates refer to, us.
+    reference_us: u64,
+    /// Where the axes stood last.
+    last_stop: [Angle; 2],
 }
 
-impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
+impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS, STATES> {
     /// An estimator without data.
     pub fn new(config: &EstimatorConfig) -> Self {
         Self {
@@ -219,6 +225,8 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
             nominal: Vector::zeros(),
             filter: prior_filter(config),
             fit: Fit::default(),
+            reference_us: 0,
+            last_stop: [Angle::default(); 2],
         }
     }
 
@@ -235,6 +243,7 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         if self.segments.len() == 1 {
             self.start = self.coarse_alignment(segment);
             self.nominal = self.start;
+            self.reference_us = segment.start_us;
         }
         let number = self.segments.len() - 1;
         let moves_before = self.moves_before(number);
@@ -247,7 +256,7 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
     pub fn estimate(&self) -> Estimate {
         Estimate {
             errors: InstrumentErrors::from_vector(&self.nominal.map(Real::widened)),
-            sigmas: sigmas(&self.filter),
+            sigmas: sigmas(&self.filter, ENCODER_ERRORS),
         }
     }
 
@@ -258,7 +267,7 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
 
     /// Sigmas of the prior, SI; 0 for a parameter that the method takes as known.
     pub fn prior_sigmas(&self) -> [f64; PARAMETERS] {
-        sigmas(&prior_filter::<T>(&self.config))
+        sigmas(&prior_filter::<T, STATES>(&self.config), ENCODER_ERRORS)
     }
 
     /// The configured noise.
@@ -274,6 +283,7 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
     /// Processes all segments again and again until the estimate stands.
     pub fn solve(&mut self) -> Solution {
         let period_moves = self.config.period_moves.or_else(|| self.find_period());
+        self.reference_us = self.segments.last().map_or(0, |last| last.start_us + last.duration_us);
         let (mut sweeps, mut converged) = (0, false);
         while sweeps < MAX_SWEEPS && !converged {
             let before = self.nominal;
@@ -287,6 +297,7 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
     fn sweep(&mut self, period_moves: Option<u16>) {
         self.filter = prior_filter(&self.config);
         self.fit = Fit::default();
+        self.last_stop = [Angle::default(); 2];
         let deviation = self.start - self.nominal;
         self.filter.state_mut().fixed_rows_mut::<PARAMETERS>(ENCODER_ERRORS).copy_from(&deviation);
         let mut moves = 0;
@@ -318,14 +329,12 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         let stop = kind == SegmentKind::Stop;
         let gyrocompass = stop && moves_before == 0 && self.config.heading == HeadingSource::Gyrocompass;
         match (self.config.method, period_moves) {
-            (Method::Joint, _) => Use { force: stop, rotation: true, considered: &NOTHING_CONSIDERED },
-            (Method::TwoStage, None) => {
-                Use { force: stop, rotation: !stop || gyrocompass, considered: &NOTHING_CONSIDERED }
-            }
+            (Method::Joint, _) => Use { force: stop, rotation: true, considered: false },
+            (Method::TwoStage, None) => Use { force: stop, rotation: !stop || gyrocompass, considered: false },
             (Method::TwoStage, Some(period)) if moves_before < period || (stop && moves_before == period) => {
-                Use { force: stop, rotation: gyrocompass, considered: &NOTHING_CONSIDERED }
+                Use { force: stop, rotation: gyrocompass, considered: false }
             }
-            (Method::TwoStage, Some(_)) => Use { force: false, rotation: !stop, considered: &STAGE_ONE_CONSIDERED },
+            (Method::TwoStage, Some(_)) => Use { force: false, rotation: !stop, considered: true },
         }
     }
 
@@ -337,12 +346,21 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         if segment.is_broken() {
             return false;
         }
+        if self.config.method == Method::Joint {
+            self.walk(segment);
+        }
+        let at = self.circumstances(segment);
+        if segment.kind == SegmentKind::Stop {
+            self.last_stop = [segment.outer, segment.inner];
+        }
         let model = MeasurementModel::new(&InstrumentErrors::from_vector(&self.nominal), &self.config.site);
         let duration_s = segment.duration_s();
         if usage.force {
             let psd_sqrt: T = real(self.config.noise.accel_psd_sqrt);
             let variance = psd_sqrt * psd_sqrt / duration_s;
-            self.take_in(&segment.force_a, &model.force_at_stop(segment), variance, usage, (number, 0));
+            let prediction = model.force_at_stop(segment);
+            let optional = force_columns(&prediction, &at);
+            self.take_in(&segment.force_a, (&prediction, &optional), variance, usage, (number, 0));
         }
         if usage.rotation {
             let psd_sqrt: T = real(self.config.noise.gyro_psd_sqrt);
@@ -352,9 +370,34 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
                 // The same encoder error at both ends.
                 prediction.by_encoder_errors.fill(T::zero());
             }
-            self.take_in(&segment.rotation_g, &prediction, variance, usage, (number, 3));
+            let optional = rotation_columns(&prediction, &at);
+            self.take_in(&segment.rotation_g, (&prediction, &optional), variance, usage, (number, 3));
         }
         usage.force || usage.rotation
+    }
+
+    fn circumstances(&self, segment: &Segment<T>) -> Circumstances<T> {
+        let middle_us = segment.start_us + segment.duration_us / 2;
+        let since_us = middle_us.wrapping_sub(self.reference_us).cast_signed();
+        Circumstances {
+            since_reference_s: real(since_us as f64 * 1e-6),
+            stop_before: self.last_stop,
+            stop: [segment.outer, segment.inner],
+        }
+    }
+
+    /// Lets the biases walk over a segment.
+    fn walk(&mut self, segment: &Segment<T>) {
+        let options = &self.config.options;
+        let walks = [(block::ACCEL_BIAS, options.accel_bias_walk), (block::GYRO_BIAS, options.gyro_bias_walk)];
+        for (first, walk) in walks.into_iter().filter(|(_, walk)| *walk > 0.0) {
+            let variance = real::<T>(walk * walk) * segment.duration_s();
+            let first = ENCODER_ERRORS + first;
+            for bias in first..first + 3 {
+                let direction = Vector::from_fn(|state, _| if state == bias { T::one() } else { T::zero() });
+                self.filter.inflate(&direction, variance);
+            }
+        }
     }
 
     /// Three scalar updates: white sensor noise is independent from channel to channel. To its variance comes that of
@@ -362,7 +405,7 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
     fn take_in(
         &mut self,
         measured: &Vector3<T>,
-        prediction: &Prediction<T>,
+        (prediction, optional): (&Prediction<T>, &OptionalColumns<T>),
         variance: T,
         usage: Use,
         (segment, first_channel): (usize, u8),
@@ -370,11 +413,16 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         let residual = measured - prediction.value;
         let rounding = measured.norm() * real(ROUNDING_EPSILONS * T::EPSILON);
         let r = variance + rounding * rounding;
+        let considered: [bool; STATES] = core::array::from_fn(|state| usage.considered && STAGE_ONE.contains(&state));
         for ((z, channel), row) in residual.iter().zip(first_channel..).zip(0..3) {
             let mut h = Vector::<T, STATES>::zeros();
-            h.fixed_rows_mut::<ENCODER_ERRORS>(0).copy_from(&prediction.by_encoder_errors.row(row).transpose());
-            h.fixed_rows_mut::<PARAMETERS>(ENCODER_ERRORS).copy_from(&prediction.by_parameters.row(row).transpose());
-            let update = self.filter.update(&Measurement { z: *z, h, r }, usage.considered);
+            let by_encoder_errors = prediction.by_encoder_errors.row(row);
+            let (by_parameters, by_optional) = (prediction.by_parameters.row(row), optional.row(row));
+            let columns = by_encoder_errors.iter().chain(by_parameters.iter()).chain(by_optional.iter());
+            for (h, column) in h.iter_mut().zip(columns) {
+                *h = *column;
+            }
+            let update = self.filter.update(&Measurement { z: *z, h, r }, &considered);
             self.fit.note(&update, segment, channel);
         }
     }
@@ -432,22 +480,34 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
             duration_s: ends.map_or(0.0, |(first, last)| {
                 (last.start_us + last.duration_us).saturating_sub(first.start_us) as f64 * 1e-6
             }),
+            optional: self.optional(),
             temperature_c: self.segments.iter().map(|segment| segment.temperature_c).sum::<f32>() / count,
         }
     }
 
+    /// Prior sigmas of those optional states that the filter has.
+    fn optional_prior(&self) -> [f64; OPTIONAL_STATES] {
+        sigmas(&prior_filter::<T, STATES>(&self.config), BASIC_STATES)
+    }
+
+    fn optional(&self) -> OptionalEstimate {
+        let mut values = [0.0; OPTIONAL_STATES];
+        for (value, state) in values.iter_mut().zip(self.filter.state().iter().skip(BASIC_STATES)) {
+            *value = state.widened();
+        }
+        OptionalEstimate { values, sigmas: sigmas(&self.filter, BASIC_STATES) }
+    }
+
     /// How many parameters the measurements, not the prior, determine.
     fn determined(&self, estimate: &Estimate) -> u32 {
-        let prior = self.prior_sigmas();
-        let gained = estimate
-            .sigmas
-            .iter()
-            .zip(&prior)
-            .map(|(sigma, prior)| if *prior > 0.0 { 1.0 - sigma * sigma / (prior * prior) } else { 0.0 });
-        let total: f64 = gained.sum();
+        let gained = |(sigma, prior): (&f64, &f64)| {
+            if *prior > 0.0 { 1.0 - sigma * sigma / (prior * prior) } else { 0.0 }
+        };
+        let total: f64 = estimate.sigmas.iter().zip(&self.prior_sigmas()).map(gained).sum();
+        let optional: f64 = self.optional().sigmas.iter().zip(&self.optional_prior()).map(gained).sum();
         // Of the accelerometers' scale errors, the two-stage method knows only one, common to the three.
         let common = if self.config.method == Method::TwoStage { 2.0 } else { 0.0 };
-        ComplexField::round(total - common) as u32
+        ComplexField::round(total + optional - common) as u32
     }
 }
 
@@ -469,17 +529,20 @@ impl Fit {
     }
 }
 
-/// Standard deviations of the parameters, SI.
-fn sigmas<T: Real>(filter: &UdFilter<T, STATES>) -> [f64; PARAMETERS] {
-    let mut sigmas = [0.0; PARAMETERS];
-    for (sigma, variance) in sigmas.iter_mut().zip(filter.variances().iter().skip(ENCODER_ERRORS)) {
+/// Standard deviations of `COUNT` states from `first` on, SI; 0 for those that the filter does not have.
+fn sigmas<T: Real, const STATES: usize, const COUNT: usize>(
+    filter: &UdFilter<T, STATES>,
+    first: usize,
+) -> [f64; COUNT] {
+    let mut sigmas = [0.0; COUNT];
+    for (sigma, variance) in sigmas.iter_mut().zip(filter.variances().iter().skip(first)) {
         *sigma = variance.sqrt().widened();
     }
     sigmas
 }
 
 /// The filter before any segment: wide where the method estimates, certain where it takes a parameter as known.
-fn prior_filter<T: Real>(config: &EstimatorConfig) -> UdFilter<T, STATES> {
+fn prior_filter<T: Real, const STATES: usize>(config: &EstimatorConfig) -> UdFilter<T, STATES> {
     let mut sigmas = Vector::<T, STATES>::zeros();
     sigmas.fixed_rows_mut::<ENCODER_ERRORS>(0).fill(real(config.noise.encoder_sigma_rad));
     for prior in PRIORS.iter().filter(|prior| prior.two_stage || config.method == Method::Joint) {
@@ -487,7 +550,13 @@ fn prior_filter<T: Real>(config: &EstimatorConfig) -> UdFilter<T, STATES> {
             *sigma = real(prior.sigma);
         }
     }
-    if let (HeadingSource::Configured { sigma_rad, .. }, Some(heading)) = (config.heading, sigmas.iter_mut().last()) {
+    if config.method == Method::Joint {
+        for (sigma, prior) in sigmas.iter_mut().skip(BASIC_STATES).zip(config.options.prior_sigmas()) {
+            *sigma = real(prior);
+        }
+    }
+    let heading = sigmas.iter_mut().nth(BASIC_STATES - 1);
+    if let (HeadingSource::Configured { sigma_rad, .. }, Some(heading)) = (config.heading, heading) {
         *heading = real(sigma_rad);
     }
     let mut filter = UdFilter::new(&sigmas, config.gate_sigma.map(real));
@@ -499,7 +568,7 @@ fn prior_filter<T: Real>(config: &EstimatorConfig) -> UdFilter<T, STATES> {
 
 /// One scale error common to the three accelerometers, with its prior sigma: it stands for the magnitude of the specific
 /// force, which (11) does not use.
-fn common_accel_scale<T: Real>() -> Vector<T, STATES> {
+fn common_accel_scale<T: Real, const STATES: usize>() -> Vector<T, STATES> {
     let first = ENCODER_ERRORS + block::ACCEL_SCALE;
     Vector::from_fn(|state, _| if (first..first + 3).contains(&state) { real(0.02) } else { T::zero() })
 }

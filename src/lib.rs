@@ -15,6 +15,7 @@ pub mod linear;
 pub mod measurement;
 pub mod method;
 pub mod observability;
+pub mod options;
 pub mod queue;
 pub mod sample;
 pub mod scheme;

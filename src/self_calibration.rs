@@ -6,7 +6,7 @@
 use crate::axis::{Axis, AxisLimits};
 use crate::calibrator::{Calibrator, CalibratorConfig};
 use crate::error_model::Calibration;
-use crate::estimator::{Estimate, Solution};
+use crate::estimator::{BASIC_STATES, Estimate, FULL_STATES, MAX_SEGMENTS, Solution};
 use crate::linear::{Real, real};
 use crate::sample::{CorrectedSample, RawSample};
 use crate::scheme::{Scheme, SchemeError};
@@ -51,6 +51,10 @@ pub enum ConfigError {
     Rate,
     /// A noise is not finite, or negative.
     Noise,
+    /// A walk of an option is not finite, or a state is asked for that the filter of this build does not have.
+    Options,
+    /// The scheme has more segments than fit.
+    Segments,
     /// The latitude is not within a quarter turn, or height or gravity are not finite.
     Site,
     /// The scheme is wrong in itself.
@@ -81,6 +85,12 @@ impl SelfCalibrationConfig {
         let noises = [noise.accel_psd_sqrt, noise.gyro_psd_sqrt, noise.encoder_sigma_rad];
         if noises.iter().any(|noise| !noise.is_finite() || *noise < 0.0) {
             return Err(ConfigError::Noise);
+        }
+        if !estimator.options.are_finite() {
+            return Err(ConfigError::Options);
+        }
+        if 2 * self.scheme.moves() + 1 > MAX_SEGMENTS {
+            return Err(ConfigError::Segments);
         }
         if site.latitude_rad.abs() > 90.1 * DEG || !positive(site.gravity_m_s2()) {
             return Err(ConfigError::Site);
@@ -121,11 +131,11 @@ pub struct Step<T: Real> {
 
 /// A running instrument.
 #[derive(Clone, Debug)]
-pub struct SelfCalibration<T: Real> {
+pub struct SelfCalibration<T: Real, const STATES: usize = BASIC_STATES> {
     config: SelfCalibrationConfig,
     stored: Option<Estimate>,
     sequencer: Sequencer,
-    calibrator: Calibrator<T>,
+    calibrator: Calibrator<T, MAX_SEGMENTS, STATES>,
     measuring: bool,
     axes: [Axis<T>; 2],
     previous: Option<RawSample<T>>,
@@ -137,13 +147,16 @@ pub struct SelfCalibration<T: Real> {
     corrected_report_us: u64,
 }
 
-impl<T: Real> SelfCalibration<T> {
+impl<T: Real, const STATES: usize> SelfCalibration<T, STATES> {
     /// The instrument at power-up, with the calibration that its store holds.
     ///
     /// # Errors
     /// What is wrong with the configuration.
     pub fn new(config: SelfCalibrationConfig, stored: Option<&StoredCalibration>) -> Result<Self, ConfigError> {
         config.check()?;
+        if config.calibrator.estimator.options.needs_states() && STATES < FULL_STATES {
+            return Err(ConfigError::Options);
+        }
         let use_stored = config.use_stored && stored.is_some();
         let stored = stored.map(|record| Estimate { errors: record.errors, sigmas: record.sigmas });
         let mut calibrator_config = config.calibrator;
@@ -209,7 +222,7 @@ impl<T: Real> SelfCalibration<T> {
     }
 
     /// The calibrator of the run, with its segments and covariance.
-    pub fn calibrator(&self) -> &Calibrator<T> {
+    pub fn calibrator(&self) -> &Calibrator<T, MAX_SEGMENTS, STATES> {
         &self.calibrator
     }
 

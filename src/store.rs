@@ -137,7 +137,10 @@ impl<S: Storage> CalibrationStore<S> {
             let empty = damage == [None; SLOTS];
             return Ok(if empty { Loaded::Empty } else { Loaded::Corrupt { damage } });
         };
-        self.read_slot(newest, &mut buffer)?;
+        if newest != SLOTS - 1 {
+            // The buffer still holds the last slot.
+            self.read_slot(newest, &mut buffer)?;
+        }
         match parse(&buffer) {
             Some(record) => Ok(Loaded::Found { record, damage: damage.into_iter().flatten().next() }),
             // It was good a moment ago.
@@ -189,8 +192,14 @@ impl<S: Storage> CalibrationStore<S> {
         Ok([first, inspect(buffer)])
     }
 
+    /// Reads a slot as far as it is used, by its own account.
     fn read_slot(&mut self, slot: usize, buffer: &mut [u8; SLOT_BYTES]) -> Result<(), StoreError<S::Error>> {
-        self.memory.read(address(slot), buffer).map_err(StoreError::Memory)
+        let (header, rest) = buffer.split_at_mut(HEADER_BYTES);
+        self.memory.read(address(slot), header).map_err(StoreError::Memory)?;
+        let length = header.last_chunk().map_or(0, |length| u32::from_le_bytes(*length) as usize);
+        // A length that cannot be reads nothing; `check` says so.
+        let used = rest.get_mut(..length.saturating_add(CRC_BYTES)).unwrap_or_default();
+        self.memory.read(address(slot) + HEADER_BYTES as u32, used).map_err(StoreError::Memory)
     }
 }
 

@@ -16,7 +16,6 @@ pub const MAX_FRAME_BYTES: usize = MAX_MESSAGE_BYTES + MAX_MESSAGE_BYTES / 254 +
 
 /// What the instrument tells.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
 pub enum Message {
     /// What the calibration store held at power-up.
     Store {

@@ -5,10 +5,11 @@ use crate::unit::{Noise, UnitConfig};
 use rins_selfcal::angle::Angle;
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig, Progress};
 use rins_selfcal::error_model::{PARAMETERS, block};
-use rins_selfcal::estimator::{Estimate, EstimatorConfig, HeadingSource, Solution};
+use rins_selfcal::estimator::{BASIC_STATES, Estimate, EstimatorConfig, FULL_STATES, HeadingSource, Solution};
 use rins_selfcal::intake::IntakeCounts;
 use rins_selfcal::linear::{Matrix, Real, Vector3, real};
 use rins_selfcal::method::Method;
+use rins_selfcal::options::Options;
 use rins_selfcal::sample::RawSample;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::{SegmentKind, Stillness};
@@ -63,6 +64,8 @@ pub struct Setup {
     pub noise: Noise,
     /// Where the heading comes from.
     pub heading: HeadingSource,
+    /// Optional states and noise of the joint method.
+    pub options: Options,
     /// Moves of period one, where there are several and the scheme is known.
     pub period_moves: Option<u16>,
     /// Name of the scheme, where it is known.
@@ -83,6 +86,7 @@ impl Setup {
             site: unit.site(),
             noise: unit.noise,
             heading: unit.initial.heading_deg.map_or(HeadingSource::Gyrocompass, configured),
+            options: Options::default(),
             period_moves: None,
             scheme: None,
         }
@@ -106,6 +110,7 @@ impl Setup {
                 noise: core_noise(&self.noise),
                 heading: self.heading,
                 period_moves: self.period_moves,
+                options: self.options,
                 gate_sigma: (self.method == Method::Joint).then_some(JOINT_GATE_SIGMA),
             },
         }
@@ -113,9 +118,11 @@ impl Setup {
 
     /// A chain before its first sample.
     pub fn chain(&self) -> Box<dyn Chain> {
-        match self.precision {
-            Precision::F64 => Box::new(CoreChain::<f64>::new(self)),
-            Precision::F32 => Box::new(CoreChain::<f32>::new(self)),
+        match (self.precision, self.options.needs_states()) {
+            (Precision::F64, false) => Box::new(CoreChain::<f64, BASIC_STATES>::new(self)),
+            (Precision::F64, true) => Box::new(CoreChain::<f64, FULL_STATES>::new(self)),
+            (Precision::F32, false) => Box::new(CoreChain::<f32, BASIC_STATES>::new(self)),
+            (Precision::F32, true) => Box::new(CoreChain::<f32, FULL_STATES>::new(self)),
         }
     }
 }
@@ -149,18 +156,18 @@ pub trait Chain: Send {
     fn finish(&mut self) -> Outcome;
 }
 
-struct CoreChain<T: Real> {
+struct CoreChain<T: Real, const STATES: usize> {
     setup: Setup,
-    calibrator: Box<Calibrator<T, HOST_SEGMENTS>>,
+    calibrator: Box<Calibrator<T, HOST_SEGMENTS, STATES>>,
 }
 
-impl<T: Real> CoreChain<T> {
+impl<T: Real, const STATES: usize> CoreChain<T, STATES> {
     fn new(setup: &Setup) -> Self {
         Self { setup: setup.clone(), calibrator: Box::new(Calibrator::new(&setup.config())) }
     }
 }
 
-impl<T: Real> Chain for CoreChain<T> {
+impl<T: Real, const STATES: usize> Chain for CoreChain<T, STATES> {
     fn step(&mut self, reading: &Reading) -> Option<Progress> {
         self.calibrator.step(&raw_sample(reading))
     }
@@ -197,9 +204,9 @@ pub struct Outcome {
 
 impl Outcome {
     /// Of a calibrator that has solved.
-    pub fn new<T: Real, const SEGMENTS: usize>(
+    pub fn new<T: Real, const SEGMENTS: usize, const STATES: usize>(
         setup: &Setup,
-        calibrator: &Calibrator<T, SEGMENTS>,
+        calibrator: &Calibrator<T, SEGMENTS, STATES>,
         solution: Solution,
         verdict: Verdict,
     ) -> Self {

@@ -6,6 +6,7 @@ use crate::plant::Plant;
 use crate::virtual_rins::VirtualRins;
 use crate::virtual_run::VirtualRun;
 use rins_selfcal::axis::AxisLimits;
+use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES, Solution};
 use rins_selfcal::linear::Real;
 use rins_selfcal::self_calibration::{ConfigError, SelfCalibration, SelfCalibrationConfig};
 use rins_selfcal::sequencer::{AbortReason, State};
@@ -29,18 +30,20 @@ pub enum Ended {
 /// # Errors
 /// What the core has against the configuration.
 pub fn calibrate(run: &VirtualRun, setup: &Setup, on_message: impl FnMut(f64, &Message)) -> Result<Ended, ConfigError> {
-    match setup.precision {
-        Precision::F64 => calibrate_in::<f64>(run, setup, on_message),
-        Precision::F32 => calibrate_in::<f32>(run, setup, on_message),
+    match (setup.precision, setup.options.needs_states()) {
+        (Precision::F64, false) => calibrate_in::<f64, BASIC_STATES>(run, setup, on_message),
+        (Precision::F64, true) => calibrate_in::<f64, FULL_STATES>(run, setup, on_message),
+        (Precision::F32, false) => calibrate_in::<f32, BASIC_STATES>(run, setup, on_message),
+        (Precision::F32, true) => calibrate_in::<f32, FULL_STATES>(run, setup, on_message),
     }
 }
 
-fn calibrate_in<T: Real>(
+fn calibrate_in<T: Real, const STATES: usize>(
     run: &VirtualRun,
     setup: &Setup,
     mut on_message: impl FnMut(f64, &Message),
 ) -> Result<Ended, ConfigError> {
-    let mut core = Box::new(SelfCalibration::<T>::new(core_config(run, setup), None)?);
+    let mut core = Box::new(SelfCalibration::<T, STATES>::new(core_config(run, setup), None)?);
     let mut rins = VirtualRins::new(&run.unit, run.seed);
     rins.expect_moves(&move_durations_s(&run.scheme, run.unit.rate_hz));
     let mut record = Record::default();
@@ -73,7 +76,7 @@ fn core_config(run: &VirtualRun, setup: &Setup) -> SelfCalibrationConfig {
 /// What must be remembered of the messages.
 #[derive(Default)]
 struct Record {
-    solution: Option<rins_selfcal::estimator::Solution>,
+    solution: Option<Solution>,
     verdict: Option<Verdict>,
     aborted: Option<AbortReason>,
 }
@@ -88,7 +91,7 @@ impl Record {
         }
     }
 
-    fn ended<T: Real>(self, setup: &Setup, core: &SelfCalibration<T>) -> Ended {
+    fn ended<T: Real, const STATES: usize>(self, setup: &Setup, core: &SelfCalibration<T, STATES>) -> Ended {
         match (self.solution, self.verdict) {
             (Some(solution), Some(verdict)) => {
                 Ended::Judged(Box::new(Outcome::new(setup, core.calibrator(), solution, verdict)))

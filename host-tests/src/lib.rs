@@ -9,10 +9,12 @@
 //! closed_loop, prediction, monte_carlo -^
 //! ```
 
+pub mod bench;
 pub mod calibration;
 pub mod cli;
 pub mod closed_loop;
 pub mod drive;
+pub mod emulator;
 pub mod encoder;
 pub mod kinematics;
 pub mod log;

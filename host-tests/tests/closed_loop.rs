@@ -12,6 +12,7 @@ use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS};
 use rins_selfcal::estimator::{EstimatorConfig, HeadingSource};
 use rins_selfcal::linear::{Real, Vector3, real};
 use rins_selfcal::method::Method;
+use rins_selfcal::options::Options;
 use rins_selfcal::sample::RawSample;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::Stillness;
@@ -37,6 +38,7 @@ fn config(unit: &VirtualUnit, scheme: Scheme) -> SelfCalibrationConfig {
                 heading: HeadingSource::Gyrocompass,
                 period_moves: None,
                 gate_sigma: Some(6.0),
+                options: Options::default(),
             },
         },
         scheme,

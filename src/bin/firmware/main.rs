@@ -47,6 +47,7 @@ fn main() -> ! {
         board.wait();
     }
     report_progress(&mut board, samples, time_us);
+    defmt::info!("{=u32} samples, switched off after {=u64} us", samples, board.now_us());
     let saved = board.store.save(&record(samples)).map_err(|_| defmt::error!("the record was not saved"));
     board.finish(saved)
 }

@@ -1,0 +1,100 @@
+//! What the firmware image takes and what is linked into it.
+//!
+//! `firmware-report [IMAGE]`: builds the f64 and the f32 image, or takes the given one; prints flash, static RAM, painted
+//! stack and instructions to a sample from a short run in the emulator. Exits with 1 if a panic or an allocation is linked.
+
+use anyhow::{Context, Result};
+use host_tests::bench::{AtRest, Bench};
+use host_tests::emulator::{Scalar, Setup, build, run};
+use object::{Object, ObjectSegment, ObjectSymbol};
+use std::path::Path;
+use std::process::ExitCode;
+
+/// Samples of the short run.
+const SAMPLES: u32 = 2000;
+
+/// Where the RAM begins, see `memory.x`.
+const RAM: u64 = 0x2000_0000;
+
+/// Parts of the demangled names of functions that only a panic or an allocation brings in.
+const FORBIDDEN: [&str; 14] = [
+    "core::panicking",
+    "core::option::expect_failed",
+    "core::option::unwrap_failed",
+    "core::result::unwrap_failed",
+    "core::cell::panic_",
+    "core::slice::index::slice_",
+    "core::str::slice_error_fail",
+    "rust_begin_unwind",
+    "panic_fmt",
+    "panic_bounds_check",
+    "len_mismatch_fail",
+    "__rust_alloc",
+    "__rg_alloc",
+    "alloc::",
+];
+
+fn main() -> ExitCode {
+    match report() {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("firmware-report: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn report() -> Result<bool> {
+    if let Some(image) = std::env::args_os().nth(1) {
+        return report_image("image", Path::new(&image));
+    }
+    let mut clean = true;
+    for scalar in [Scalar::F64, Scalar::F32] {
+        clean &= report_image(scalar.name(), &build(scalar)?)?;
+    }
+    Ok(clean)
+}
+
+/// Prints the figures of one image; whether nothing forbidden is linked.
+fn report_image(name: &str, image: &Path) -> Result<bool> {
+    let bytes = std::fs::read(image).with_context(|| format!("cannot read {}", image.display()))?;
+    let file = object::File::parse(&*bytes)?;
+    let sizes = Sizes::of(&file);
+    let short = run(&Setup::new(image), &mut Bench::new(AtRest::new(SAMPLES / 2)), |_| (), |_| ())?;
+    let long = run(&Setup::new(image), &mut Bench::new(AtRest::new(3 * SAMPLES / 2)), |_| (), |_| ())?;
+    println!("{name}");
+    println!("  flash                {:>8} bytes", sizes.flash);
+    println!("  static RAM           {:>8} bytes", sizes.ram);
+    println!("  stack used           {:>8} bytes of {}", long.stack_used_bytes, long.stack_bytes);
+    println!("  instructions/sample  {:>8.0}", (long.instructions - short.instructions) / f64::from(SAMPLES));
+    let forbidden = forbidden(&file);
+    match forbidden.as_slice() {
+        [] => println!("  no panic, no allocation linked"),
+        names => names.iter().for_each(|name| println!("  linked: {name}")),
+    }
+    Ok(forbidden.is_empty())
+}
+
+struct Sizes {
+    flash: u64,
+    ram: u64,
+}
+
+impl Sizes {
+    /// Sizes of what is loaded: initialized variables take both.
+    fn of(file: &object::File<'_>) -> Self {
+        let in_ram = |segment: &object::Segment<'_, '_>| segment.address() >= RAM;
+        Self {
+            flash: file.segments().map(|segment| segment.file_range().1).sum(),
+            ram: file.segments().filter(in_ram).map(|segment| segment.size()).sum(),
+        }
+    }
+}
+
+/// Names of the linked functions that should not be.
+fn forbidden(file: &object::File<'_>) -> Vec<String> {
+    let names = file.symbols().filter(|symbol| symbol.is_definition()).filter_map(|symbol| symbol.name().ok());
+    let demangled = names.map(|name| format!("{:#}", rustc_demangle::demangle(name)));
+    demangled.filter(|name| FORBIDDEN.iter().any(|part| name.contains(part))).collect()
+}

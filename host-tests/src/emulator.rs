@@ -1,0 +1,462 @@
+//! The firmware image in QEMU, with the host as its bench.
+//!
+//! Builds the image, installs what is missing, starts the emulator and serves the pipes that
+//! `src/bin/firmware/mps2_an500.rs` opens: `requests` and `answers` carry the transfers on SPI, `telemetry` COBS frames,
+//! `log` defmt frames; the files are `configuration` (to the firmware), `run` and `fault` (from it).
+
+use crate::bench::{Bench, Chip};
+use crate::plant::Plant;
+use anyhow::{Context, Result, anyhow, bail, ensure};
+use defmt_decoder::{DecodeError, Table};
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use nix::sys::stat::Mode;
+use std::env;
+use std::ffi::OsString;
+use std::fs::{self, File, OpenOptions};
+use std::io::{ErrorKind, Read, Write};
+use std::os::fd::AsFd;
+use std::os::unix::fs::OpenOptionsExt;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+/// The target of the firmware.
+pub const TARGET: &str = "thumbv7em-none-eabihf";
+/// Size of the emulated EEPROM, bytes.
+pub const EEPROM_BYTES: usize = 8192;
+const EMULATOR: &str = "qemu-system-arm";
+/// Virtual time of one instruction, ns: `-icount shift=1`.
+const NS_PER_INSTRUCTION: f64 = 2.0;
+const TICKS_PER_S: f64 = 25e6;
+
+/// Arithmetic of an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scalar {
+    /// Double precision.
+    F64,
+    /// Single precision.
+    F32,
+}
+
+impl Scalar {
+    /// Name as in Rust.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::F64 => "f64",
+            Self::F32 => "f32",
+        }
+    }
+}
+
+// ------------------------------------------------------------------------------------------------------------- set-up
+
+/// Builds the firmware and returns its image. Installs the target if the toolchain lacks it.
+///
+/// # Errors
+/// One line that says what is missing and the command that installs it, or cargo's own output.
+pub fn build(scalar: Scalar) -> Result<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("host-tests has no parent")?;
+    let targets = env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |dir| root.join(dir));
+    // Directories of their own: a running `cargo test` holds the lock of the usual one, and the images differ.
+    let directory = targets.join(format!("firmware-{}", scalar.name()));
+    fs::create_dir_all(&directory).with_context(|| format!("cannot make {}", directory.display()))?;
+    // One build and one installation at a time, whichever process asks.
+    let lock = File::create(directory.join(".lock"))?;
+    lock.lock()?;
+    ensure_target(root)?;
+    let features = match scalar {
+        Scalar::F64 => "firmware",
+        Scalar::F32 => "firmware,single-precision",
+    };
+    let output = cargo()
+        .current_dir(root)
+        .args(["build", "--release", "--quiet", "--package", "rins-selfcal", "--bin", "firmware"])
+        .args(["--features", features, "--target", TARGET, "--target-dir"])
+        .arg(&directory)
+        .output()
+        .context("cannot run cargo")?;
+    ensure!(output.status.success(), "the firmware does not build:\n{}", String::from_utf8_lossy(&output.stderr));
+    Ok(directory.join(TARGET).join("release/firmware"))
+}
+
+/// cargo without the environment that replaces or doubles the linker arguments of `.cargo/config.toml`.
+fn cargo() -> Command {
+    let mut command = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    for name in ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_BUILD_RUSTFLAGS", "CARGO_BUILD_TARGET"] {
+        command.env_remove(name);
+    }
+    let of_target = |name: &OsString| {
+        let name = name.to_string_lossy();
+        name.starts_with("CARGO_TARGET_") && name.ends_with("_RUSTFLAGS")
+    };
+    for name in env::vars_os().map(|(name, _)| name).filter(of_target) {
+        command.env_remove(name);
+    }
+    command
+}
+
+fn ensure_target(root: &Path) -> Result<()> {
+    let rustc = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
+    let output = Command::new(rustc)
+        .current_dir(root)
+        .args(["--print", "target-libdir", "--target", TARGET])
+        .output()
+        .context("cannot run rustc")?;
+    if output.status.success() && Path::new(String::from_utf8_lossy(&output.stdout).trim()).is_dir() {
+        return Ok(());
+    }
+    let added = Command::new("rustup").current_dir(root).args(["target", "add", TARGET]).output();
+    match added {
+        Ok(output) if output.status.success() => Ok(()),
+        _ => bail!("the toolchain lacks the firmware's target; install it with: rustup target add {TARGET}"),
+    }
+}
+
+/// Looks for the emulator and installs it where that is allowed.
+///
+/// # Errors
+/// One line with the command that installs it.
+pub fn ensure_emulator() -> Result<()> {
+    if runs(Command::new(EMULATOR).arg("--version")) {
+        return Ok(());
+    }
+    let lock = File::create(env::temp_dir().join("rins-selfcal-install.lock"))?;
+    lock.lock()?;
+    let install = format!("apt-get update && apt-get install -y {EMULATOR}");
+    let root = nix::unistd::geteuid().is_root();
+    let shell = format!("export DEBIAN_FRONTEND=noninteractive; {install}");
+    let installed = if root {
+        runs(Command::new("sh").args(["-c", &shell]))
+    } else {
+        runs(Command::new("sudo").args(["-n", "sh", "-c", &shell]))
+    };
+    let hint = if root { install } else { format!("sudo sh -c '{install}'") };
+    ensure!(
+        installed && runs(Command::new(EMULATOR).arg("--version")),
+        "{EMULATOR} is not installed; install it with: {hint}"
+    );
+    Ok(())
+}
+
+fn runs(command: &mut Command) -> bool {
+    let quiet = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    quiet.status().is_ok_and(|status| status.success())
+}
+
+// ----------------------------------------------------------------------------------------------------------------- run
+
+/// One run of an image.
+#[derive(Clone, Copy, Debug)]
+pub struct Setup<'a> {
+    /// The image, from [`build`].
+    pub image: &'a Path,
+    /// Content of the EEPROM, kept from run to run; a blank one is made where there is none. `None`: blank, not kept.
+    pub eeprom: Option<&'a Path>,
+    /// What the firmware reads as its configuration.
+    pub configuration: &'a [u8],
+    /// Longest silence of the firmware before it counts as hung.
+    pub patience: Duration,
+}
+
+impl<'a> Setup<'a> {
+    /// A run with a blank EEPROM, no configuration and a patience of a minute.
+    pub fn new(image: &'a Path) -> Self {
+        Self { image, eeprom: None, configuration: &[], patience: Duration::from_secs(60) }
+    }
+}
+
+/// What a run was.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Run {
+    /// Whether the firmware ended with success.
+    pub success: bool,
+    /// Transfers on SPI.
+    pub transfers: u64,
+    /// Time of the host, s.
+    pub wall_s: f64,
+    /// Time of the firmware from power-up, s.
+    pub elapsed_s: f64,
+    /// Instructions executed, the emulator's exact count in units of 20.
+    pub instructions: f64,
+    /// Most stack used, bytes.
+    pub stack_used_bytes: u64,
+    /// Size of the stack, bytes.
+    pub stack_bytes: u64,
+    /// Data-ready edges that came late because the processor was busy.
+    pub late_edges: u64,
+}
+
+/// Runs an image on a bench until the plant is exhausted and the firmware has ended. `on_log` gets each line of its log,
+/// `on_telemetry` each message, unframed.
+///
+/// # Errors
+/// The emulator cannot be started, the firmware faults, hangs, or ends without its report.
+pub fn run<P: Plant>(
+    setup: &Setup<'_>,
+    bench: &mut Bench<P>,
+    mut on_log: impl FnMut(&str),
+    mut on_telemetry: impl FnMut(&[u8]),
+) -> Result<Run> {
+    ensure_emulator()?;
+    let start = Instant::now();
+    let elf = fs::read(setup.image).with_context(|| format!("cannot read {}", setup.image.display()))?;
+    let table = Table::parse(&elf)?.context("the image has no defmt table")?;
+    let directory = tempfile::Builder::new().prefix("rins-").tempdir()?;
+    let mut host = Host::start(setup, directory.path())?;
+    let mut decoder = table.new_stream_decoder();
+    let mut log = |bytes: &[u8]| {
+        decoder.received(bytes);
+        loop {
+            match decoder.decode() {
+                Ok(frame) => on_log(&frame.display(false).to_string()),
+                Err(DecodeError::UnexpectedEof) => break,
+                Err(DecodeError::Malformed) => on_log("(a damaged line)"),
+            }
+        }
+    };
+    let mut frames = Frames::default();
+    let mut telemetry = |bytes: &[u8]| frames.received(bytes, &mut on_telemetry);
+    let served = host.serve(setup.patience, bench, &mut log, &mut telemetry);
+    let fault = fs::read(directory.path().join("fault")).unwrap_or_default();
+    if !fault.is_empty() {
+        bail!("the firmware stopped: {}", String::from_utf8_lossy(&fault));
+    }
+    let status = served?;
+    let report = fs::read(directory.path().join("run")).ok().and_then(|bytes| words(&bytes));
+    let Some([elapsed, idle, stack_used_bytes, stack_bytes, late_edges]) = report else {
+        bail!("the firmware ended without a report, {status}: {}", host.complaints(directory.path()));
+    };
+    let elapsed_s = elapsed as f64 / TICKS_PER_S;
+    Ok(Run {
+        success: status.success(),
+        transfers: host.transfers,
+        wall_s: start.elapsed().as_secs_f64(),
+        elapsed_s,
+        instructions: (elapsed - idle) as f64 / TICKS_PER_S / (NS_PER_INSTRUCTION * 1e-9),
+        stack_used_bytes,
+        stack_bytes,
+        late_edges,
+    })
+}
+
+/// The five numbers of the file `run`.
+fn words(bytes: &[u8]) -> Option<[u64; 5]> {
+    let bytes: [u8; 40] = bytes.try_into().ok()?;
+    let mut words = [0; 5];
+    for (word, bytes) in words.iter_mut().zip(bytes.chunks_exact(8)) {
+        *word = u64::from_le_bytes(bytes.try_into().ok()?);
+    }
+    Some(words)
+}
+
+/// Cuts a stream into COBS frames.
+#[derive(Default)]
+struct Frames {
+    partial: Vec<u8>,
+}
+
+impl Frames {
+    fn received(&mut self, bytes: &[u8], on_message: &mut dyn FnMut(&[u8])) {
+        for byte in bytes {
+            if *byte != 0 {
+                self.partial.push(*byte);
+            } else if let Ok(message) = cobs::decode_vec(&std::mem::take(&mut self.partial)) {
+                on_message(&message);
+            }
+        }
+    }
+}
+
+/// The emulator and the host's ends of its pipes. Dropped, it takes the emulator with it.
+struct Host {
+    child: Child,
+    requests: File,
+    answers: File,
+    /// Keeps the answers' pipe open until the firmware has opened its end.
+    placeholder: Option<File>,
+    telemetry: File,
+    log: File,
+    transfers: u64,
+    partial: Vec<u8>,
+}
+
+impl Drop for Host {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+impl Host {
+    fn start(setup: &Setup<'_>, directory: &Path) -> Result<Self> {
+        for name in ["requests", "answers", "telemetry", "log"] {
+            nix::unistd::mkfifo(&directory.join(name), Mode::S_IRUSR | Mode::S_IWUSR)?;
+        }
+        if !setup.configuration.is_empty() {
+            fs::write(directory.join("configuration"), setup.configuration)?;
+        }
+        let eeprom = match setup.eeprom {
+            Some(path) => std::path::absolute(path)?,
+            None => directory.join("eeprom"),
+        };
+        if !eeprom.exists() {
+            fs::write(&eeprom, [0xff; EEPROM_BYTES])?;
+        }
+        let open = |name: &str, read: bool, write: bool| {
+            let mut options = OpenOptions::new();
+            options.read(read).write(write).custom_flags(nix::libc::O_NONBLOCK);
+            options.open(directory.join(name)).with_context(|| format!("cannot open the pipe {name}"))
+        };
+        let placeholder = open("answers", true, true)?;
+        Ok(Self {
+            requests: open("requests", true, false)?,
+            answers: open("answers", false, true)?,
+            placeholder: Some(placeholder),
+            telemetry: open("telemetry", true, false)?,
+            log: open("log", true, false)?,
+            transfers: 0,
+            partial: Vec::new(),
+            child: spawn(setup.image, &eeprom, directory)?,
+        })
+    }
+
+    /// Serves the pipes until the emulator ends.
+    fn serve<P: Plant>(
+        &mut self,
+        patience: Duration,
+        bench: &mut Bench<P>,
+        log: &mut dyn FnMut(&[u8]),
+        telemetry: &mut dyn FnMut(&[u8]),
+    ) -> Result<ExitStatus> {
+        let mut last_sign = Instant::now();
+        loop {
+            let mut busy = false;
+            // The next request comes within microseconds: a few looks are quicker than a sleep.
+            for look in 1..=LOOKS {
+                if self.serve_requests(bench)? {
+                    busy = true;
+                    break;
+                }
+                if look % LOOKS_PER_YIELD == 0 {
+                    std::thread::yield_now();
+                }
+            }
+            if !busy || self.transfers.is_multiple_of(1024) {
+                busy |= drain(&mut self.log, log)?;
+                busy |= drain(&mut self.telemetry, telemetry)?;
+            }
+            if busy {
+                last_sign = Instant::now();
+                continue;
+            }
+            if let Some(status) = self.child.try_wait()? {
+                while drain(&mut self.log, log)? | drain(&mut self.telemetry, telemetry)? {}
+                return Ok(status);
+            }
+            let silence = last_sign.elapsed();
+            ensure!(silence < patience, "the firmware hangs: no sign of it for {} s", patience.as_secs());
+            self.sleep()?;
+        }
+    }
+
+    /// Waits until a pipe has something, at most for some milliseconds.
+    fn sleep(&self) -> Result<()> {
+        let mut pipes =
+            [&self.requests, &self.log, &self.telemetry].map(|pipe| PollFd::new(pipe.as_fd(), PollFlags::POLLIN));
+        poll(&mut pipes, PollTimeout::from(10_u8))?;
+        if pipes.iter().all(|pipe| !pipe.revents().is_some_and(|events| events.contains(PollFlags::POLLIN))) {
+            // Only hung-up pipes: the emulator is about to end.
+            std::thread::sleep(Duration::from_micros(200));
+        }
+        Ok(())
+    }
+
+    /// Answers what has been asked; whether there was anything.
+    fn serve_requests<P: Plant>(&mut self, bench: &mut Bench<P>) -> Result<bool> {
+        let mut bytes = [0; 512];
+        let count = read_some(&mut self.requests, &mut bytes)?;
+        if count == 0 {
+            return Ok(false);
+        }
+        self.placeholder = None;
+        self.partial.extend_from_slice(&bytes[..count]);
+        while let [chip, length, frame @ ..] = self.partial.as_mut_slice() {
+            let Some(frame) = frame.get_mut(..usize::from(*length)) else { break };
+            let chip =
+                *Chip::ALL.get(usize::from(*chip)).ok_or_else(|| anyhow!("the firmware asks for chip {chip}"))?;
+            bench.transfer(chip, frame);
+            match self.answers.write_all(frame) {
+                // The emulator has ended; its status says how.
+                Err(error) if error.kind() == ErrorKind::BrokenPipe => {}
+                result => result.context("cannot answer the firmware")?,
+            }
+            let taken = 2 + frame.len();
+            self.partial.drain(..taken);
+            self.transfers += 1;
+        }
+        Ok(true)
+    }
+
+    /// What the emulator itself had to say.
+    fn complaints(&self, directory: &Path) -> String {
+        fs::read_to_string(directory.join("stderr")).unwrap_or_default().trim().to_owned()
+    }
+}
+
+/// Looks for a request before the host goes to sleep, some tenths of a millisecond. Measured on two cores: 48 us to a
+/// transfer without, 14 us with.
+const LOOKS: u32 = 1000;
+/// Looks before the processor is offered to others, which keeps two runs on two cores from starving each other.
+const LOOKS_PER_YIELD: u32 = 8;
+
+/// Bytes there are, without waiting; none is none yet or none any more.
+fn read_some(pipe: &mut File, bytes: &mut [u8]) -> Result<usize> {
+    match pipe.read(bytes) {
+        Ok(count) => Ok(count),
+        Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => Ok(0),
+        Err(error) => Err(error).context("cannot read from the firmware"),
+    }
+}
+
+fn drain(pipe: &mut File, sink: &mut dyn FnMut(&[u8])) -> Result<bool> {
+    let mut bytes = [0; 4096];
+    let count = read_some(pipe, &mut bytes)?;
+    sink(&bytes[..count]);
+    Ok(count > 0)
+}
+
+fn spawn(image: &Path, eeprom: &Path, directory: &Path) -> Result<Child> {
+    let mut command = Command::new(EMULATOR);
+    command
+        .current_dir(directory)
+        .args([
+            "-machine",
+            "mps2-an500",
+            "-display",
+            "none",
+            "-monitor",
+            "none",
+            "-serial",
+            "none",
+            "-parallel",
+            "none",
+        ])
+        // Time is the instruction count, and sleep takes none of the host's.
+        .args(["-icount", "shift=1,sleep=off", "-semihosting-config", "enable=on,target=native"])
+        .args(["-device", &format!("at24c-eeprom,address=0x50,rom-size={EEPROM_BYTES},drive=ee")])
+        .arg("-drive")
+        .arg(format!("if=none,id=ee,format=raw,file={}", eeprom.display().to_string().replace(',', ",,")))
+        .arg("-kernel")
+        .arg(std::path::absolute(image)?)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(File::create(directory.join("stderr"))?);
+    #[cfg(target_os = "linux")]
+    // Safety: the call between fork and exec only sets an attribute of the child.
+    unsafe {
+        command.pre_exec(|| Ok(nix::sys::prctl::set_pdeathsig(nix::sys::signal::Signal::SIGKILL)?));
+    }
+    command.spawn().with_context(|| format!("cannot start {EMULATOR}"))
+}
