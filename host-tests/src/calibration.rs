@@ -4,12 +4,12 @@ use crate::plant::Reading;
 use crate::unit::{Noise, UnitConfig};
 use rins_selfcal::angle::Angle;
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig, Progress};
-use rins_selfcal::error_model::{PARAMETERS, block};
+use rins_selfcal::error_model::{PARAMETERS, ParameterInfo, block};
 use rins_selfcal::estimator::{BASIC_STATES, Estimate, EstimatorConfig, FULL_STATES, HeadingSource, Solution};
 use rins_selfcal::intake::IntakeCounts;
 use rins_selfcal::linear::{Matrix, Real, Vector3, real};
 use rins_selfcal::method::Method;
-use rins_selfcal::options::Options;
+use rins_selfcal::options::{OPTIONAL_INFO, Options};
 use rins_selfcal::sample::RawSample;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::{SegmentKind, Stillness};
@@ -152,7 +152,10 @@ pub trait Chain: Send {
     /// Takes in a reading; the live estimate if it completes a segment.
     fn step(&mut self, reading: &Reading) -> Option<Progress>;
 
-    /// Closes the last stop, solves and judges.
+    /// Closes the last stop, at the end of the readings; the live estimate after it.
+    fn close(&mut self) -> Option<Progress>;
+
+    /// Solves and judges, after [`Chain::close`].
     fn finish(&mut self) -> Outcome;
 }
 
@@ -172,9 +175,11 @@ impl<T: Real, const STATES: usize> Chain for CoreChain<T, STATES> {
         self.calibrator.step(&raw_sample(reading))
     }
 
+    fn close(&mut self) -> Option<Progress> {
+        self.calibrator.finish()
+    }
+
     fn finish(&mut self) -> Outcome {
-        // The last progress is part of the solution.
-        let _ = self.calibrator.finish();
         let solution = self.calibrator.solve();
         let verdict = self.calibrator.judge(&solution, None, &VerdictLimits::default());
         Outcome::new(&self.setup, &self.calibrator, solution, verdict)
@@ -232,6 +237,14 @@ impl Outcome {
     /// Whether the method estimates a parameter.
     pub fn is_estimated(&self, parameter: usize) -> bool {
         is_estimated(self.setup.method, parameter)
+    }
+
+    /// Optional states that were estimated: name and unit, value and sigma in report units.
+    pub fn optional_states(&self) -> impl Iterator<Item = (&'static ParameterInfo, f64, f64)> {
+        let optional = &self.solution.optional;
+        let states = OPTIONAL_INFO.iter().zip(optional.values.iter().zip(&optional.sigmas));
+        let estimated = states.filter(|(_, (_, sigma))| **sigma > 0.0);
+        estimated.map(|(info, (value, sigma))| (info, value / info.unit_si, sigma / info.unit_si))
     }
 
     /// Every doubt in words.

@@ -11,6 +11,7 @@ use crate::virtual_run::{Stream, VirtualRun, derived_seed};
 use rayon::prelude::*;
 use rins_selfcal::error_model::PARAMETERS;
 use rins_selfcal::method::Method;
+use rins_selfcal::options::Options;
 use rins_selfcal::scheme::Scheme;
 use serde::Serialize;
 
@@ -71,6 +72,8 @@ pub struct MonteCarlo {
     pub methods: Vec<Method>,
     /// Scalar of the core.
     pub precision: Precision,
+    /// Optional states and noise of the joint method.
+    pub options: Options,
     /// The scheme.
     pub scheme: Scheme,
     /// Errors of the units.
@@ -124,15 +127,15 @@ impl MonteCarlo {
             scheme: self.scheme.clone(),
             seed: derived_seed(self.seed, run, Stream::Noise),
         };
-        let setup = |method: &Method| Setup::new(&self.unit, self.rate_hz, *method, self.precision);
-        let mut chains: Vec<_> =
-            self.methods.iter().map(|method| setup(method).on_scheme(&self.scheme).chain()).collect();
-        for reading in run.drive() {
-            for chain in &mut chains {
-                let _ = chain.step(&reading);
-            }
-        }
-        chains.iter_mut().map(|chain| RunResult::new(&chain.finish(), &run.unit)).collect()
+        let setups: Vec<_> = self.methods.iter().map(|method| self.setup(*method)).collect();
+        run.calibrate(&setups).iter().map(|outcome| RunResult::new(outcome, &run.unit)).collect()
+    }
+}
+
+impl MonteCarlo {
+    fn setup(&self, method: Method) -> Setup {
+        let options = if method == Method::Joint { self.options } else { Options::default() };
+        Setup { options, ..Setup::new(&self.unit, self.rate_hz, method, self.precision) }
     }
 }
 

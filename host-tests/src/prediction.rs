@@ -73,11 +73,7 @@ impl Prediction {
     pub fn new(setup: &Setup, scheme: &Scheme) -> Self {
         let unit = VirtualUnit { site: setup.site, noise: SILENT, rate_hz: setup.rate_hz, ..VirtualUnit::default() };
         let run = VirtualRun { unit, scheme: scheme.clone(), seed: 0 };
-        let mut chain = setup.clone().on_scheme(scheme).chain();
-        for reading in run.drive() {
-            let _ = chain.step(&reading);
-        }
-        let outcome = chain.finish();
+        let outcome = run.calibrate(std::slice::from_ref(setup)).remove(0);
         let (covariance, prior_sigmas) = estimated_only(&outcome);
         let (rank, condition_number) = of_covariance(&covariance, &prior_sigmas);
         Self {

@@ -5,6 +5,7 @@ use crate::log::{LogError, LogReader};
 use crate::unit::UnitConfig;
 use rins_selfcal::calibrator::Progress;
 use rins_selfcal::method::Method;
+use rins_selfcal::options::Options;
 use std::path::{Path, PathBuf};
 
 /// Rows between two calls of the progress function.
@@ -51,6 +52,8 @@ pub struct Replay {
     pub method: Method,
     /// Scalar of the core.
     pub precision: Precision,
+    /// Optional states and noise of the joint method.
+    pub options: Options,
 }
 
 impl Replay {
@@ -66,7 +69,8 @@ impl Replay {
     ) -> Result<Outcome, ReplayError> {
         let reader = LogReader::open(&self.path)?;
         let rate_hz = self.rate_hz(&reader)?;
-        let mut chain = Setup::new(&self.unit, rate_hz, self.method, self.precision).chain();
+        let setup = Setup::new(&self.unit, rate_hz, self.method, self.precision);
+        let mut chain = Setup { options: self.options, ..setup }.chain();
         let (mut rows, mut line) = (0, 1);
         for row in reader {
             let row = row?;
@@ -74,10 +78,9 @@ impl Replay {
             if rows % ROWS_PER_TICK == 0 {
                 on_rows(rows);
             }
-            if let Some(progress) = chain.step(&row.reading) {
-                on_segment(&progress);
-            }
+            chain.step(&row.reading).iter().for_each(&mut on_segment);
         }
+        chain.close().iter().for_each(&mut on_segment);
         self.with_moves(chain.finish(), line)
     }
 

@@ -4,7 +4,7 @@ use crate::calibration::{Outcome, Precision, method_name};
 use crate::quantity;
 use crate::unit::Noise;
 use anyhow::Context;
-use rins_selfcal::error_model::{Calibration, PARAMETER_INFO};
+use rins_selfcal::error_model::{Calibration, PARAMETER_INFO, ParameterInfo};
 use rins_selfcal::estimator::LargestInnovation;
 use rins_selfcal::intake::IntakeCounts;
 use rins_selfcal::linear::{Matrix3, Vector3};
@@ -119,6 +119,7 @@ pub struct CalibrationReport {
     chi_square: f64,
     degrees_of_freedom: u32,
     parameters: Named<ParameterReport>,
+    optional_states: Named<ParameterReport>,
     correction: CorrectionReport,
     convention: &'static str,
     scheme: Option<String>,
@@ -150,6 +151,7 @@ impl From<&Outcome> for CalibrationReport {
             chi_square: solution.fit.chi_square,
             degrees_of_freedom: solution.degrees_of_freedom,
             parameters: parameters(outcome),
+            optional_states: optional_states(outcome),
             correction: correction(outcome),
             convention: CONVENTION,
             scheme: outcome.setup.scheme.clone(),
@@ -180,6 +182,13 @@ fn parameters(outcome: &Outcome) -> Named<ParameterReport> {
         (info.name, ParameterReport { value: values[index], sigma: sigmas[index], unit: info.unit })
     };
     Named(estimated(outcome).map(report).collect())
+}
+
+fn optional_states(outcome: &Outcome) -> Named<ParameterReport> {
+    let report = |(info, value, sigma): (&'static ParameterInfo, f64, f64)| {
+        (info.name, ParameterReport { value, sigma, unit: info.unit })
+    };
+    Named(outcome.optional_states().map(report).collect())
 }
 
 fn estimated(outcome: &Outcome) -> impl Iterator<Item = usize> + '_ {

@@ -99,6 +99,16 @@ pub fn parameters(outcome: &Outcome, truth: Option<&InstrumentErrors<f64>>) -> S
     })
 }
 
+/// Estimates of the optional states; nothing where there are none.
+pub fn optional_states(outcome: &Outcome) -> String {
+    let mut text = String::new();
+    for (info, value, sigma) in outcome.optional_states() {
+        let (value, sigma) = (rounded(value, sigma), significant(sigma));
+        text += &format!("  {} {value} +- {sigma} {}\n", info.name, info.unit);
+    }
+    if text.is_empty() { text } else { format!("optional states\n{text}\n") }
+}
+
 /// What was seen of the samples.
 pub fn samples(outcome: &Outcome) -> String {
     let counts = &outcome.counts;

@@ -1,5 +1,6 @@
 //! A virtual unit on a scheme: what simulation, prediction and statistics run.
 
+use crate::calibration::{Chain, Outcome, Setup};
 use crate::drive::SchemeDrive;
 use crate::virtual_rins::{VirtualRins, VirtualUnit};
 use rins_selfcal::scheme::Scheme;
@@ -43,6 +44,22 @@ impl VirtualRun {
     /// The unit at the start of the scheme, open loop.
     pub fn drive(&self) -> SchemeDrive {
         SchemeDrive::new(VirtualRins::new(&self.unit, self.seed), &self.scheme, SETTLING_S)
+    }
+
+    /// The outcomes of calibrations that all see the same readings.
+    pub fn calibrate(&self, setups: &[Setup]) -> Vec<Outcome> {
+        let mut chains: Vec<_> = setups.iter().map(|setup| setup.clone().on_scheme(&self.scheme).chain()).collect();
+        for reading in self.drive() {
+            for chain in &mut chains {
+                // The live estimates are part of the outcome.
+                let _ = chain.step(&reading);
+            }
+        }
+        let outcome = |chain: &mut Box<dyn Chain>| {
+            let _ = chain.close();
+            chain.finish()
+        };
+        chains.iter_mut().map(outcome).collect()
     }
 
     /// Duration with ramps and settling, s.

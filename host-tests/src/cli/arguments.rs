@@ -10,7 +10,9 @@ use crate::virtual_rins::{DEFAULT_RATE_HZ, VirtualUnit};
 use crate::virtual_run::{Stream, VirtualRun, derived_seed};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use rins_selfcal::method::Method;
+use rins_selfcal::options::Options;
 use rins_selfcal::scheme::Scheme;
+use rins_selfcal::units::{DEG_H, MICRO_G};
 use std::path::PathBuf;
 
 /// Self-calibration of a dual-axis rotational INS.
@@ -120,6 +122,8 @@ pub struct MonteCarloArguments {
     /// Scalar of the core
     #[arg(long, value_enum, default_value_t)]
     pub precision: Precision,
+    #[command(flatten)]
+    pub options: OptionArguments,
     /// table1, table3, real, random, random:1deg, random:tactical, or a file
     #[arg(long, value_name = "NAME|FILE", default_value = "random")]
     pub errors: String,
@@ -130,7 +134,7 @@ pub struct MonteCarloArguments {
     #[arg(long, value_name = "UNIT.toml")]
     pub config: Option<PathBuf>,
     /// Sample rate, Hz [default: that of --config, or 200]
-    #[arg(long, value_name = "HZ", value_parser = rate)]
+    #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true)]
     pub rate: Option<f64>,
     /// Of everything random
     #[arg(long, default_value_t = 1)]
@@ -179,6 +183,49 @@ pub struct MethodArguments {
     /// Scalar of the core
     #[arg(long, value_enum, default_value_t)]
     pub precision: Precision,
+    #[command(flatten)]
+    pub options: OptionArguments,
+}
+
+/// Effects beyond the 28 parameters.
+#[derive(Debug, Args)]
+pub struct OptionArguments {
+    /// Effects that the joint method estimates too, separated by commas
+    #[arg(long, value_enum, value_name = "EFFECT", value_delimiter = ',')]
+    effects: Vec<Effect>,
+    /// Random walk of the gyro biases that is allowed for, (deg/h)/sqrt(h)
+    #[arg(long, value_name = "SIZE", default_value_t = 0.0, value_parser = walk, allow_negative_numbers = true)]
+    gyro_bias_walk: f64,
+    /// Random walk of the accelerometer biases that is allowed for, ug/sqrt(h)
+    #[arg(long, value_name = "SIZE", default_value_t = 0.0, value_parser = walk, allow_negative_numbers = true)]
+    accel_bias_walk: f64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Effect {
+    /// Ramps of all biases
+    BiasRamp,
+    /// First harmonic of the encoder errors
+    Eccentricity,
+    /// Second harmonic of the encoder errors
+    SecondHarmonic,
+    /// Steady tilting of the base
+    TiltDrift,
+}
+
+impl OptionArguments {
+    pub fn options(&self) -> Options {
+        const SQRT_HOUR: f64 = 60.0;
+        let on = |effect| self.effects.contains(&effect);
+        Options {
+            bias_ramp: on(Effect::BiasRamp),
+            gyro_bias_walk: self.gyro_bias_walk * DEG_H / SQRT_HOUR,
+            accel_bias_walk: self.accel_bias_walk * MICRO_G / SQRT_HOUR,
+            encoder_eccentricity: on(Effect::Eccentricity),
+            encoder_second_harmonic: on(Effect::SecondHarmonic),
+            base_tilt_drift: on(Effect::TiltDrift),
+        }
+    }
 }
 
 impl MethodArguments {
@@ -196,7 +243,7 @@ pub struct SchemeArguments {
     #[arg(long, value_name = "NAME|FILE", default_value = "bai")]
     scheme: String,
     /// Time of every stop, s [default of bai: 10, two-stage 200]
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     stop: Option<f64>,
     /// How often the scheme is run [default of bai: 1, two-stage 2]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
@@ -227,7 +274,7 @@ pub struct UnitArguments {
     #[arg(long, value_name = "UNIT.toml")]
     config: Option<PathBuf>,
     /// Sample rate, Hz [default: that of --config, or 200]
-    #[arg(long, value_name = "HZ", value_parser = rate)]
+    #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true)]
     rate: Option<f64>,
     /// Of everything random
     #[arg(long, default_value_t = 1)]
@@ -274,7 +321,8 @@ pub fn rate_hz(unit: &UnitConfig) -> f64 {
 
 impl MethodArguments {
     pub fn setup(&self, unit: &UnitConfig) -> Setup {
-        Setup::new(unit, rate_hz(unit), self.method(), self.precision)
+        let options = self.options.options();
+        Setup { options, ..Setup::new(unit, rate_hz(unit), self.method(), self.precision) }
     }
 }
 
@@ -284,6 +332,10 @@ fn rate(text: &str) -> Result<f64, String> {
 
 fn seconds(text: &str) -> Result<f64, String> {
     number_in(text, 0.1, 1e6)
+}
+
+fn walk(text: &str) -> Result<f64, String> {
+    number_in(text, 0.0, 1e6)
 }
 
 fn number_in(text: &str, low: f64, high: f64) -> Result<f64, String> {

@@ -44,6 +44,7 @@ fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo> {
         runs: arguments.runs,
         methods: arguments.method.methods(),
         precision: arguments.precision,
+        options: arguments.options.options(),
         scheme: arguments.scheme.scheme(two_stage)?,
         errors: ErrorSource::named(&arguments.errors)?,
         rate_hz: rate_hz(&unit),

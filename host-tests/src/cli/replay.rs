@@ -23,6 +23,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
         unit: unit(arguments)?,
         method: arguments.method.method(),
         precision: arguments.method.precision,
+        options: arguments.method.options.options(),
     };
     let mut segments = Vec::new();
     let counter = progress::counter("rows");
@@ -39,7 +40,7 @@ pub fn report(outcome: &Outcome, truth: Option<&Truth>, json: Option<&Path>) -> 
     let errors = truth.map(|truth| truth.parameters.to_errors());
     println!("{}", table::samples(outcome));
     println!("{}", table::parameters(outcome, errors.as_ref()));
-    print!("{}", table::verdict(outcome));
+    print!("{}{}", table::optional_states(outcome), table::verdict(outcome));
     if let Some(path) = json {
         write_json(path, &CalibrationReport::from(outcome))?;
         println!("result: {}", path.display());
