@@ -21,7 +21,7 @@
 use crate::angle::Angle;
 use crate::error_model::{InstrumentErrors, PARAMETERS, block};
 use crate::kalman::{Measurement, UdFilter, Update};
-use crate::linear::{ComplexField, Matrix, Real, Vector, Vector3, exp_so3, real, zeros};
+use crate::linear::{ComplexField, Real, Vector, Vector3, exp_so3, real, zeros};
 use crate::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
 use crate::method::Method;
 use crate::options::{
@@ -101,6 +101,17 @@ pub struct EstimatorConfig {
 }
 
 impl EstimatorConfig {
+    /// Sigmas of the parameters before any segment, SI; 0 for a parameter that the method takes as known.
+    pub fn prior_sigmas(&self) -> [f64; PARAMETERS] {
+        let common = |state: &usize| self.method == Method::TwoStage && ACCEL_SCALE.contains(state);
+        let prior = prior_sigmas::<f64, BASIC_STATES>(self);
+        let mut sigmas = [0.0; PARAMETERS];
+        for ((state, prior), sigma) in prior.iter().enumerate().skip(ENCODER_ERRORS).zip(&mut sigmas) {
+            *sigma = if common(&state) { COMMON_SCALE_SIGMA } else { *prior };
+        }
+        sigmas
+    }
+
     /// Before there is one.
     const UNKNOWN: Self = Self {
         method: Method::Joint,
@@ -291,25 +302,14 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         }
     }
 
-    /// Covariance of the parameters, (28 x 28), SI.
-    pub fn covariance(&self) -> Matrix<T, PARAMETERS, PARAMETERS> {
-        self.filter.covariance().fixed_view::<PARAMETERS, PARAMETERS>(ENCODER_ERRORS, ENCODER_ERRORS).into_owned()
+    /// Row `parameter` of the covariance of the parameters, (28), SI.
+    pub fn covariance_row(&self, parameter: usize) -> Vector<T, PARAMETERS> {
+        self.filter.covariance_row(ENCODER_ERRORS + parameter).fixed_rows::<PARAMETERS>(ENCODER_ERRORS).into_owned()
     }
 
-    /// Sigmas of the prior, SI; 0 for a parameter that the method takes as known.
-    pub fn prior_sigmas(&self) -> [f64; PARAMETERS] {
-        let common = |state: &usize| self.config.method == Method::TwoStage && ACCEL_SCALE.contains(state);
-        let prior = prior_sigmas::<T, STATES>(&self.config);
-        let mut sigmas = [0.0; PARAMETERS];
-        for ((state, prior), sigma) in prior.iter().enumerate().skip(ENCODER_ERRORS).zip(&mut sigmas) {
-            *sigma = if common(&state) { COMMON_SCALE_SIGMA } else { prior.widened() };
-        }
-        sigmas
-    }
-
-    /// The configured noise.
-    pub fn noise(&self) -> &Noise {
-        &self.config.noise
+    /// The configuration.
+    pub fn config(&self) -> &EstimatorConfig {
+        &self.config
     }
 
     /// Segments taken in so far.
@@ -535,7 +535,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         let gained = |(sigma, prior): (&f64, &f64)| {
             if *prior > 0.0 { 1.0 - sigma * sigma / (prior * prior) } else { 0.0 }
         };
-        let total: f64 = estimate.sigmas.iter().zip(&self.prior_sigmas()).map(gained).sum();
+        let total: f64 = estimate.sigmas.iter().zip(&self.config.prior_sigmas()).map(gained).sum();
         let optional = self.optional().sigmas;
         let optional: f64 = optional.iter().zip(&self.config.options.prior_sigmas()).map(gained).sum();
         // Of the accelerometers' scale errors, the two-stage method knows only one, common to the three.

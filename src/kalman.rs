@@ -123,6 +123,19 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
         scaled * self.u.transpose()
     }
 
+    /// Row `i` of the covariance, (N).
+    pub fn covariance_row(&self, i: usize) -> Vector<T, N> {
+        let mut row = Vector::<T, N>::zeros();
+        for (column, d) in self.u.column_iter().zip(self.d.iter()) {
+            let Some(of_i) = column.iter().nth(i) else { continue };
+            let scaled = *of_i * *d;
+            for (entry, u) in row.iter_mut().zip(column.iter()) {
+                *entry += scaled * *u;
+            }
+        }
+        row
+    }
+
     /// Takes in one scalar measurement. The states marked in `considered` keep their value and variance, but their
     /// uncertainty counts (Schmidt).
     pub fn update(&mut self, measurement: &Measurement<T, N>, considered: &[bool; N]) -> Update<T> {
@@ -277,6 +290,7 @@ mod tests {
             }
             assert!((filter.covariance() - p).norm() < 1e-13 && (filter.state() - x).norm() < 1e-13);
             assert!((filter.variances() - p.diagonal()).norm() < 1e-13);
+            assert!((filter.covariance_row(2) - p.row(2).transpose()).norm() < 1e-13);
             assert_eq!(filter.variances()[3], 0.0, "a known state stays known");
         }
     }

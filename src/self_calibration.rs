@@ -317,12 +317,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
 
     fn solve(&mut self, report: &mut impl FnMut(&Message)) {
         self.measuring = false;
-        if let Some(progress) = self.calibrator.finish() {
-            report(&Message::Segment(progress));
-        }
-        let solution = self.calibrator.solve();
-        report(&Message::Solved { solution, counts: self.calibrator.counts() });
-        self.solution = Some(solution);
+        self.solution = Some(self.calibrator.conclude(report));
     }
 
     fn judge(&mut self, report: &mut impl FnMut(&Message)) {

@@ -9,11 +9,13 @@ use rins_selfcal::acquisition::Acquired;
 use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
 use rins_selfcal::device::rate_nrad_s;
+use rins_selfcal::estimator::MAX_SEGMENTS;
 use rins_selfcal::linear::Real;
 use rins_selfcal::queue::SampleQueue;
 use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
 use rins_selfcal::store::StoredCalibration;
 use rins_selfcal::telemetry::Message;
+use rins_selfcal::verdict::VerdictLimits;
 use std::cell::{Cell, RefCell};
 use std::path::Path;
 use std::rc::Rc;
@@ -26,22 +28,22 @@ const QUEUE: usize = 4;
 ///
 /// # Errors
 /// The configuration is refused.
-pub fn in_process<T: Real, P: Plant>(
+pub fn in_process<T: Real, const STATES: usize, P: Plant>(
     assignment: &Assignment,
     stored: Option<&StoredCalibration>,
     bench: &SharedBench<P>,
     mut on_message: impl FnMut(&Message),
 ) -> Result<Option<StoredCalibration>> {
     match assignment {
-        Assignment::SelfCalibrate(config) => self_calibrate::<T, P>(config, stored, bench, &mut on_message),
+        Assignment::SelfCalibrate(config) => self_calibrate::<T, STATES, P>(config, stored, bench, &mut on_message),
         Assignment::Replay(config) => {
-            replay::<T, P>(config, bench, &mut on_message);
+            replay::<T, STATES, P>(config, bench, &mut on_message);
             Ok(None)
         }
     }
 }
 
-fn self_calibrate<T: Real, P: Plant>(
+fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
     config: &SelfCalibrationConfig,
     stored: Option<&StoredCalibration>,
     bench: &SharedBench<P>,
@@ -52,7 +54,7 @@ fn self_calibrate<T: Real, P: Plant>(
     let (mut acquisition, mut drives) = drivers(bench, producer);
     on_message(&Message::Store { found: stored.is_some(), damaged: false });
     let refused = |error| anyhow!("the configuration is refused: {error:?}");
-    let mut calibrator = Box::new(Calibrator::<T>::UNCONFIGURED);
+    let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::UNCONFIGURED);
     let mut run = SelfCalibration::new(config.clone(), stored, &mut calibrator).map_err(refused)?;
     let (mut samples, mut saved) = (0, None);
     while acquisition.on_data_ready() != Acquired::PoweredOff {
@@ -73,11 +75,15 @@ fn self_calibrate<T: Real, P: Plant>(
     Ok(saved)
 }
 
-fn replay<T: Real, P: Plant>(config: &CalibratorConfig, bench: &SharedBench<P>, on_message: &mut impl FnMut(&Message)) {
+fn replay<T: Real, const STATES: usize, P: Plant>(
+    config: &CalibratorConfig,
+    bench: &SharedBench<P>,
+    on_message: &mut impl FnMut(&Message),
+) {
     let mut queue = SampleQueue::<T, QUEUE>::new();
     let (producer, mut consumer) = queue.split();
     let (mut acquisition, _) = drivers(bench, producer);
-    let mut calibrator = Box::new(Calibrator::<T>::new(config));
+    let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::new(config));
     let mut samples = 0;
     while acquisition.on_data_ready() != Acquired::PoweredOff {
         while let Some(sample) = consumer.pop() {
@@ -87,11 +93,9 @@ fn replay<T: Real, P: Plant>(config: &CalibratorConfig, bench: &SharedBench<P>, 
             }
         }
     }
-    if let Some(progress) = calibrator.finish() {
-        on_message(&Message::Segment(progress));
-    }
-    let solution = calibrator.solve();
-    on_message(&Message::Solved { solution, counts: calibrator.counts() });
+    let solution = calibrator.conclude(on_message);
+    let verdict = calibrator.judge(&solution, None, &VerdictLimits::default());
+    on_message(&Message::Judged(verdict));
     on_message(&Message::Queue { samples, losses: consumer.losses() });
 }
 

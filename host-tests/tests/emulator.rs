@@ -13,7 +13,7 @@ use host_tests::virtual_rins::{VirtualRins, VirtualUnit};
 use rins_selfcal::assignment::Assignment;
 use rins_selfcal::calibrator::CalibratorConfig;
 use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS};
-use rins_selfcal::estimator::Estimate;
+use rins_selfcal::estimator::{BASIC_STATES, Estimate};
 use rins_selfcal::method::Method;
 use rins_selfcal::queue::Losses;
 use rins_selfcal::scheme::Scheme;
@@ -234,8 +234,8 @@ fn recorded_in_process(scalar: Scalar, method: Method) -> u64 {
     let add = |message: &Message| digest.add(message);
     let bench = shared(player);
     let outcome = match scalar {
-        Scalar::F64 => in_process::<f64, _>(&assignment, None, &bench, add),
-        Scalar::F32 => in_process::<f32, _>(&assignment, None, &bench, add),
+        Scalar::F64 => in_process::<f64, BASIC_STATES, _>(&assignment, None, &bench, add),
+        Scalar::F32 => in_process::<f32, BASIC_STATES, _>(&assignment, None, &bench, add),
     };
     outcome.unwrap_or_else(|error| panic!("{error:#}"));
     digest.finish()

@@ -16,6 +16,7 @@ use rins_selfcal::device::rate_nrad_s;
 use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
 use rins_selfcal::store::{Loaded, StoredCalibration};
 use rins_selfcal::telemetry::{MAX_FRAME_BYTES, Message, encode};
+use rins_selfcal::verdict::VerdictLimits;
 
 /// The scalar of this image.
 #[cfg(not(feature = "single-precision"))]
@@ -105,11 +106,9 @@ fn replay(board: &mut Board, config: &CalibratorConfig, calibrator: &mut Calibra
         }
         board.wait();
     }
-    if let Some(progress) = calibrator.finish() {
-        send(&mut board.telemetry, &Message::Segment(progress));
-    }
-    let solution = calibrator.solve();
-    send(&mut board.telemetry, &Message::Solved { solution, counts: calibrator.counts() });
+    let solution = calibrator.conclude(&mut |message| send(&mut board.telemetry, message));
+    let verdict = calibrator.judge(&solution, None, &VerdictLimits::default());
+    send(&mut board.telemetry, &Message::Judged(verdict));
     report_queue(board, samples);
     Ok(())
 }
