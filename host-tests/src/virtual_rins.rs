@@ -1,6 +1,6 @@
 //! A dual-axis rotational INS that exists in numbers only.
 //!
-//! A sample is the mean of force and rate over one interval; its time stamp is the **end** of that interval, and its
+//! A sample is the mean of force and rate over one interval; its time stamp is the **middle** of that interval, and its
 //! encoder angles are the angles at the stamp. Over an interval the axes' rates go linearly to the commanded ones.
 //! The first interval starts at time zero, with the axes standing at (0, 0).
 
@@ -112,6 +112,8 @@ pub struct VirtualRins {
     interval_s: f64,
     samples: u64,
     angles_rad: [f64; 2],
+    /// Angles in the middle of the last interval.
+    read_rad: [f64; 2],
     rates_rad_s: [f64; 2],
     commanded_rad_s: [f64; 2],
     /// What the sensors read at the angles where the axes stand.
@@ -147,6 +149,7 @@ impl VirtualRins {
             interval_s: unit.rate_hz.recip(),
             samples: 0,
             angles_rad: [0.0; 2],
+            read_rad: [0.0; 2],
             rates_rad_s: [0.0; 2],
             commanded_rad_s: [0.0; 2],
             standing: None,
@@ -159,9 +162,9 @@ impl VirtualRins {
         self.encoder.expect_moves(durations_s);
     }
 
-    /// True angles of (outer, inner) now, rad.
+    /// True angles of (outer, inner) at the stamp of the last reading, rad.
     pub fn true_angles_rad(&self) -> [f64; 2] {
-        self.angles_rad
+        self.read_rad
     }
 
     /// True rates of (outer, inner) now, rad/s.
@@ -183,7 +186,7 @@ impl VirtualRins {
         self.walk.step(&mut self.white.rng);
         let [outer_rad, inner_rad] = self.encoder_angles();
         Reading {
-            time_us: (self.samples as f64 * self.interval_s * 1e6).round() as u64,
+            time_us: (middle_s * 1e6).round() as u64,
             omega_g: self.white.added(add(sensed.omega_g, self.walk.gyro_g), self.white.sigma_omega),
             force_a: self.white.added(add(sensed.force_a, self.walk.accel_a), self.white.sigma_force),
             outer_rad,
@@ -196,12 +199,14 @@ impl VirtualRins {
     fn turn_and_sense(&mut self, middle_s: f64) -> Sensed<Vec3> {
         let to_rad_s = self.limits.limited(self.rates_rad_s, self.commanded_rad_s);
         if self.rates_rad_s == [0.0; 2] && to_rad_s == [0.0; 2] {
+            self.read_rad = self.angles_rad;
             let standing = self.standing.get_or_insert_with(|| self.truth.at_rest(self.angles_rad));
             return Sensed { force_a: standing.force_a.at(middle_s), omega_g: standing.omega_g.at(middle_s) };
         }
         self.standing = None;
         let motion =
             Motion { angles_rad: self.angles_rad, from_rad_s: self.rates_rad_s, to_rad_s, duration_s: self.interval_s };
+        self.read_rad = motion.angles_at(0.5);
         self.angles_rad = motion.angles_at(1.0);
         self.rates_rad_s = to_rad_s;
         self.truth.mean_over(&motion, middle_s)
@@ -210,7 +215,7 @@ impl VirtualRins {
     fn encoder_angles(&self) -> [f64; 2] {
         let random = self.encoder.errors_rad();
         std::array::from_fn(|axis| {
-            let angle = self.angles_rad[axis];
+            let angle = self.read_rad[axis];
             let [first, second] = &self.harmonics[axis];
             angle + first.error_rad(angle) + second.error_rad(2.0 * angle) + random[axis]
         })
