@@ -41,13 +41,22 @@ pub struct Calibrator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATE
 }
 
 impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS, STATES> {
+    /// Memory for a calibrator, to be restarted.
+    pub const UNCONFIGURED: Self =
+        Self { intake: Intake::new(0.0), segmenter: Segmenter::new(), estimator: Estimator::new() };
+
     /// A calibrator before the first sample.
     pub fn new(config: &CalibratorConfig) -> Self {
-        Self {
-            intake: Intake::new(config.rate_hz),
-            segmenter: Segmenter::new(&config.stillness),
-            estimator: Estimator::new(&config.estimator),
-        }
+        let mut calibrator = Self::UNCONFIGURED;
+        calibrator.restart(config);
+        calibrator
+    }
+
+    /// Forgets everything and begins anew, in place.
+    pub fn restart(&mut self, config: &CalibratorConfig) {
+        self.intake = Intake::new(config.rate_hz);
+        self.segmenter.restart(&config.stillness);
+        self.estimator.restart(&config.estimator);
     }
 
     /// Takes in one sample. Most return nothing; the one that completes a segment returns the live estimate.

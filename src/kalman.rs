@@ -9,7 +9,7 @@
 //!
 //! The state is the deviation from a point that the caller linearizes about.
 
-use crate::linear::{Matrix, Real, Vector};
+use crate::linear::{Matrix, Real, Vector, zeros};
 
 /// What a measurement disagreed with the prediction by.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,18 +62,25 @@ pub struct UdFilter<T: Real, const N: usize> {
 }
 
 impl<T: Real, const N: usize> UdFilter<T, N> {
+    /// A filter that knows its states for certain.
+    pub const CERTAIN: Self = Self { x: zeros(), u: zeros(), d: zeros(), gate_sigma: None, gated: 0, refused: 0 };
+
     /// Independent states of deviation zero with these sigmas, (N); a state of sigma zero is known and stays so.
     ///
     /// `gate_sigma`: measurements with a larger normalized innovation are kept out and counted.
     pub fn new(sigmas: &Vector<T, N>, gate_sigma: Option<T>) -> Self {
-        Self {
-            x: Vector::zeros(),
-            u: Matrix::identity(),
-            d: sigmas.component_mul(sigmas),
-            gate_sigma,
-            gated: 0,
-            refused: 0,
-        }
+        let mut filter = Self::CERTAIN;
+        filter.restart(sigmas, gate_sigma);
+        filter
+    }
+
+    /// Begins anew, in place, as [`UdFilter::new`] does.
+    pub fn restart(&mut self, sigmas: &Vector<T, N>, gate_sigma: Option<T>) {
+        self.x.fill(T::zero());
+        self.u.fill_with_identity();
+        self.d.copy_from(sigmas);
+        self.d.component_mul_assign(sigmas);
+        (self.gate_sigma, self.gated, self.refused) = (gate_sigma, 0, 0);
     }
 
     /// The deviation, (N).

@@ -49,6 +49,16 @@ pub struct Options {
 }
 
 impl Options {
+    /// Nothing beyond the 28 parameters.
+    pub const NONE: Self = Self {
+        bias_ramp: false,
+        gyro_bias_walk: 0.0,
+        accel_bias_walk: 0.0,
+        encoder_eccentricity: false,
+        encoder_second_harmonic: false,
+        base_tilt_drift: false,
+    };
+
     /// Whether a state is to be estimated that a filter of the basic size does not have.
     pub fn needs_states(&self) -> bool {
         self.bias_ramp || self.encoder_eccentricity || self.encoder_second_harmonic || self.base_tilt_drift

@@ -12,17 +12,14 @@ use rins_selfcal::method::Method;
 use rins_selfcal::options::{OPTIONAL_INFO, Options};
 use rins_selfcal::sample::RawSample;
 use rins_selfcal::scheme::Scheme;
-use rins_selfcal::segment::{SegmentKind, Stillness};
+use rins_selfcal::segment::SegmentKind;
 use rins_selfcal::site::Site;
-use rins_selfcal::units::{DEG, DEG_SQRT_H, MICRO_G};
+use rins_selfcal::units::DEG;
 use rins_selfcal::verdict::{Verdict, VerdictLimits};
 use serde::Serialize;
 
 /// Segments that fit on the host: any log that a day of calibration can give.
 pub const HOST_SEGMENTS: usize = 1024;
-
-/// Innovation gate of the joint method, sigmas: far beyond what noise does, so that it only keeps out what is no noise.
-const JOINT_GATE_SIGMA: f64 = 6.0;
 
 /// Scalar of the core.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, clap::ValueEnum)]
@@ -101,19 +98,9 @@ impl Setup {
 
     /// What the core must know.
     pub fn config(&self) -> CalibratorConfig {
-        CalibratorConfig {
-            rate_hz: self.rate_hz,
-            stillness: Stillness::default(),
-            estimator: EstimatorConfig {
-                method: self.method,
-                site: self.site,
-                noise: core_noise(&self.noise),
-                heading: self.heading,
-                period_moves: self.period_moves,
-                options: self.options,
-                gate_sigma: (self.method == Method::Joint).then_some(JOINT_GATE_SIGMA),
-            },
-        }
+        let usual = CalibratorConfig::new(self.method, self.site, self.noise.psd(), self.rate_hz);
+        let (heading, period_moves, options) = (self.heading, self.period_moves, self.options);
+        CalibratorConfig { estimator: EstimatorConfig { heading, period_moves, options, ..usual.estimator }, ..usual }
     }
 
     /// A chain before its first sample.
@@ -124,14 +111,6 @@ impl Setup {
             (Precision::F32, false) => Box::new(CoreChain::<f32, BASIC_STATES>::new(self)),
             (Precision::F32, true) => Box::new(CoreChain::<f32, FULL_STATES>::new(self)),
         }
-    }
-}
-
-fn core_noise(noise: &Noise) -> rins_selfcal::estimator::Noise {
-    rins_selfcal::estimator::Noise {
-        accel_psd_sqrt: noise.accel_vrw_ug_sqrt_hz * MICRO_G,
-        gyro_psd_sqrt: noise.gyro_arw_deg_sqrt_h * DEG_SQRT_H,
-        encoder_sigma_rad: noise.sigma_encoder_rad(),
     }
 }
 
@@ -182,7 +161,36 @@ impl<T: Real, const STATES: usize> Chain for CoreChain<T, STATES> {
     fn finish(&mut self) -> Outcome {
         let solution = self.calibrator.solve();
         let verdict = self.calibrator.judge(&solution, None, &VerdictLimits::default());
-        Outcome::new(&self.setup, &self.calibrator, solution, verdict)
+        let segments = self.calibrator.estimator().segments();
+        let stops = segments.iter().filter(|segment| segment.kind == SegmentKind::Stop).count();
+        Outcome {
+            setup: self.setup.clone(),
+            solution,
+            verdict,
+            covariance: Some(Box::new(Covariance::new(&self.calibrator))),
+            counts: self.calibrator.counts(),
+            stops,
+            moves: segments.len() - stops,
+        }
+    }
+}
+
+/// Covariance before and after the data.
+#[derive(Clone, Debug)]
+pub struct Covariance {
+    /// Covariance of the parameters, SI.
+    pub matrix: Matrix<f64, PARAMETERS, PARAMETERS>,
+    /// Sigmas before any data, SI.
+    pub prior_sigmas: [f64; PARAMETERS],
+}
+
+impl Covariance {
+    /// Of a calibrator that has solved.
+    pub fn new<T: Real, const SEGMENTS: usize, const STATES: usize>(
+        calibrator: &Calibrator<T, SEGMENTS, STATES>,
+    ) -> Self {
+        let estimator = calibrator.estimator();
+        Self { matrix: estimator.covariance().map(Real::widened), prior_sigmas: estimator.prior_sigmas() }
     }
 }
 
@@ -195,10 +203,8 @@ pub struct Outcome {
     pub solution: Solution,
     /// Accepted, or why not.
     pub verdict: Verdict,
-    /// Covariance of the parameters, SI.
-    pub covariance: Matrix<f64, PARAMETERS, PARAMETERS>,
-    /// Sigmas before any data, SI.
-    pub prior_sigmas: [f64; PARAMETERS],
+    /// How the parameters' errors go together; not known of a calibration that only sent messages.
+    pub covariance: Option<Box<Covariance>>,
     /// What became of the samples.
     pub counts: IntakeCounts,
     /// Stops found.
@@ -208,27 +214,6 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Of a calibrator that has solved.
-    pub fn new<T: Real, const SEGMENTS: usize, const STATES: usize>(
-        setup: &Setup,
-        calibrator: &Calibrator<T, SEGMENTS, STATES>,
-        solution: Solution,
-        verdict: Verdict,
-    ) -> Self {
-        let estimator = calibrator.estimator();
-        let stops = estimator.segments().iter().filter(|segment| segment.kind == SegmentKind::Stop).count();
-        Self {
-            setup: setup.clone(),
-            solution,
-            verdict,
-            covariance: estimator.covariance().map(Real::widened),
-            prior_sigmas: estimator.prior_sigmas(),
-            counts: calibrator.counts(),
-            stops,
-            moves: estimator.segments().len() - stops,
-        }
-    }
-
     /// The estimate.
     pub fn estimate(&self) -> &Estimate {
         &self.solution.estimate

@@ -1,20 +1,19 @@
 //! The virtual RINS in closed loop: it powers up, and the core turns it, measures, solves and judges.
 
-use crate::calibration::{Outcome, Precision, Setup, raw_sample};
+use crate::calibration::{Covariance, Outcome, Precision, Setup, raw_sample};
 use crate::drive::move_durations_s;
 use crate::plant::Plant;
 use crate::virtual_rins::VirtualRins;
 use crate::virtual_run::VirtualRun;
-use rins_selfcal::axis::AxisLimits;
-use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES, Solution};
+use rins_selfcal::calibrator::{Calibrator, Progress};
+use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES, MAX_SEGMENTS, Solution};
+use rins_selfcal::intake::IntakeCounts;
 use rins_selfcal::linear::Real;
+use rins_selfcal::segment::SegmentKind;
 use rins_selfcal::self_calibration::{ConfigError, SelfCalibration, SelfCalibrationConfig};
 use rins_selfcal::sequencer::{AbortReason, State};
 use rins_selfcal::telemetry::Message;
-use rins_selfcal::verdict::{Verdict, VerdictLimits};
-
-/// How often a disturbed stop is repeated.
-const STOP_REPEATS: u8 = 2;
+use rins_selfcal::verdict::Verdict;
 
 /// How a run ended.
 #[derive(Clone, Debug)]
@@ -43,7 +42,8 @@ fn calibrate_in<T: Real, const STATES: usize>(
     setup: &Setup,
     mut on_message: impl FnMut(f64, &Message),
 ) -> Result<Ended, ConfigError> {
-    let mut core = Box::new(SelfCalibration::<T, STATES>::new(core_config(run, setup), None)?);
+    let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::UNCONFIGURED);
+    let mut core = SelfCalibration::new(core_config(run, setup), None, &mut calibrator)?;
     let mut rins = VirtualRins::new(&run.unit, run.seed);
     rins.expect_moves(&move_durations_s(&run.scheme, run.unit.rate_hz));
     let mut record = Record::default();
@@ -59,44 +59,49 @@ fn calibrate_in<T: Real, const STATES: usize>(
             core.saved();
         }
     }
-    Ok(record.ended(setup, &core))
+    let covariance = Covariance::new(core.calibrator());
+    Ok(match record.ended(setup) {
+        Ended::Judged(outcome) => {
+            Ended::Judged(Box::new(Outcome { covariance: Some(Box::new(covariance)), ..*outcome }))
+        }
+        aborted => aborted,
+    })
 }
 
 fn core_config(run: &VirtualRun, setup: &Setup) -> SelfCalibrationConfig {
-    SelfCalibrationConfig {
-        calibrator: setup.config(),
-        scheme: run.scheme.clone(),
-        axes: [AxisLimits::default(); 2],
-        limits: VerdictLimits::default(),
-        stop_repeats: STOP_REPEATS,
-        use_stored: false,
-    }
+    SelfCalibrationConfig::new(setup.config(), run.scheme.clone())
 }
 
-/// What must be remembered of the messages.
-#[derive(Default)]
-struct Record {
-    solution: Option<Solution>,
+/// What a run told, as far as its outcome needs it. The firmware tells the same.
+#[derive(Clone, Debug, Default)]
+pub struct Record {
+    solved: Option<(Solution, IntakeCounts)>,
     verdict: Option<Verdict>,
     aborted: Option<AbortReason>,
+    stops: usize,
+    moves: usize,
 }
 
 impl Record {
-    fn note(&mut self, message: &Message) {
+    /// Takes in a message.
+    pub fn note(&mut self, message: &Message) {
         match message {
-            Message::Solved { solution, .. } => self.solution = Some(*solution),
+            Message::Segment(Progress { kind: SegmentKind::Stop, .. }) => self.stops += 1,
+            Message::Segment(Progress { kind: SegmentKind::Move, .. }) => self.moves += 1,
+            Message::Solved { solution, counts } => self.solved = Some((*solution, *counts)),
             Message::Judged(verdict) => self.verdict = Some(verdict.clone()),
             Message::Aborted(reason) => self.aborted = Some(*reason),
             _ => {}
         }
     }
 
-    fn ended<T: Real, const STATES: usize>(self, setup: &Setup, core: &SelfCalibration<T, STATES>) -> Ended {
-        match (self.solution, self.verdict) {
-            (Some(solution), Some(verdict)) => {
-                Ended::Judged(Box::new(Outcome::new(setup, core.calibrator(), solution, verdict)))
-            }
-            _ => Ended::Aborted(self.aborted.unwrap_or(AbortReason::Commanded)),
-        }
+    /// How the run ended; one that told nothing was given up.
+    pub fn ended(self, setup: &Setup) -> Ended {
+        let (Some((solution, counts)), Some(verdict)) = (self.solved, self.verdict) else {
+            return Ended::Aborted(self.aborted.unwrap_or(AbortReason::Commanded));
+        };
+        let (stops, moves) = (self.stops, self.moves);
+        let setup = setup.clone();
+        Ended::Judged(Box::new(Outcome { setup, solution, verdict, covariance: None, counts, stops, moves }))
     }
 }

@@ -20,6 +20,7 @@ pub mod kinematics;
 pub mod log;
 pub mod monte_carlo;
 pub mod plant;
+pub mod power_up;
 pub mod prediction;
 pub mod presets;
 pub mod quantity;

@@ -3,7 +3,7 @@
 //! The covariance does not depend on the data beyond the geometry, so a perfect unit without noise is run through the
 //! core, which is told the noise of the real one.
 
-use crate::calibration::{Outcome, Setup};
+use crate::calibration::{Covariance, Outcome, Setup};
 use crate::quantity;
 use crate::report::{Named, SOFTWARE, SiteReport, Software};
 use crate::unit::Noise;
@@ -74,8 +74,8 @@ impl Prediction {
         let unit = VirtualUnit { site: setup.site, noise: SILENT, rate_hz: setup.rate_hz, ..VirtualUnit::default() };
         let run = VirtualRun { unit, scheme: scheme.clone(), seed: 0 };
         let outcome = run.calibrate(std::slice::from_ref(setup)).remove(0);
-        let (covariance, prior_sigmas) = estimated_only(&outcome);
-        let (rank, condition_number) = of_covariance(&covariance, &prior_sigmas);
+        let Covariance { matrix, prior_sigmas } = estimated_only(&outcome);
+        let (rank, condition_number) = of_covariance(&matrix, &prior_sigmas);
         Self {
             scheme: scheme.name.as_str().into(),
             method: crate::calibration::method_name(setup.method),
@@ -93,11 +93,13 @@ impl Prediction {
 }
 
 /// Covariance and prior sigmas, zero where the method only carries a parameter along.
-fn estimated_only(outcome: &Outcome) -> (Matrix<f64, PARAMETERS, PARAMETERS>, [f64; PARAMETERS]) {
+fn estimated_only(outcome: &Outcome) -> Covariance {
     let kept = |index: usize, value: f64| if outcome.is_estimated(index) { value } else { 0.0 };
-    let covariance = &outcome.covariance;
-    let entry = |row: usize, column: usize| kept(row, kept(column, covariance[(row, column)]));
-    (Matrix::from_fn(entry), std::array::from_fn(|index| kept(index, outcome.prior_sigmas[index])))
+    let Covariance { matrix, prior_sigmas } = outcome.covariance.as_deref().expect("a chain knows it");
+    Covariance {
+        matrix: Matrix::from_fn(|row, column| kept(row, kept(column, matrix[(row, column)]))),
+        prior_sigmas: std::array::from_fn(|index| kept(index, prior_sigmas[index])),
+    }
 }
 
 fn predicted_sigmas(outcome: &Outcome) -> Named<PredictedSigma> {

@@ -1,6 +1,6 @@
 //! The result as JSON: parameters with sigmas, how to apply them, and how far to trust them.
 
-use crate::calibration::{Outcome, Precision, method_name};
+use crate::calibration::{Covariance, Outcome, Precision, method_name};
 use crate::quantity;
 use crate::unit::Noise;
 use anyhow::Context;
@@ -136,7 +136,7 @@ pub struct CalibrationReport {
     converged: bool,
     precision: Precision,
     software: Software,
-    correlation: CorrelationReport,
+    correlation: Option<CorrelationReport>,
 }
 
 impl From<&Outcome> for CalibrationReport {
@@ -168,7 +168,7 @@ impl From<&Outcome> for CalibrationReport {
             converged: solution.converged,
             precision: outcome.setup.precision,
             software: SOFTWARE,
-            correlation: correlation(outcome),
+            correlation: outcome.covariance.as_ref().map(|covariance| correlation(outcome, covariance)),
         }
     }
 }
@@ -212,8 +212,8 @@ fn rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
     std::array::from_fn(|row| <[f64; 3]>::from(Vector3::from(matrix.row(row).transpose())))
 }
 
-fn correlation(outcome: &Outcome) -> CorrelationReport {
-    let covariance = &outcome.covariance;
+fn correlation(outcome: &Outcome, covariance: &Covariance) -> CorrelationReport {
+    let covariance = &covariance.matrix;
     let sigma = |index: usize| covariance[(index, index)].sqrt();
     let entry = |row: usize, column: usize| covariance[(row, column)] / (sigma(row) * sigma(column));
     CorrelationReport {

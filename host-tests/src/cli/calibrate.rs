@@ -11,14 +11,13 @@ use anyhow::anyhow;
 use indicatif::ProgressBar;
 use rins_selfcal::calibrator::Progress;
 use rins_selfcal::error_model::block;
-use rins_selfcal::method::Method;
 use rins_selfcal::sequencer::State;
 use rins_selfcal::telemetry::Message;
 
 pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
     let config = arguments.unit.config()?;
     let method = arguments.method.method();
-    let scheme = arguments.scheme.scheme(method == Method::TwoStage)?;
+    let scheme = arguments.scheme.scheme(method)?;
     let setup = arguments.method.setup(&config).on_scheme(&scheme);
     let run = arguments.unit.run(&config, scheme)?;
     println!("virtual RINS: scheme {}, {:.0} s, closed loop", run.scheme.name, run.duration_s());

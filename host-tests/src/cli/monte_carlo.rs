@@ -39,13 +39,13 @@ pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
 
 fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo> {
     let unit = unit_config(arguments.config.as_ref(), arguments.noise.as_deref(), arguments.rate)?;
-    let two_stage = !matches!(arguments.method, MethodsArgument::Joint);
+    let longest = if matches!(arguments.method, MethodsArgument::Joint) { Method::Joint } else { Method::TwoStage };
     Ok(MonteCarlo {
         runs: arguments.runs,
         methods: arguments.method.methods(),
         precision: arguments.precision,
         options: arguments.options.options(),
-        scheme: arguments.scheme.scheme(two_stage)?,
+        scheme: arguments.scheme.scheme(longest)?,
         errors: ErrorSource::named(&arguments.errors)?,
         rate_hz: rate_hz(&unit),
         unit,
