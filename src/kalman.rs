@@ -9,7 +9,7 @@
 //!
 //! The state is the deviation from a point that the caller linearizes about.
 
-use crate::linear::{Matrix, Real, Vector, zeros};
+use crate::linear::{Matrix, Real, Vector, columns_mut, zeros};
 
 /// What a measurement disagreed with the prediction by.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -184,7 +184,7 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
     pub fn inflate(&mut self, direction: &Vector<T, N>, variance: T) {
         let mut v = *direction;
         let mut c = variance;
-        for ((j, mut column), d) in self.u.column_iter_mut().enumerate().zip(self.d.iter_mut()).rev() {
+        for ((j, column), d) in columns_mut(&mut self.u).iter_mut().enumerate().zip(self.d.as_mut_slice()).rev() {
             let Some(&p) = v.iter().nth(j) else { continue };
             let inflated = *d + c * p * p;
             if p == T::zero() || inflated <= T::zero() {

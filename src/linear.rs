@@ -61,6 +61,11 @@ pub const fn zeros<T: Real, const R: usize, const C: usize>() -> Matrix<T, R, C>
     Matrix::from_array_storage(nalgebra::ArrayStorage([[T::ZERO; R]; C]))
 }
 
+/// The columns, first to last.
+pub fn columns_mut<T: Real, const R: usize, const C: usize>(m: &mut Matrix<T, R, C>) -> &mut [[T; R]; C] {
+    &mut m.data.0
+}
+
 /// `[v x]`: the matrix with `skew(v) * w == v.cross(&w)`.
 pub fn skew<T: Real>(v: &Vector3<T>) -> Matrix3<T> {
     let zero = T::zero();

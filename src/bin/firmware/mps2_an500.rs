@@ -273,6 +273,9 @@ fn arm_next_edge() {
 
 fn on_data_ready() {
     EDGE_TIMER.interrupt_clear().write(1);
+    if !POWERED.load(Ordering::Relaxed) {
+        return;
+    }
     arm_next_edge();
     ticks();
     critical_section::with(|cs| {
