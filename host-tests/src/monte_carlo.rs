@@ -9,7 +9,7 @@ use crate::unit::UnitConfig;
 use crate::virtual_rins::VirtualUnit;
 use crate::virtual_run::{Stream, VirtualRun, derived_seed};
 use rayon::prelude::*;
-use rins_selfcal::error_model::PARAMETERS;
+use rins_selfcal::error_model::{PARAMETERS, block};
 use rins_selfcal::method::Method;
 use rins_selfcal::options::Options;
 use rins_selfcal::scheme::Scheme;
@@ -17,6 +17,10 @@ use serde::Serialize;
 
 /// Confidence of all bounds.
 pub const CONFIDENCE: f64 = 0.99;
+
+/// An installation error is wrong beyond this many sigmas and this angle, whichever is larger.
+const WRONG_SIGMAS: f64 = 4.5;
+const WRONG_ARCSEC: f64 = 1.0;
 
 /// Where the errors of each run's unit come from.
 #[derive(Clone, Debug)]
@@ -95,6 +99,7 @@ pub struct RunResult {
     accepted: bool,
     converged: bool,
     finite: bool,
+    wrong: bool,
     first_reason: Option<String>,
 }
 
@@ -152,9 +157,15 @@ impl RunResult {
             accepted: outcome.verdict.accepted(),
             converged: outcome.solution.converged,
             finite,
+            wrong: (0..block::ACCEL_BIAS).any(|index| is_wrong(errors[index], sigmas[index])),
             first_reason: outcome.reasons().into_iter().next(),
         }
     }
+}
+
+/// Whether an installation error, arcsec, is wrong by more than chance.
+fn is_wrong(error: f64, sigma: f64) -> bool {
+    error.is_nan() || error.abs() > f64::max(WRONG_SIGMAS * sigma, WRONG_ARCSEC)
 }
 
 /// Chi-square of the fit over all runs.
@@ -177,6 +188,8 @@ pub struct MethodStatistics {
     pub runs: usize,
     /// Runs accepted.
     pub accepted: usize,
+    /// Runs accepted with one of the twelve installation errors wrong by more than 4.5 sigma and 1 arcsec.
+    pub accepted_wrong: usize,
     /// Runs rejected.
     pub rejected: usize,
     /// Runs whose estimate did not stand after the last sweep.
@@ -209,6 +222,7 @@ impl MethodStatistics {
             method,
             runs: good.len(),
             accepted,
+            accepted_wrong: results.iter().filter(|result| result.accepted && result.wrong).count(),
             rejected: results.len() - accepted,
             unconverged: results.iter().filter(|result| !result.converged).count(),
             diverged: results.len() - good.len(),

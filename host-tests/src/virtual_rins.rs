@@ -162,8 +162,13 @@ impl VirtualRins {
         self.encoder.expect_moves(durations_s);
     }
 
-    /// True angles of (outer, inner) at the stamp of the last reading, rad.
+    /// True angles of (outer, inner) now, rad.
     pub fn true_angles_rad(&self) -> [f64; 2] {
+        self.angles_rad
+    }
+
+    /// True angles of (outer, inner) at the stamp of the last reading, rad.
+    pub fn true_angles_at_stamp_rad(&self) -> [f64; 2] {
         self.read_rad
     }
 

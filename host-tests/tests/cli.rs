@@ -271,7 +271,7 @@ fn monte_carlo_finds_the_joint_method_consistent() {
         // One of 56 outside by chance: 6e-3.
         let [low, high] = chi_square_mean_bounds(60, 1.0, 0.9999);
         let joint = &json(&out)["methods"]["joint"];
-        assert_eq!((&joint["runs"], &joint["diverged"]), (&60.into(), &0.into()));
+        assert_eq!((&joint["runs"], &joint["diverged"], &joint["accepted_wrong"]), (&60.into(), &0.into(), &0.into()));
         let parameters = joint["parameters"].as_object().unwrap();
         assert_eq!(parameters.len(), PARAMETERS);
         for (name, found) in parameters {
@@ -285,7 +285,10 @@ fn monte_carlo_finds_the_joint_method_consistent() {
 fn monte_carlo_puts_both_methods_side_by_side() {
     let arguments = ["montecarlo", "--method", "both", "--runs", "4", "--stop", "5", "--errors", "real"];
     let stdout = run(0, &arguments);
-    assert!(stdout.contains("factor gained") && stdout.contains("two-stage method: 0 accepted"), "{stdout}");
+    assert!(
+        stdout.contains("factor gained") && stdout.contains("two-stage method: 0 accepted (0 of them wrong)"),
+        "{stdout}"
+    );
     let arguments = ["montecarlo", "--method", "two-stage", "--runs", "4", "--stop", "5", "--errors", "table1"];
     assert!(run(0, &[&arguments[..], &["--noise", "bai"]].concat()).contains("Bai Table 1"));
 }

@@ -130,7 +130,7 @@ fn encoder_errors(noise: Noise, scheme: &Scheme) -> Vec<([f64; 2], bool)> {
     let mut drive = SchemeDrive::new(VirtualRins::new(&unit, 3), scheme, 0.0);
     let mut errors = Vec::new();
     while let Some(reading) = drive.next() {
-        let [outer, inner] = drive.rins().true_angles_rad();
+        let [outer, inner] = drive.rins().true_angles_at_stamp_rad();
         let error = [reading.outer_rad - outer, reading.inner_rad - inner];
         errors.push((error, drive.rins().true_rates_rad_s() == [0.0; 2]));
     }

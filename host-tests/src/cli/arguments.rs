@@ -263,14 +263,11 @@ pub struct SchemeArguments {
 }
 
 impl SchemeArguments {
-    /// The scheme; one that the two-stage method can use, or shorter.
-    pub fn scheme(&self, two_stage: bool) -> Result<Scheme, TomlFileError> {
-        let (stop_s, periods) = match (self.scheme.as_str(), two_stage) {
-            ("bai", false) => (Some(10.0), Some(1)),
-            ("bai", true) => (Some(200.0), Some(2)),
-            _ => (None, None),
-        };
-        scheme_named(&self.scheme, self.stop.or(stop_s), self.periods.or(periods))
+    /// The scheme, as long as this method wants it where nothing else is asked for.
+    pub fn scheme(&self, method: Method) -> Result<Scheme, TomlFileError> {
+        let usual = (self.scheme == "bai").then(|| Scheme::default_for(method));
+        let stop_s = self.stop.or(usual.as_ref().map(|usual| usual.first_stop_s));
+        scheme_named(&self.scheme, stop_s, self.periods.or(usual.map(|usual| usual.periods)))
     }
 }
 

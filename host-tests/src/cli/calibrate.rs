@@ -12,7 +12,6 @@ use anyhow::Context;
 use indicatif::ProgressBar;
 use rins_selfcal::calibrator::Progress;
 use rins_selfcal::error_model::block;
-use rins_selfcal::method::Method;
 use rins_selfcal::sequencer::State;
 use rins_selfcal::telemetry::Message;
 use std::path::Path;
@@ -20,7 +19,7 @@ use std::path::Path;
 pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
     let config = arguments.unit.config()?;
     let method = arguments.method.method();
-    let scheme = arguments.scheme.scheme(method == Method::TwoStage)?;
+    let scheme = arguments.scheme.scheme(method)?;
     let setup = arguments.method.setup(&config).on_scheme(&scheme);
     let run = arguments.unit.run(&config, scheme)?;
     let place = if arguments.firmware { "firmware in the emulator" } else { "in process" };

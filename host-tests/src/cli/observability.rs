@@ -7,12 +7,11 @@ use crate::quantity::significant;
 use crate::report::write_json;
 use crate::table;
 use rins_selfcal::error_model::PARAMETER_INFO;
-use rins_selfcal::method::Method;
 
 pub fn run(arguments: &ObservabilityArguments) -> anyhow::Result<Ending> {
     let unit = unit_config(arguments.config.as_ref(), arguments.noise.as_deref(), None)?;
     let method = arguments.method.method();
-    let scheme = arguments.scheme.scheme(method == Method::TwoStage)?;
+    let scheme = arguments.scheme.scheme(method)?;
     let prediction = Prediction::new(&arguments.method.setup(&unit), &scheme);
     print!("{}", text(&prediction));
     if let Some(path) = &arguments.json {

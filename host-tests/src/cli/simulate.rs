@@ -8,6 +8,7 @@ use crate::truth::Truth;
 use crate::unit::UnitConfig;
 use crate::virtual_run::VirtualRun;
 use anyhow::Context;
+use rins_selfcal::method::Method;
 use std::path::Path;
 
 /// Samples between two looks at the bar.
@@ -15,7 +16,7 @@ const TICK: u64 = 10_000;
 
 pub fn run(arguments: &SimulateArguments) -> anyhow::Result<Ending> {
     let config = arguments.unit.config()?;
-    let run = arguments.unit.run(&config, arguments.scheme.scheme(false)?)?;
+    let run = arguments.unit.run(&config, arguments.scheme.scheme(Method::Joint)?)?;
     let samples = write_log(&run, &arguments.out)?;
     if let Some(path) = &arguments.truth {
         Truth::new(&run.unit.errors).write(path)?;
