@@ -145,18 +145,17 @@ impl<T: Real> Axis<T> {
         self.target_ticks = self.angle_ticks.unwrap_or(0);
     }
 
-    /// Rate that the drive shall reach `interval_s` from now, rad/s. Zero before the first reading.
-    pub fn rate_command(&mut self, now_us: u64, interval_s: T) -> T {
+    /// Rate that the drive shall reach `lead_s` from now, rad/s. Zero before the first reading.
+    pub fn rate_command(&mut self, now_us: u64, lead_s: T) -> T {
         let Some(angle_ticks) = self.angle_ticks else { return T::zero() };
         if self.braking {
             self.target_ticks = angle_ticks;
             self.braking = self.commanded_rad_s != T::zero();
         }
         let (wanted_ticks, _) = self.wanted(now_us, T::zero());
-        let (_, rate) = self.wanted(now_us, interval_s);
+        let (_, rate) = self.wanted(now_us, lead_s);
         let error: T = ticks_to_rad(wanted_ticks - angle_ticks);
-        let (highest, step) =
-            (real::<T>(self.limits.rate_rad_s), real::<T>(self.limits.acceleration_rad_s2) * interval_s);
+        let (highest, step) = (real::<T>(self.limits.rate_rad_s), real::<T>(self.limits.acceleration_rad_s2) * lead_s);
         let wanted = (rate + error * real(POSITION_GAIN)).max(-highest).min(highest);
         self.commanded_rad_s = wanted.max(self.commanded_rad_s - step).min(self.commanded_rad_s + step);
         self.commanded_rad_s

@@ -22,6 +22,9 @@ use serde::{Deserialize, Serialize};
 const STILL_RAD_S: f64 = 0.2 * DEG;
 /// A change of an encoder angle from sample to sample beyond this is motion, rad/s.
 const AXIS_STILL_RAD_S: f64 = 0.2 * DEG;
+/// Sample intervals from a sample's time, the middle of its interval, to the end of the next interval, by when the drives
+/// reach the commanded rates.
+const RATE_LEAD_INTERVALS: f64 = 1.5;
 /// Time without samples that ends a run, us.
 const SAMPLE_LOSS_US: u64 = 1_000_000;
 /// Corrected samples are reported once in this time, us.
@@ -203,9 +206,9 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             let (state, legs) = (self.sequencer.state(), self.sequencer.legs());
             report(&Message::State { time_us: sample.time_us, state, legs });
         }
-        let interval_s = real(1.0 / self.config.calibrator.rate_hz);
+        let lead_s = real(RATE_LEAD_INTERVALS / self.config.calibrator.rate_hz);
         Step {
-            rates_rad_s: self.axes.each_mut().map(|axis| axis.rate_command(sample.time_us, interval_s)),
+            rates_rad_s: self.axes.each_mut().map(|axis| axis.rate_command(sample.time_us, lead_s)),
             corrected: self.correct(sample, report),
             save,
         }
