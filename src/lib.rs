@@ -1,4 +1,21 @@
-#![doc = "Power-up self-calibration of a dual-axis rotational inertial navigation system."]
+//! Power-up self-calibration of a dual-axis rotational inertial navigation system (RINS).
+//!
+//! ```text
+//! data-ready interrupt                                main loop
+//! device -> acquisition -> queue ->| intake -> segment -> measurement -> kalman -> estimator -> verdict -> store
+//!                                  |    '------------- calibrator -------------'
+//!                                  | sequencer -> axis -> device
+//!                                  '---------------- self_calibration ------------------------> telemetry
+//! ```
+//! Rooms decide and return values; only drivers touch pins. Time is an argument. Dictionaries, which every room may use:
+//! `units`, `angle`, `linear`, `site`, `sample`, `error_model`, `scheme`, `method`, `options`, `assignment`.
+//!
+//! Frames: n local level (east, north, up); b vehicle, which is r at gimbal angles (0, 0); r fixed to the inner gimbal, x
+//! along the outer and z along the inner axis; s IMU; a, g the accelerometers' and the gyros' own axes. `rot_ab` takes
+//! b-components to a-components. SI units, radians.
+//!
+//! Source of the method: Bai et al., "A System-Level Self-Calibration Method for Installation Errors in a Dual-Axis
+//! Rotational Inertial Navigation System", Sensors 2019, 19(18), 4005.
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 

@@ -161,12 +161,12 @@ fn columns<T: Real, const BIAS: usize, const RAMP: usize>(
     columns
 }
 
-/// See [`columns`]: for accelerometers.
+/// Derivative of a stop's mean specific force by the optional states.
 pub fn force_columns<T: Real>(prediction: &Prediction<T>, at: &Circumstances<T>) -> OptionalColumns<T> {
     columns::<T, { block::ACCEL_BIAS }, { optional::ACCEL_BIAS_RAMP.start }>(prediction, at)
 }
 
-/// See [`columns`]: for gyros.
+/// Derivative of a segment's rotation by the optional states.
 pub fn rotation_columns<T: Real>(prediction: &Prediction<T>, at: &Circumstances<T>) -> OptionalColumns<T> {
     columns::<T, { block::GYRO_BIAS }, { optional::GYRO_BIAS_RAMP.start }>(prediction, at)
 }

@@ -219,7 +219,9 @@ fn a_description_beside_the_log_is_hinted_at_but_not_used() {
 fn an_effect_is_found_where_it_is_asked_for() {
     let errors = log("tilting.toml", "[effects]\nbase_tilt_drift_arcsec_h = [200.0, 0.0]\n");
     let out = scratch("tilting.json");
-    let arguments = ["calibrate", "--errors", &errors, "--effects", "tilt-drift,bias-ramp", "--json", &out];
+    let report = scratch("tilting.html");
+    let effects = "tilt-drift,bias-ramp";
+    let arguments = ["calibrate", "--errors", &errors, "--effects", effects, "--json", &out, "--report", &report];
     assert!(run(0, &arguments).contains("optional states"));
     let states = &json(&out)["optional_states"];
     assert_eq!(states.as_object().map(|map| map.len()), Some(8));
@@ -234,11 +236,16 @@ fn an_effect_is_found_where_it_is_asked_for() {
 #[test]
 fn without_a_command_the_virtual_rins_calibrates_itself() {
     let out = scratch("calibrate.json");
-    let stdout = run(0, &["--stop", "5", "--seed", "5", "--json", &out]);
+    let report = scratch("calibrate.html");
+    let stdout = run(0, &["--stop", "5", "--seed", "5", "--json", &out, "--report", &report]);
     assert!(stdout.contains("closed loop") && stdout.contains("verdict: accepted"), "{stdout}");
     assert_eq!(json(&out)["scheme"], "bai");
-    let same = run(0, &["calibrate", "--stop", "5", "--seed", "5"]);
-    assert!(stdout.starts_with(&same), "the same seed gives the same result");
+    let same = run(0, &["calibrate", "--stop", "5", "--seed", "5", "--report", &report]);
+    let result =
+        |text: &str| text.split("result:").next().and_then(|text| text.split("report:").next()).map(String::from);
+    assert_eq!(result(&stdout), result(&same), "the same seed gives the same result");
+    let page = std::fs::read_to_string(&report).unwrap();
+    assert!(page.contains("<h1>Self-calibration: <span class=\"accepted\">accepted</span></h1>"));
 }
 
 #[test]

@@ -31,7 +31,7 @@ pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
     let started = std::time::Instant::now();
     let ended = PowerUp::new(&run, &setup).in_process(|message| show(&bar, message))?;
     bar.finish_and_clear();
-    println!("wall time: {:.2} s", started.elapsed().as_secs_f64());
+    eprintln!("wall time: {:.2} s", started.elapsed().as_secs_f64());
     conclude(arguments, &run, &ended)
 }
 
