@@ -17,9 +17,6 @@ use serde::{Deserialize, Serialize};
 /// Longest assignment as postcard, bytes.
 pub const MAX_ASSIGNMENT_BYTES: usize = 2048;
 
-/// Normalized innovation beyond which the joint method keeps a measurement out: 2e-9 each under the configured noise.
-const GATE_SIGMA: f64 = 6.0;
-
 /// What to do after power-up.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
@@ -52,8 +49,8 @@ impl CalibratorConfig {
             noise,
             heading: HeadingSource::Gyrocompass,
             period_moves: None,
-            // Bai's method has no gate, and what it leaves out of its model would be kept out by one.
-            gate_sigma: (method == Method::Joint).then_some(GATE_SIGMA),
+            // While the linearization is still poor a gate would keep out good measurements. Doubts are the verdict's.
+            gate_sigma: None,
             options: Options::default(),
         };
         Self { rate_hz, stillness: Stillness::default(), estimator }

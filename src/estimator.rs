@@ -321,6 +321,8 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     pub fn solve(&mut self) -> Solution {
         let period_moves = self.config.period_moves.or_else(|| self.find_period());
         self.reference_us = self.segments.last().map_or(0, |last| last.start_us + last.duration_us);
+        // Not from the live estimate: updates about poor early points can lead it astray.
+        self.nominal = self.start;
         let (mut sweeps, mut converged) = (0, false);
         while sweeps < MAX_SWEEPS && !converged {
             let before = self.nominal;
