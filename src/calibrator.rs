@@ -75,6 +75,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
             prior_sigmas: &self.estimator.prior_sigmas(),
             segments: self.estimator.segments(),
             noise: self.estimator.noise(),
+            counts: self.intake.counts(),
             stored,
         };
         judge(&assessment, limits)

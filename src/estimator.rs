@@ -19,8 +19,9 @@
 //!   same encoder errors act on both stages.
 
 use crate::angle::Angle;
+use crate::constancy::{Seen, Suspects, Suspicion};
 use crate::error_model::{InstrumentErrors, PARAMETERS, block};
-use crate::kalman::{Measurement, UdFilter, Update};
+use crate::kalman::{Innovation, Measurement, UdFilter, Update};
 use crate::linear::{ComplexField, Matrix, Real, Vector, Vector3, exp_so3, real};
 use crate::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
 use crate::method::Method;
@@ -183,6 +184,8 @@ pub struct Solution {
     pub temperature_c: f32,
     /// Optional states. Biases, attitude and optional rates hold at the end of the last segment.
     pub optional: OptionalEstimate,
+    /// The most significant change of what should be constant; the joint method only.
+    pub suspicion: Suspicion,
 }
 
 /// Which measurements of a segment are taken in, and which states are only considered.
@@ -247,7 +250,8 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         }
         let number = self.segments.len() - 1;
         let moves_before = self.moves_before(number);
-        let used = self.process(number, segment, self.use_of(segment.kind, moves_before, self.config.period_moves));
+        let used =
+            self.process(number, segment, self.use_of(segment.kind, moves_before, self.config.period_moves), None);
         self.absorb();
         used
     }
@@ -287,14 +291,33 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         let (mut sweeps, mut converged) = (0, false);
         while sweeps < MAX_SWEEPS && !converged {
             let before = self.nominal;
-            self.sweep(period_moves);
+            self.sweep(period_moves, None);
             sweeps += 1;
             converged = self.stands(&before);
         }
-        self.solution(sweeps, converged)
+        let solution = self.solution(sweeps, converged);
+        Solution { suspicion: self.most_significant_change(), ..solution }
     }
 
-    fn sweep(&mut self, period_moves: Option<u16>) {
+    /// One more sweep for each segment with which a change may begin: the first stop and every move.
+    fn most_significant_change(&mut self) -> Suspicion {
+        let mut most = Suspicion::default();
+        if self.config.method == Method::TwoStage {
+            return most;
+        }
+        for onset in 0..self.segments.len() {
+            let is_stop = self.segments.get(onset).is_some_and(|segment| segment.kind == SegmentKind::Stop);
+            if is_stop && onset > 0 {
+                continue;
+            }
+            let mut suspects = Suspects::new(onset as u16, is_stop);
+            self.sweep(None, Some(&mut suspects));
+            most = most.more_significant(suspects.most_significant(&sigmas(&self.filter, ENCODER_ERRORS)));
+        }
+        most
+    }
+
+    fn sweep(&mut self, period_moves: Option<u16>, mut suspects: Option<&mut Suspects<T, STATES>>) {
         self.filter = prior_filter(&self.config);
         self.fit = Fit::default();
         self.last_stop = [Angle::default(); 2];
@@ -303,7 +326,8 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         let mut moves = 0;
         for number in 0..self.segments.len() {
             let Some(segment) = self.segments.get(number).copied() else { break };
-            let _ = self.process(number, &segment, self.use_of(segment.kind, moves, period_moves));
+            let usage = self.use_of(segment.kind, moves, period_moves);
+            let _ = self.process(number, &segment, usage, suspects.as_deref_mut());
             moves += u16::from(segment.kind == SegmentKind::Move);
         }
         self.absorb();
@@ -338,10 +362,19 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         }
     }
 
-    fn process(&mut self, number: usize, segment: &Segment<T>, usage: Use) -> bool {
+    fn process(
+        &mut self,
+        number: usize,
+        segment: &Segment<T>,
+        usage: Use,
+        mut suspects: Option<&mut Suspects<T, STATES>>,
+    ) -> bool {
         if segment.kind == SegmentKind::Move {
             let sigma: T = real(self.config.noise.encoder_sigma_rad);
             self.filter.renew_leading::<ENCODER_ERRORS_PER_STOP>(sigma * sigma);
+        }
+        if let Some(suspects) = suspects.as_deref_mut() {
+            suspects.begin(number as u16, segment);
         }
         if segment.is_broken() {
             return false;
@@ -360,7 +393,14 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             let variance = psd_sqrt * psd_sqrt / duration_s;
             let prediction = model.force_at_stop(segment);
             let optional = force_columns(&prediction, &at);
-            self.take_in(&segment.force_a, (&prediction, &optional), variance, usage, (number, 0));
+            self.take_in(
+                &segment.force_a,
+                (&prediction, &optional),
+                variance,
+                usage,
+                (number, 0),
+                suspects.as_deref_mut(),
+            );
         }
         if usage.rotation {
             let psd_sqrt: T = real(self.config.noise.gyro_psd_sqrt);
@@ -371,7 +411,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
                 prediction.by_encoder_errors.fill(T::zero());
             }
             let optional = rotation_columns(&prediction, &at);
-            self.take_in(&segment.rotation_g, (&prediction, &optional), variance, usage, (number, 3));
+            self.take_in(&segment.rotation_g, (&prediction, &optional), variance, usage, (number, 3), suspects);
         }
         usage.force || usage.rotation
     }
@@ -409,6 +449,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         variance: T,
         usage: Use,
         (segment, first_channel): (usize, u8),
+        mut suspects: Option<&mut Suspects<T, STATES>>,
     ) {
         let residual = measured - prediction.value;
         let rounding = measured.norm() * real(ROUNDING_EPSILONS * T::EPSILON);
@@ -422,8 +463,17 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             for (h, column) in h.iter_mut().zip(columns) {
                 *h = *column;
             }
+            let covariance_h = suspects.is_some().then(|| self.filter.covariance_times(&h));
             let update = self.filter.update(&Measurement { z: *z, h, r }, &considered);
             self.fit.note(&update, segment, channel);
+            if let (Some(suspects), Some(covariance_h), Update::Applied(innovation)) =
+                (suspects.as_deref_mut(), &covariance_h, &update)
+            {
+                let by_attitude_rate = prediction.by_attitude_rate.row(row).transpose().into();
+                let Innovation { value: innovation, variance } = *innovation;
+                let segment = segment as u16;
+                suspects.see(&Seen { h: &h, covariance_h, innovation, variance, segment, channel, by_attitude_rate });
+            }
         }
     }
 
@@ -481,6 +531,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
                 (last.start_us + last.duration_us).saturating_sub(first.start_us) as f64 * 1e-6
             }),
             optional: self.optional(),
+            suspicion: Suspicion::default(),
             temperature_c: self.segments.iter().map(|segment| segment.temperature_c).sum::<f32>() / count,
         }
     }

@@ -132,6 +132,48 @@ impl<T: Real> ScatterSums<T> {
     }
 }
 
+/// Readings that repeat to the last bit, which noise does not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Held {
+    /// Longest run of samples over which one channel stayed the same.
+    pub samples: u16,
+    /// That channel.
+    pub channel: u8,
+    /// Samples whose six channels were all those of the sample before.
+    pub stale: u16,
+}
+
+impl Held {
+    fn merge(&mut self, other: Self) {
+        if other.samples > self.samples {
+            (self.samples, self.channel) = (other.samples, other.channel);
+        }
+        self.stale = self.stale.saturating_add(other.stale);
+    }
+}
+
+/// For how many samples each channel has stayed the same.
+#[derive(Clone, Copy, Debug, Default)]
+struct Runs([u16; CHANNELS]);
+
+impl Runs {
+    fn step<T: Real>(&mut self, previous: &RawSample<T>, sample: &RawSample<T>) -> Held {
+        let before = previous.force_a.iter().chain(previous.omega_g.iter());
+        let now = sample.force_a.iter().chain(sample.omega_g.iter());
+        let mut held = Held { stale: 1, ..Held::default() };
+        for ((channel, run), (before, now)) in (0_u8..).zip(&mut self.0).zip(before.zip(now)) {
+            if before == now {
+                *run = run.saturating_add(1);
+                held.merge(Held { samples: *run, channel, stale: 0 });
+            } else {
+                *run = 0;
+                held.stale = 0;
+            }
+        }
+        held
+    }
+}
+
 /// A finished stop or move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Segment<T: Real> {
@@ -145,6 +187,8 @@ pub struct Segment<T: Real> {
     pub samples: u32,
     /// Longest interval between two samples, us.
     pub longest_interval_us: u64,
+    /// Readings that repeat.
+    pub held: Held,
     /// Mean IMU temperature, deg C.
     pub temperature_c: f32,
     /// Integral of the gyro outputs over time, rad.
@@ -215,6 +259,7 @@ struct Sums<T> {
     duration_us: u64,
     samples: u32,
     longest_interval_us: u64,
+    held: Held,
     temperature_c: f32,
     rotation: [CompensatedSum<T>; 3],
     force: [CompensatedSum<T>; 3],
@@ -252,6 +297,7 @@ impl<T: Real> CachedSinCos<T> {
 /// One interval between two samples: what a block adds up.
 struct Interval<T> {
     duration_us: u64,
+    held: Held,
     rotation: Vector3<T>,
     outer_ticks: i32,
     inner_ticks: i32,
@@ -267,6 +313,7 @@ impl<T: Real> Sums<T> {
         self.samples += 1;
         self.duration_us += interval.duration_us;
         self.longest_interval_us = self.longest_interval_us.max(interval.duration_us);
+        self.held.merge(interval.held);
         self.temperature_c += sample.temperature_c;
         add_each(&mut self.rotation, &interval.rotation);
         add_each(&mut self.force, &sample.force_a);
@@ -305,6 +352,7 @@ impl<T: Real> Sums<T> {
         self.samples += other.samples;
         self.duration_us += other.duration_us;
         self.longest_interval_us = self.longest_interval_us.max(other.longest_interval_us);
+        self.held.merge(other.held);
         self.temperature_c += other.temperature_c;
         merge_each(&mut self.rotation, &other.rotation);
         merge_each(&mut self.force, &other.force);
@@ -332,6 +380,7 @@ impl<T: Real> Sums<T> {
             duration_us: self.duration_us,
             samples: self.samples,
             longest_interval_us: self.longest_interval_us,
+            held: self.held,
             temperature_c: self.temperature_c / samples as f32,
             rotation_g: totals(&self.rotation),
             force_a: totals(&self.force) / count,
@@ -420,6 +469,7 @@ pub struct Segmenter<T: Real> {
     previous: Option<RawSample<T>>,
     trig_outer: CachedSinCos<T>,
     trig_inner: CachedSinCos<T>,
+    runs: Runs,
     block: Option<Block<T>>,
     phase: Phase,
     stopped_before: bool,
@@ -438,6 +488,7 @@ impl<T: Real> Segmenter<T> {
             previous: None,
             trig_outer: CachedSinCos::new(),
             trig_inner: CachedSinCos::new(),
+            runs: Runs::default(),
             block: None,
             phase: Phase::Start,
             stopped_before: false,
@@ -502,6 +553,7 @@ impl<T: Real> Segmenter<T> {
         let half = real::<T>(0.5);
         Interval {
             duration_us,
+            held: self.runs.step(previous, sample),
             // The trapezoidal rule: axes stand at both ends of a segment, so it is exact for mean rates however the
             // means are centred on their time stamps.
             rotation: (previous.omega_g + sample.omega_g) * (half * seconds(duration_us)),

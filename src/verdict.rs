@@ -3,11 +3,14 @@
 //! Bounds follow from the distribution of each number under white noise of the configured size, at probabilities that
 //! together reject fewer than one good calibration in a thousand.
 
-use crate::error_model::{PARAMETER_INFO, PARAMETERS, block};
+use crate::constancy::{Change, Suspicion};
+use crate::error_model::{PARAMETER_INFO, PARAMETERS, ParameterInfo, block};
 use crate::estimator::{Estimate, Noise, Solution};
+use crate::intake::IntakeCounts;
 use crate::linear::{ComplexField, Real};
 use crate::segment::{CHANNELS, Segment, SegmentKind};
-use crate::units::{DEG, DEG_H, MICRO_G, PPM};
+use crate::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM};
+use crate::wiring::{Wiring, mistake};
 use core::fmt;
 use core::ops::Range;
 use serde::{Deserialize, Serialize};
@@ -21,6 +24,15 @@ const INNOVATION_LIMIT: f64 = 5.0;
 const SCATTER_Z: f64 = 5.0;
 /// Trend of a stop's block means in units of their sigma; 6e-8 each.
 const TREND_LIMIT: f64 = 5.4;
+/// Normal deviate of a channel's variance over all stops from one to the end; 8e-7 each, 1e-4 for 19 stops of 6 channels.
+const NOISE_Z: f64 = 4.8;
+/// Normal deviate of a channel's squared trends over all stops; 3e-6 each, 2e-5 for 6 channels.
+const TRENDS_Z: f64 = 4.5;
+/// A channel that repeats a reading so often does not measure. A resolution of two sigma would let one repeat with
+/// probability 0.68, and 64 times in a row with 2e-11.
+const HELD_SAMPLES: u16 = 64;
+/// Part of samples that may be missing, or repeat the one before: as much more variance.
+const LOST_PART: f64 = 0.03;
 /// A channel whose variance is this part of white noise's does not measure.
 const STUCK_RATIO: f64 = 0.01;
 /// A parameter is observed if its sigma is at most this part of its prior sigma.
@@ -29,6 +41,8 @@ const OBSERVED_RATIO: f64 = 0.1;
 const CHANGE_LIMIT: f64 = 6.0;
 /// Reasons that fit; more are counted.
 const MAX_REASONS: usize = 12;
+
+const HOUR_S: f64 = 3600.0;
 
 /// Names of the channels as reasons give them.
 pub const CHANNEL_NAMES: [&str; CHANNELS] = ["accel x", "accel y", "accel z", "gyro x", "gyro y", "gyro z"];
@@ -103,6 +117,20 @@ pub enum Reason {
     Innovation { segment: u16, channel: u8, normalized: f64 },
     /// A stop was not at rest.
     Unrest { segment: u16, channel: u8, unrest: Unrest },
+    /// The noise of a channel, over all stops from a segment on, is this many times the configured one.
+    Noise { segment: u16, channel: u8, ratio: f64 },
+    /// A channel drifts during the stops: its trends are this many times those of white noise.
+    Trends { channel: u8, ratio: f64 },
+    /// A channel does not change over this many samples.
+    Held { segment: u16, channel: u8, samples: u16 },
+    /// This many samples of a segment repeat the one before.
+    Stale { segment: u16, samples: u16 },
+    /// Too many samples are missing, of so many.
+    Missing { missing: u32, of: u64 },
+    /// What should be constant changed.
+    Changing(Suspicion),
+    /// A channel or an encoder is not what it claims to be.
+    Wiring(Wiring),
     /// Samples are missing in a segment for too long, us.
     Gap { segment: u16, longest_us: u64 },
     /// More segments than fit were left out.
@@ -146,6 +174,8 @@ pub struct Assessment<'a, T: Real> {
     pub segments: &'a [Segment<T>],
     /// The configured noise.
     pub noise: &'a Noise,
+    /// What became of the samples.
+    pub counts: IntakeCounts,
     /// The calibration in store.
     pub stored: Option<&'a Estimate>,
 }
@@ -153,13 +183,34 @@ pub struct Assessment<'a, T: Real> {
 /// Judges a solution.
 pub fn judge<T: Real>(assessment: &Assessment<'_, T>, limits: &VerdictLimits) -> Verdict {
     let mut verdict = Verdict::default();
+    if let Some(wiring) = mistake(assessment.segments) {
+        verdict.doubt(Reason::Wiring(wiring));
+    }
+    judge_samples(&mut verdict, assessment);
     judge_segments(&mut verdict, assessment);
+    judge_noise(&mut verdict, assessment);
     judge_fit(&mut verdict, assessment.solution);
     judge_parameters(&mut verdict, assessment, limits);
     if let Some(stored) = assessment.stored {
         judge_change(&mut verdict, assessment, stored, limits);
     }
     verdict
+}
+
+fn judge_samples<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>) {
+    let IntakeCounts { admitted, missing, .. } = assessment.counts;
+    let of = admitted + u64::from(missing);
+    if f64::from(missing) > LOST_PART * of as f64 {
+        verdict.doubt(Reason::Missing { missing, of });
+    }
+    for (segment, Segment { held, samples, .. }) in (0_u16..).zip(assessment.segments) {
+        if held.samples >= HELD_SAMPLES {
+            verdict.doubt(Reason::Held { segment, channel: held.channel, samples: held.samples });
+        }
+        if f64::from(held.stale) > LOST_PART * f64::from(*samples) {
+            verdict.doubt(Reason::Stale { segment, samples: held.stale });
+        }
+    }
 }
 
 fn judge_segments<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>) {
@@ -181,6 +232,51 @@ fn judge_segments<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>
     }
 }
 
+/// The stops together: noise that has grown, and drift, too little for each of them to show.
+fn judge_noise<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>) {
+    for channel in 0..CHANNELS as u8 {
+        let mut noise = Pooled::default();
+        let mut trends = Pooled::default();
+        let mut noisy = None;
+        for (segment, stop) in assessment.segments.iter().enumerate().rev() {
+            let Some((variance, trend)) = scatter_ratios(stop, assessment.noise, channel) else { continue };
+            noise.add(variance, u32::from(stop.scatter.blocks) - 1);
+            trends.add(trend * trend, 1);
+            if noise.exceeds(NOISE_Z) {
+                noisy = Some(Reason::Noise { segment: segment as u16, channel, ratio: noise.ratio() });
+            }
+        }
+        if let Some(noisy) = noisy {
+            verdict.doubt(noisy);
+        }
+        if trends.exceeds(TRENDS_Z) {
+            verdict.doubt(Reason::Trends { channel, ratio: trends.ratio() });
+        }
+    }
+}
+
+/// Sum of squares over their expectation, and how many there are.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pooled {
+    sum: f64,
+    freedom: u32,
+}
+
+impl Pooled {
+    fn add(&mut self, ratio: f64, freedom: u32) {
+        self.sum += ratio * f64::from(freedom);
+        self.freedom += freedom;
+    }
+
+    fn ratio(&self) -> f64 {
+        self.sum / f64::from(self.freedom)
+    }
+
+    fn exceeds(&self, z: f64) -> bool {
+        self.freedom > 0 && self.sum > chi_square_quantile(self.freedom, z)
+    }
+}
+
 fn judge_fit(verdict: &mut Verdict, solution: &Solution) {
     if !solution.converged {
         verdict.doubt(Reason::NotConverged(solution.sweeps));
@@ -191,6 +287,9 @@ fn judge_fit(verdict: &mut Verdict, solution: &Solution) {
     let chi_square = solution.fit.chi_square;
     if freedom > 0 && !(low..=high).contains(&chi_square) {
         verdict.doubt(Reason::ChiSquare { chi_square, degrees_of_freedom: freedom, low, high });
+    }
+    if solution.suspicion.is_founded() {
+        verdict.doubt(Reason::Changing(solution.suspicion));
     }
     let largest = solution.fit.largest;
     if largest.normalized.abs() > INNOVATION_LIMIT {
@@ -270,28 +369,33 @@ fn plausible(parameter: usize, limits: &VerdictLimits) -> f64 {
 /// What shows that a stop was not at rest, if anything, with its channel: the variance and the trend of its block means
 /// against white noise of the configured size.
 pub fn unrest<T: Real>(segment: &Segment<T>, noise: &Noise) -> Option<(u8, Unrest)> {
-    let scatter = &segment.scatter;
-    if segment.kind == SegmentKind::Move || scatter.blocks < 3 {
-        return None;
-    }
-    let block_s = segment.duration_s().widened() / f64::from(scatter.blocks);
-    let freedom = u32::from(scatter.blocks) - 1;
-    let ratio_limit = chi_square_quantile(freedom, SCATTER_Z) / f64::from(freedom);
-    let channels = (0_u8..).zip(scatter.variance.iter().zip(&scatter.trend));
-    for (channel, (variance, trend)) in channels {
-        let psd_sqrt = if channel < 3 { noise.accel_psd_sqrt } else { noise.gyro_psd_sqrt };
-        let expected = psd_sqrt * psd_sqrt / block_s;
-        let ratio = f64::from(*variance) / expected;
-        let trend = f64::from(*trend) / ComplexField::sqrt(expected);
+    let freedom = u32::from(segment.scatter.blocks).saturating_sub(1);
+    for channel in 0..CHANNELS as u8 {
+        let (ratio, trend) = scatter_ratios(segment, noise, channel)?;
         if trend.abs() > TREND_LIMIT {
             return Some((channel, Unrest::Trend(trend as f32)));
-        } else if ratio > ratio_limit {
+        } else if ratio * f64::from(freedom) > chi_square_quantile(freedom, SCATTER_Z) {
             return Some((channel, Unrest::Variance(ratio as f32)));
         } else if ratio < STUCK_RATIO {
             return Some((channel, Unrest::Stuck));
         }
     }
     None
+}
+
+/// Of one channel at a stop: the variance of its block means over that of white noise, and their trend over its sigma.
+/// `None` for moves and for stops that are too short.
+fn scatter_ratios<T: Real>(segment: &Segment<T>, noise: &Noise, channel: u8) -> Option<(f64, f64)> {
+    let scatter = &segment.scatter;
+    if segment.kind == SegmentKind::Move || scatter.blocks < 3 {
+        return None;
+    }
+    let psd_sqrt = if channel < 3 { noise.accel_psd_sqrt } else { noise.gyro_psd_sqrt };
+    let block_s = segment.duration_s().widened() / f64::from(scatter.blocks);
+    let expected = psd_sqrt * psd_sqrt / block_s;
+    let variance = f64::from(*scatter.variance.get(usize::from(channel))?);
+    let trend = f64::from(*scatter.trend.get(usize::from(channel))?);
+    Some((variance / expected, trend / ComplexField::sqrt(expected)))
 }
 
 /// Quantile of chi-square at the normal deviate `z` (Wilson and Hilferty 1931; within 1 % from 10 degrees of freedom).
@@ -302,10 +406,68 @@ fn chi_square_quantile(degrees_of_freedom: u32, z: f64) -> f64 {
     n * root * root * root
 }
 
+fn info(parameter: u8) -> ParameterInfo {
+    const UNKNOWN: ParameterInfo = ParameterInfo { name: "?", unit: "", unit_si: 1.0 };
+    PARAMETER_INFO.get(usize::from(parameter)).copied().unwrap_or(UNKNOWN)
+}
+
+/// As [`info`], with the attitude's small changes in arcsec.
+fn change_info(parameter: u8) -> ParameterInfo {
+    let info = info(parameter);
+    if usize::from(parameter) < block::ATTITUDE {
+        info
+    } else {
+        ParameterInfo { unit: "arcsec", unit_si: ARCSEC, ..info }
+    }
+}
+
+fn channel_name(channel: u8) -> &'static str {
+    CHANNEL_NAMES.get(usize::from(channel)).copied().unwrap_or("?")
+}
+
+fn encoder_name(axis: u8) -> &'static str {
+    if axis == 0 { "outer encoder" } else { "inner encoder" }
+}
+
+fn write_suspicion(f: &mut fmt::Formatter<'_>, suspicion: &Suspicion) -> fmt::Result {
+    let Suspicion { change, segment, size, sigmas, limit } = *suspicion;
+    match change {
+        Change::Step(parameter) => {
+            let ParameterInfo { name, unit, unit_si } = change_info(parameter);
+            write!(f, "from segment {segment} on, {name} differs by {:.3} {unit}", size / unit_si)
+        }
+        Change::Ramp(parameter) => {
+            let ParameterInfo { name, unit, unit_si } = change_info(parameter);
+            write!(f, "from segment {segment} on, {name} drifts by {:.1} {unit} an hour", size * HOUR_S / unit_si)
+        }
+        Change::Slip(axis) => {
+            write!(f, "segment {segment}, {}: slip of {:.2} arcsec", encoder_name(axis), size / ARCSEC)
+        }
+        Change::EncoderScale(axis) => {
+            write!(f, "from segment {segment} on, {}: scale error of {:.2} ppm", encoder_name(axis), size / PPM)
+        }
+        Change::Outlier(channel) => {
+            let (size, unit) = if channel < 3 { (size / MICRO_G, "ug") } else { (size / ARCSEC, "arcsec") };
+            write!(f, "segment {segment}, {}: off by {size:.2} {unit}", channel_name(channel))
+        }
+    }?;
+    write!(f, ", {sigmas:.1} sigma, limit {limit:.1}")
+}
+
+fn write_wiring(f: &mut fmt::Formatter<'_>, wiring: Wiring) -> fmt::Result {
+    match wiring {
+        Wiring::Reversed(channel) => write!(f, "the sign of {} is wrong", channel_name(channel)),
+        Wiring::Swapped(channel) => {
+            let next = channel / 3 * 3 + (channel + 1) % 3;
+            write!(f, "{} and {} are swapped", channel_name(channel), channel_name(next))
+        }
+        Wiring::EncoderReversed(axis) => write!(f, "the sign of the {} is wrong", encoder_name(axis)),
+        Wiring::EncodersSwapped => write!(f, "the encoders are swapped, or an axis is wired wrongly"),
+    }
+}
+
 impl fmt::Display for Reason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let info = |parameter: u8| PARAMETER_INFO.get(usize::from(parameter)).copied().unwrap_or(PARAMETER_INFO[0]);
-        let channel_name = |channel: u8| CHANNEL_NAMES.get(usize::from(channel)).copied().unwrap_or("?");
         match *self {
             Self::TooFewSegments(count) => write!(f, "only {count} segments: no stop, move and stop to calibrate from"),
             Self::NotConverged(sweeps) => write!(f, "the estimate does not stand after {sweeps} sweeps"),
@@ -338,6 +500,23 @@ impl fmt::Display for Reason {
                     Unrest::Stuck => write!(f, "the channel does not change"),
                 }
             }
+            Self::Noise { segment, channel, ratio } => write!(
+                f,
+                "{} from segment {segment} on: {ratio:.2} times the variance of the configured noise",
+                channel_name(channel)
+            ),
+            Self::Trends { channel, ratio } => {
+                write!(f, "{}: drift during the stops, {ratio:.1} times that of white noise", channel_name(channel))
+            }
+            Self::Held { segment, channel, samples } => {
+                write!(f, "segment {segment}, {}: does not change over {samples} samples", channel_name(channel))
+            }
+            Self::Stale { segment, samples } => {
+                write!(f, "segment {segment}: {samples} samples repeat the one before")
+            }
+            Self::Missing { missing, of } => write!(f, "{missing} of {of} samples are missing"),
+            Self::Changing(suspicion) => write_suspicion(f, &suspicion),
+            Self::Wiring(wiring) => write_wiring(f, wiring),
             Self::Gap { segment, longest_us } => {
                 write!(f, "segment {segment}: no samples for {} ms", longest_us / 1000)
             }
