@@ -51,7 +51,7 @@ const MAX_SWEEPS: u8 = 12;
 
 /// The estimate stands when no parameter moves by more than this part of its sigma, and what rounding makes it jitter.
 const STANDING: f64 = 0.01;
-const JITTER_EPSILONS: f64 = 1e6;
+const JITTER_EPSILONS: f64 = 2.5e6;
 
 /// Standard deviation of what rounding does to a sum and its prediction, in units of the spacing of numbers.
 const ROUNDING_EPSILONS: f64 = 0.5;

@@ -15,8 +15,8 @@ use core::fmt;
 use core::ops::Range;
 use serde::{Deserialize, Serialize};
 
-/// Chi-square of the fit: normal deviate of its bounds; 5e-4 above, 3e-7 below, where only the sigmas are too large.
-const CHI_SQUARE_UPPER_Z: f64 = 3.3;
+/// Chi-square of the fit: normal deviate of its bounds; 2e-4 above, 3e-7 below, where only the sigmas are too large.
+const CHI_SQUARE_UPPER_Z: f64 = 3.6;
 const CHI_SQUARE_LOWER_Z: f64 = -5.0;
 /// Largest normalized innovation; 6e-7 each, 1e-4 for 168 measurements.
 const INNOVATION_LIMIT: f64 = 5.0;

@@ -4,7 +4,8 @@
 //! are log-uniform from negligible to gross; channel, axis, onset and end are uniform. A fault lasts from its onset on,
 //! from the first reading on in half of the cases where that is another fault, or for a while.
 //!
-//! An encoder that is offset over the whole run is no fault: its zero defines the frames r0 and b.
+//! An encoder that is offset over the whole run is no fault: its zero defines the frames r0 and b. So encoders slip once
+//! the first stop has begun to be measured.
 
 use crate::drive::SchemeDrive;
 use crate::kinematics::RigidTruth;
@@ -227,17 +228,19 @@ impl Fault {
     }
 }
 
+/// Samples before an encoder slips.
+const FIRST_SLIP: usize = 200;
+
 fn span(dice: &mut Dice, kind: FaultKind, samples: usize) -> Range<usize> {
     let onset = dice.index(samples);
     let duration = dice.log(10.0, samples as f64) as usize;
     match kind {
+        FaultKind::EncoderSlip => onset.max(FIRST_SLIP)..samples,
         FaultKind::KnockAndBack | FaultKind::EncoderSlipAndBack => onset..(onset + duration).min(samples),
         FaultKind::Stuck | FaultKind::EncoderStuck if dice.chance(0.5) => onset..(onset + duration).min(samples),
-        FaultKind::Knock
-        | FaultKind::BiasStep
-        | FaultKind::EncoderSlip
-        | FaultKind::BurstDropped
-        | FaultKind::BurstDroppedUnseen => onset..samples,
+        FaultKind::Knock | FaultKind::BiasStep | FaultKind::BurstDropped | FaultKind::BurstDroppedUnseen => {
+            onset..samples
+        }
         _ if dice.chance(0.5) => 0..samples,
         _ => onset..samples,
     }
