@@ -1,10 +1,12 @@
 //! From samples to a solution: intake, segmenter and estimator in line. The same for a live instrument and a recording.
 
+use crate::error_model::PARAMETERS;
 use crate::estimator::{BASIC_STATES, Estimate, Estimator, EstimatorConfig, MAX_SEGMENTS, Solution};
 use crate::intake::{Admission, Intake, IntakeCounts};
 use crate::linear::Real;
 use crate::sample::RawSample;
 use crate::segment::{Segment, SegmentKind, Segmenter, Stillness};
+use crate::telemetry::Message;
 use crate::verdict::{Assessment, Verdict, VerdictLimits, judge};
 use serde::{Deserialize, Serialize};
 
@@ -41,13 +43,22 @@ pub struct Calibrator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATE
 }
 
 impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS, STATES> {
+    /// Memory for a calibrator, to be restarted.
+    pub const UNCONFIGURED: Self =
+        Self { intake: Intake::new(0.0), segmenter: Segmenter::new(), estimator: Estimator::new() };
+
     /// A calibrator before the first sample.
     pub fn new(config: &CalibratorConfig) -> Self {
-        Self {
-            intake: Intake::new(config.rate_hz),
-            segmenter: Segmenter::new(&config.stillness),
-            estimator: Estimator::new(&config.estimator),
-        }
+        let mut calibrator = Self::UNCONFIGURED;
+        calibrator.restart(config);
+        calibrator
+    }
+
+    /// Forgets everything and begins anew, in place.
+    pub fn restart(&mut self, config: &CalibratorConfig) {
+        self.intake = Intake::new(config.rate_hz);
+        self.segmenter.restart(&config.stillness);
+        self.estimator.restart(&config.estimator);
     }
 
     /// Takes in one sample. Most return nothing; the one that completes a segment returns the live estimate.
@@ -58,23 +69,32 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
         }
     }
 
-    /// Closes the last stop, at the end of the samples.
-    pub fn finish(&mut self) -> Option<Progress> {
+    fn finish(&mut self) -> Option<Progress> {
         self.segmenter.finish().and_then(|segment| self.add(&segment))
     }
 
-    /// Processes all segments until the estimate stands.
-    pub fn solve(&mut self) -> Solution {
-        self.estimator.solve()
+    /// Closes the last stop, at the end of the samples, processes all segments until the estimate stands, and reports
+    /// solution and covariance.
+    pub fn conclude(&mut self, report: &mut impl FnMut(&Message)) -> Solution {
+        if let Some(progress) = self.finish() {
+            report(&Message::Segment(progress));
+        }
+        let solution = self.estimator.solve();
+        report(&Message::Solved { solution, counts: self.counts() });
+        for row in 0..PARAMETERS {
+            let values = self.estimator.covariance_row(row).map(Real::widened).data.0[0];
+            report(&Message::Covariance { row: row as u8, values });
+        }
+        solution
     }
 
     /// Judges a solution of this run's segments.
     pub fn judge(&self, solution: &Solution, stored: Option<&Estimate>, limits: &VerdictLimits) -> Verdict {
         let assessment = Assessment {
             solution,
-            prior_sigmas: &self.estimator.prior_sigmas(),
+            prior_sigmas: &self.estimator.config().prior_sigmas(),
             segments: self.estimator.segments(),
-            noise: self.estimator.noise(),
+            noise: &self.estimator.config().noise,
             counts: self.intake.counts(),
             stored,
         };

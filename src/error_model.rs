@@ -315,6 +315,21 @@ impl<T: Real> Calibration<T> {
         self.rot_sr * self.errors.rot_rr0(outer, inner)
     }
 
+    /// `rot_sa (I + diag ka)^-1`: takes the accelerometers' outputs less `ba` to the IMU frame.
+    pub fn force_matrix_sa(&self) -> &Matrix3<T> {
+        &self.force_matrix_sa
+    }
+
+    /// `rot_sg (I + diag kg)^-1`: takes the gyros' outputs less `bg` to the IMU frame.
+    pub fn rate_matrix_sg(&self) -> &Matrix3<T> {
+        &self.rate_matrix_sg
+    }
+
+    /// (2): rotation frame to IMU frame.
+    pub fn rot_sr(&self) -> &Matrix3<T> {
+        &self.rot_sr
+    }
+
     /// The errors this calibration takes out.
     pub fn errors(&self) -> &InstrumentErrors<T> {
         &self.errors

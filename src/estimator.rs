@@ -22,7 +22,7 @@ use crate::angle::Angle;
 use crate::constancy::{Seen, Suspects, Suspicion};
 use crate::error_model::{InstrumentErrors, PARAMETERS, block};
 use crate::kalman::{Innovation, Measurement, UdFilter, Update};
-use crate::linear::{ComplexField, Matrix, Real, Vector, Vector3, exp_so3, real};
+use crate::linear::{ComplexField, Real, Vector, Vector3, exp_so3, real, zeros};
 use crate::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
 use crate::method::Method;
 use crate::options::{
@@ -101,6 +101,30 @@ pub struct EstimatorConfig {
     pub options: Options,
 }
 
+impl EstimatorConfig {
+    /// Sigmas of the parameters before any segment, SI; 0 for a parameter that the method takes as known.
+    pub fn prior_sigmas(&self) -> [f64; PARAMETERS] {
+        let common = |state: &usize| self.method == Method::TwoStage && ACCEL_SCALE.contains(state);
+        let prior = prior_sigmas::<f64, BASIC_STATES>(self);
+        let mut sigmas = [0.0; PARAMETERS];
+        for ((state, prior), sigma) in prior.iter().enumerate().skip(ENCODER_ERRORS).zip(&mut sigmas) {
+            *sigma = if common(&state) { COMMON_SCALE_SIGMA } else { *prior };
+        }
+        sigmas
+    }
+
+    /// Before there is one.
+    const UNKNOWN: Self = Self {
+        method: Method::Joint,
+        site: Site { latitude_rad: 0.0, height_m: 0.0, measured_gravity_m_s2: None },
+        noise: Noise { accel_psd_sqrt: 0.0, gyro_psd_sqrt: 0.0, encoder_sigma_rad: 0.0 },
+        heading: HeadingSource::Gyrocompass,
+        period_moves: None,
+        gate_sigma: None,
+        options: Options::NONE,
+    };
+}
+
 /// Prior sigma of a block of parameters: wide, so that it carries no information worth mentioning.
 struct Prior {
     states: Range<usize>,
@@ -138,7 +162,7 @@ pub struct LargestInnovation {
 }
 
 /// Agreement of the segments with the model.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fit {
     /// Sum of squared normalized innovations.
     pub chi_square: f64,
@@ -217,20 +241,38 @@ pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATES
     last_stop: [Angle; 2],
 }
 
+impl<T: Real, const SEGMENTS: usize, const STATES: usize> Default for Estimator<T, SEGMENTS, STATES> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS, STATES> {
-    /// An estimator without data.
-    pub fn new(config: &EstimatorConfig) -> Self {
+    /// An estimator without configuration or data.
+    pub const fn new() -> Self {
         Self {
-            config: *config,
+            config: EstimatorConfig::UNKNOWN,
             segments: heapless::Vec::new(),
             left_out: 0,
-            start: Vector::zeros(),
-            nominal: Vector::zeros(),
-            filter: prior_filter(config),
-            fit: Fit::default(),
+            start: zeros(),
+            nominal: zeros(),
+            filter: UdFilter::CERTAIN,
+            fit: Fit::NONE,
             reference_us: 0,
-            last_stop: [Angle::default(); 2],
+            last_stop: [Angle::from_ticks(0); 2],
         }
+    }
+
+    /// Forgets all data and begins anew with a configuration.
+    pub fn restart(&mut self, config: &EstimatorConfig) {
+        self.config = *config;
+        self.segments.clear();
+        self.left_out = 0;
+        self.start.fill(T::zero());
+        self.nominal.fill(T::zero());
+        restart_at_prior(&mut self.filter, config);
+        self.fit = Fit::NONE;
+        self.last_stop = [Angle::default(); 2];
     }
 
     /// Takes in a finished segment and updates the live estimate. Returns whether the segment is used; one before the
@@ -264,19 +306,14 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         }
     }
 
-    /// Covariance of the parameters, (28 x 28), SI.
-    pub fn covariance(&self) -> Matrix<T, PARAMETERS, PARAMETERS> {
-        self.filter.covariance().fixed_view::<PARAMETERS, PARAMETERS>(ENCODER_ERRORS, ENCODER_ERRORS).into_owned()
+    /// Row `parameter` of the covariance of the parameters, (28), SI.
+    pub fn covariance_row(&self, parameter: usize) -> Vector<T, PARAMETERS> {
+        self.filter.covariance_row(ENCODER_ERRORS + parameter).fixed_rows::<PARAMETERS>(ENCODER_ERRORS).into_owned()
     }
 
-    /// Sigmas of the prior, SI; 0 for a parameter that the method takes as known.
-    pub fn prior_sigmas(&self) -> [f64; PARAMETERS] {
-        sigmas(&prior_filter::<T, STATES>(&self.config), ENCODER_ERRORS)
-    }
-
-    /// The configured noise.
-    pub fn noise(&self) -> &Noise {
-        &self.config.noise
+    /// The configuration.
+    pub fn config(&self) -> &EstimatorConfig {
+        &self.config
     }
 
     /// Segments taken in so far.
@@ -318,8 +355,8 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     }
 
     fn sweep(&mut self, period_moves: Option<u16>, mut suspects: Option<&mut Suspects<T, STATES>>) {
-        self.filter = prior_filter(&self.config);
-        self.fit = Fit::default();
+        restart_at_prior(&mut self.filter, &self.config);
+        self.fit = Fit::NONE;
         self.last_stop = [Angle::default(); 2];
         let deviation = self.start - self.nominal;
         self.filter.state_mut().fixed_rows_mut::<PARAMETERS>(ENCODER_ERRORS).copy_from(&deviation);
@@ -536,11 +573,6 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         }
     }
 
-    /// Prior sigmas of those optional states that the filter has.
-    fn optional_prior(&self) -> [f64; OPTIONAL_STATES] {
-        sigmas(&prior_filter::<T, STATES>(&self.config), BASIC_STATES)
-    }
-
     fn optional(&self) -> OptionalEstimate {
         let mut values = [0.0; OPTIONAL_STATES];
         for (value, state) in values.iter_mut().zip(self.filter.state().iter().skip(BASIC_STATES)) {
@@ -554,8 +586,9 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         let gained = |(sigma, prior): (&f64, &f64)| {
             if *prior > 0.0 { 1.0 - sigma * sigma / (prior * prior) } else { 0.0 }
         };
-        let total: f64 = estimate.sigmas.iter().zip(&self.prior_sigmas()).map(gained).sum();
-        let optional: f64 = self.optional().sigmas.iter().zip(&self.optional_prior()).map(gained).sum();
+        let total: f64 = estimate.sigmas.iter().zip(&self.config.prior_sigmas()).map(gained).sum();
+        let optional = self.optional().sigmas;
+        let optional: f64 = optional.iter().zip(&self.config.options.prior_sigmas()).map(gained).sum();
         // Of the accelerometers' scale errors, the two-stage method knows only one, common to the three.
         let common = if self.config.method == Method::TwoStage { 2.0 } else { 0.0 };
         ComplexField::round(total + optional - common) as u32
@@ -563,6 +596,14 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
 }
 
 impl Fit {
+    const NONE: Self = Self {
+        chi_square: 0.0,
+        measurements: 0,
+        gated: 0,
+        refused: 0,
+        largest: LargestInnovation { normalized: 0.0, segment: 0, channel: 0 },
+    };
+
     fn note<T: Real>(&mut self, update: &Update<T>, segment: usize, channel: u8) {
         let innovation = match update {
             Update::Applied(innovation) => innovation,
@@ -592,8 +633,9 @@ fn sigmas<T: Real, const STATES: usize, const COUNT: usize>(
     sigmas
 }
 
-/// The filter before any segment: wide where the method estimates, certain where it takes a parameter as known.
-fn prior_filter<T: Real, const STATES: usize>(config: &EstimatorConfig) -> UdFilter<T, STATES> {
+/// Sigmas of the states before any segment, (STATES): wide where the method estimates, zero where it takes a parameter as
+/// known. The common scale error of the two-stage method comes on top.
+fn prior_sigmas<T: Real, const STATES: usize>(config: &EstimatorConfig) -> Vector<T, STATES> {
     let mut sigmas = Vector::<T, STATES>::zeros();
     sigmas.fixed_rows_mut::<ENCODER_ERRORS>(0).fill(real(config.noise.encoder_sigma_rad));
     for prior in PRIORS.iter().filter(|prior| prior.two_stage || config.method == Method::Joint) {
@@ -610,16 +652,22 @@ fn prior_filter<T: Real, const STATES: usize>(config: &EstimatorConfig) -> UdFil
     if let (HeadingSource::Configured { sigma_rad, .. }, Some(heading)) = (config.heading, heading) {
         *heading = real(sigma_rad);
     }
-    let mut filter = UdFilter::new(&sigmas, config.gate_sigma.map(real));
+    sigmas
+}
+
+/// Sets the filter to what is known before any segment.
+fn restart_at_prior<T: Real, const STATES: usize>(filter: &mut UdFilter<T, STATES>, config: &EstimatorConfig) {
+    filter.restart(&prior_sigmas(config), config.gate_sigma.map(real));
     if config.method == Method::TwoStage {
         filter.inflate(&common_accel_scale(), T::one());
     }
-    filter
 }
 
 /// One scale error common to the three accelerometers, with its prior sigma: it stands for the magnitude of the specific
 /// force, which (11) does not use.
 fn common_accel_scale<T: Real, const STATES: usize>() -> Vector<T, STATES> {
-    let first = ENCODER_ERRORS + block::ACCEL_SCALE;
-    Vector::from_fn(|state, _| if (first..first + 3).contains(&state) { real(0.02) } else { T::zero() })
+    Vector::from_fn(|state, _| if ACCEL_SCALE.contains(&state) { real(COMMON_SCALE_SIGMA) } else { T::zero() })
 }
+
+const ACCEL_SCALE: Range<usize> = ENCODER_ERRORS + block::ACCEL_SCALE..ENCODER_ERRORS + block::ACCEL_SCALE + 3;
+const COMMON_SCALE_SIGMA: f64 = 0.02;

@@ -51,8 +51,9 @@ pub struct Intake {
 
 impl Intake {
     /// For samples that come at `rate_hz`.
-    pub fn new(rate_hz: f64) -> Self {
-        Self { nominal_us: 1e6 / rate_hz, last_us: None, counts: IntakeCounts::default() }
+    pub const fn new(rate_hz: f64) -> Self {
+        let counts = IntakeCounts { admitted: 0, repeated: 0, out_of_order: 0, non_finite: 0, gaps: 0, missing: 0 };
+        Self { nominal_us: 1e6 / rate_hz, last_us: None, counts }
     }
 
     /// Judges one sample.

@@ -9,7 +9,7 @@
 //!
 //! The state is the deviation from a point that the caller linearizes about.
 
-use crate::linear::{Matrix, Real, Vector};
+use crate::linear::{Matrix, Real, Vector, columns_mut, zeros};
 
 /// What a measurement disagreed with the prediction by.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -62,18 +62,25 @@ pub struct UdFilter<T: Real, const N: usize> {
 }
 
 impl<T: Real, const N: usize> UdFilter<T, N> {
+    /// A filter that knows its states for certain.
+    pub const CERTAIN: Self = Self { x: zeros(), u: zeros(), d: zeros(), gate_sigma: None, gated: 0, refused: 0 };
+
     /// Independent states of deviation zero with these sigmas, (N); a state of sigma zero is known and stays so.
     ///
     /// `gate_sigma`: measurements with a larger normalized innovation are kept out and counted.
     pub fn new(sigmas: &Vector<T, N>, gate_sigma: Option<T>) -> Self {
-        Self {
-            x: Vector::zeros(),
-            u: Matrix::identity(),
-            d: sigmas.component_mul(sigmas),
-            gate_sigma,
-            gated: 0,
-            refused: 0,
-        }
+        let mut filter = Self::CERTAIN;
+        filter.restart(sigmas, gate_sigma);
+        filter
+    }
+
+    /// Begins anew, in place, as [`UdFilter::new`] does.
+    pub fn restart(&mut self, sigmas: &Vector<T, N>, gate_sigma: Option<T>) {
+        self.x.fill(T::zero());
+        self.u.fill_with_identity();
+        self.d.copy_from(sigmas);
+        self.d.component_mul_assign(sigmas);
+        (self.gate_sigma, self.gated, self.refused) = (gate_sigma, 0, 0);
     }
 
     /// The deviation, (N).
@@ -114,6 +121,19 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
             column *= *d;
         }
         scaled * self.u.transpose()
+    }
+
+    /// Row `i` of the covariance, (N).
+    pub fn covariance_row(&self, i: usize) -> Vector<T, N> {
+        let mut row = Vector::<T, N>::zeros();
+        for (column, d) in self.u.column_iter().zip(self.d.iter()) {
+            let Some(of_i) = column.iter().nth(i) else { continue };
+            let scaled = *of_i * *d;
+            for (entry, u) in row.iter_mut().zip(column.iter()) {
+                *entry += scaled * *u;
+            }
+        }
+        row
     }
 
     /// `P h`: the gain of a measurement times its innovation's variance, (N).
@@ -182,7 +202,7 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
     pub fn inflate(&mut self, direction: &Vector<T, N>, variance: T) {
         let mut v = *direction;
         let mut c = variance;
-        for ((j, mut column), d) in self.u.column_iter_mut().enumerate().zip(self.d.iter_mut()).rev() {
+        for ((j, column), d) in columns_mut(&mut self.u).iter_mut().enumerate().zip(self.d.as_mut_slice()).rev() {
             let Some(&p) = v.iter().nth(j) else { continue };
             let inflated = *d + c * p * p;
             if p == T::zero() || inflated <= T::zero() {
@@ -275,6 +295,7 @@ mod tests {
             }
             assert!((filter.covariance() - p).norm() < 1e-13 && (filter.state() - x).norm() < 1e-13);
             assert!((filter.variances() - p.diagonal()).norm() < 1e-13);
+            assert!((filter.covariance_row(2) - p.row(2).transpose()).norm() < 1e-13);
             assert_eq!(filter.variances()[3], 0.0, "a known state stays known");
         }
     }

@@ -4,6 +4,7 @@
 
 pub mod acquisition;
 pub mod angle;
+pub mod assignment;
 pub mod axis;
 pub mod calibrator;
 pub mod constancy;

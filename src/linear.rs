@@ -24,6 +24,8 @@ pub trait Real: RealField + Copy + Default + Debug + Send + Sync + 'static {
     fn widened(self) -> f64;
     /// Relative spacing of this type's numbers, `2^-52` or `2^-23`.
     const EPSILON: f64;
+    /// Zero, for constants.
+    const ZERO: Self;
 }
 
 impl Real for f64 {
@@ -34,6 +36,7 @@ impl Real for f64 {
         self
     }
     const EPSILON: f64 = f64::EPSILON;
+    const ZERO: Self = 0.0;
 }
 
 impl Real for f32 {
@@ -44,12 +47,23 @@ impl Real for f32 {
         self.into()
     }
     const EPSILON: f64 = f32::EPSILON as f64;
+    const ZERO: Self = 0.0;
 }
 
 /// `value` as the scalar `T`.
 #[inline]
 pub fn real<T: Real>(value: f64) -> T {
     T::rounded(value)
+}
+
+/// A matrix of zeros, for constants: large memory is initialized in place, not by way of the stack.
+pub const fn zeros<T: Real, const R: usize, const C: usize>() -> Matrix<T, R, C> {
+    Matrix::from_array_storage(nalgebra::ArrayStorage([[T::ZERO; R]; C]))
+}
+
+/// The columns, first to last.
+pub fn columns_mut<T: Real, const R: usize, const C: usize>(m: &mut Matrix<T, R, C>) -> &mut [[T; R]; C] {
+    &mut m.data.0
 }
 
 /// `[v x]`: the matrix with `skew(v) * w == v.cross(&w)`.
@@ -144,6 +158,9 @@ pub struct CompensatedSum<T> {
 }
 
 impl<T: Real> CompensatedSum<T> {
+    /// No terms.
+    pub const ZERO: Self = Self { sum: T::ZERO, rest: T::ZERO };
+
     /// Adds one term.
     #[inline]
     pub fn add(&mut self, term: T) {

@@ -303,7 +303,8 @@ mod tests {
     /// A stop, a move of both axes and a stop, without noise.
     fn segments() -> [Segment<f64>; 3] {
         const STEP_US: u64 = 1000;
-        let mut segmenter = Segmenter::new(&Stillness::default());
+        let mut segmenter = Segmenter::new();
+        segmenter.restart(&Stillness::default());
         let mut found = std::vec::Vec::new();
         for step in 0..9000_u64 {
             let time_us = step * STEP_US;

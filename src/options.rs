@@ -49,6 +49,16 @@ pub struct Options {
 }
 
 impl Options {
+    /// Nothing beyond the 28 parameters.
+    pub const NONE: Self = Self {
+        bias_ramp: false,
+        gyro_bias_walk: 0.0,
+        accel_bias_walk: 0.0,
+        encoder_eccentricity: false,
+        encoder_second_harmonic: false,
+        base_tilt_drift: false,
+    };
+
     /// Whether a state is to be estimated that a filter of the basic size does not have.
     pub fn needs_states(&self) -> bool {
         self.bias_ramp || self.encoder_eccentricity || self.encoder_second_harmonic || self.base_tilt_drift
@@ -125,19 +135,18 @@ pub struct Circumstances<T> {
     pub stop: [Angle; 2],
 }
 
-/// Derivative of a measurement by the optional states, from those by bias, attitude and encoder errors. `bias_block` and
-/// `ramp` name the sensors' own.
-fn columns<T: Real>(
+/// Derivative of a measurement by the optional states, from those by bias, attitude and encoder errors. `BIAS` and `RAMP`
+/// are the blocks of the sensors' own.
+fn columns<T: Real, const BIAS: usize, const RAMP: usize>(
     prediction: &Prediction<T>,
     at: &Circumstances<T>,
-    bias_block: usize,
-    ramp: Range<usize>,
 ) -> OptionalColumns<T> {
     let by = &prediction.by_parameters;
     let t = at.since_reference_s;
     let mut columns = OptionalColumns::<T>::zeros();
-    columns.fixed_columns_mut::<3>(ramp.start).copy_from(&(by.fixed_columns::<3>(bias_block) * t));
-    columns.fixed_columns_mut::<2>(optional::TILT_DRIFT.start).copy_from(&(by.fixed_columns::<2>(block::ATTITUDE) * t));
+    columns.fixed_columns_mut::<3>(RAMP).copy_from(&by.fixed_columns::<3>(BIAS));
+    columns.fixed_columns_mut::<2>(optional::TILT_DRIFT.start).copy_from(&by.fixed_columns::<2>(block::ATTITUDE));
+    columns *= t;
     for axis in 0..2 {
         let before = harmonics::<T>(at.stop_before[axis]);
         let now = harmonics::<T>(at.stop[axis]);
@@ -154,12 +163,12 @@ fn columns<T: Real>(
 
 /// See [`columns`]: for accelerometers.
 pub fn force_columns<T: Real>(prediction: &Prediction<T>, at: &Circumstances<T>) -> OptionalColumns<T> {
-    columns(prediction, at, block::ACCEL_BIAS, optional::ACCEL_BIAS_RAMP)
+    columns::<T, { block::ACCEL_BIAS }, { optional::ACCEL_BIAS_RAMP.start }>(prediction, at)
 }
 
 /// See [`columns`]: for gyros.
 pub fn rotation_columns<T: Real>(prediction: &Prediction<T>, at: &Circumstances<T>) -> OptionalColumns<T> {
-    columns(prediction, at, block::GYRO_BIAS, optional::GYRO_BIAS_RAMP)
+    columns::<T, { block::GYRO_BIAS }, { optional::GYRO_BIAS_RAMP.start }>(prediction, at)
 }
 
 /// cos - 1 and sin of the angle and of its double.

@@ -81,13 +81,13 @@ pub struct Scatter {
 }
 
 /// Sums over block means, each less the first.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct ScatterSums<T> {
     blocks: u16,
     channels: [ChannelSums<T>; CHANNELS],
 }
 
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct ChannelSums<T> {
     first: T,
     sum: T,
@@ -96,6 +96,11 @@ struct ChannelSums<T> {
 }
 
 impl<T: Real> ScatterSums<T> {
+    const ZERO: Self = Self {
+        blocks: 0,
+        channels: [ChannelSums { first: T::ZERO, sum: T::ZERO, squares: T::ZERO, by_number: T::ZERO }; CHANNELS],
+    };
+
     fn add(&mut self, block: &Sums<T>) {
         let number: T = real(self.blocks.into());
         let count: T = real(f64::from(block.samples.max(1)));
@@ -144,6 +149,9 @@ pub struct Held {
 }
 
 impl Held {
+    /// Nothing repeats.
+    pub const NONE: Self = Self { samples: 0, channel: 0, stale: 0 };
+
     fn merge(&mut self, other: Self) {
         if other.samples > self.samples {
             (self.samples, self.channel) = (other.samples, other.channel);
@@ -153,10 +161,12 @@ impl Held {
 }
 
 /// For how many samples each channel has stayed the same.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct Runs([u16; CHANNELS]);
 
 impl Runs {
+    const NONE: Self = Self([0; CHANNELS]);
+
     fn step<T: Real>(&mut self, previous: &RawSample<T>, sample: &RawSample<T>) -> Held {
         let before = previous.force_a.iter().chain(previous.omega_g.iter());
         let now = sample.force_a.iter().chain(sample.omega_g.iter());
@@ -218,7 +228,7 @@ impl<T: Real> Segment<T> {
 }
 
 /// Mean of an angle as offset from the first.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct AngleMean {
     first: Angle,
     last: Angle,
@@ -227,6 +237,8 @@ struct AngleMean {
 }
 
 impl AngleMean {
+    const ZERO: Self = Self { first: Angle::from_ticks(0), last: Angle::from_ticks(0), count: 0, offset_ticks: 0 };
+
     fn add(&mut self, angle: Angle) {
         if self.count == 0 {
             self.first = angle;
@@ -253,7 +265,7 @@ impl AngleMean {
 }
 
 /// Sums of one block, or of many.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct Sums<T> {
     start_us: u64,
     duration_us: u64,
@@ -274,23 +286,20 @@ struct Sums<T> {
 
 /// Sine and cosine of the last angle asked for: most samples come at rest.
 #[derive(Clone, Copy, Debug)]
-struct CachedSinCos<T> {
-    angle: Angle,
-    sin: T,
-    cos: T,
-}
+struct CachedSinCos<T>(Option<(Angle, T, T)>);
 
 impl<T: Real> CachedSinCos<T> {
-    fn new() -> Self {
-        Self { angle: Angle::default(), sin: T::zero(), cos: T::one() }
-    }
+    const EMPTY: Self = Self(None);
 
     fn at(&mut self, angle: Angle) -> (T, T) {
-        if angle != self.angle {
-            (self.sin, self.cos) = angle.sin_cos();
-            self.angle = angle;
+        match self.0 {
+            Some((last, sin, cos)) if last == angle => (sin, cos),
+            _ => {
+                let (sin, cos) = angle.sin_cos();
+                self.0 = Some((angle, sin, cos));
+                (sin, cos)
+            }
         }
-        (self.sin, self.cos)
     }
 }
 
@@ -306,6 +315,24 @@ struct Interval<T> {
 }
 
 impl<T: Real> Sums<T> {
+    const ZERO: Self = Self {
+        start_us: 0,
+        duration_us: 0,
+        samples: 0,
+        longest_interval_us: 0,
+        held: Held::NONE,
+        temperature_c: 0.0,
+        rotation: [CompensatedSum::ZERO; 3],
+        force: [CompensatedSum::ZERO; 3],
+        attitude: [[CompensatedSum::ZERO; 3]; 3],
+        outer_cos_inner: CompensatedSum::ZERO,
+        outer_sin_inner: CompensatedSum::ZERO,
+        outer_ticks: 0,
+        inner_ticks: 0,
+        outer: AngleMean::ZERO,
+        inner: AngleMean::ZERO,
+    };
+
     fn add(&mut self, sample: &RawSample<T>, interval: &Interval<T>) {
         if self.samples == 0 {
             self.start_us = sample.time_us.saturating_sub(interval.duration_us);
@@ -480,23 +507,39 @@ pub struct Segmenter<T: Real> {
     moved: Sums<T>,
 }
 
+impl<T: Real> Default for Segmenter<T> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl<T: Real> Segmenter<T> {
-    /// A new segmenter, before the first sample. Motion before the first stop is not reported.
-    pub fn new(stillness: &Stillness) -> Self {
+    /// Before the first sample. Motion before the first stop is not reported.
+    pub const fn new() -> Self {
         Self {
-            still_ticks: rad_to_ticks(stillness.still_rad),
+            still_ticks: 0,
             previous: None,
-            trig_outer: CachedSinCos::new(),
-            trig_inner: CachedSinCos::new(),
-            runs: Runs::default(),
+            trig_outer: CachedSinCos::EMPTY,
+            trig_inner: CachedSinCos::EMPTY,
+            runs: Runs::NONE,
             block: None,
             phase: Phase::Start,
             stopped_before: false,
             guard: heapless::Deque::new(),
-            stop: Sums::default(),
-            scatter: ScatterSums::default(),
-            moved: Sums::default(),
+            stop: Sums::ZERO,
+            scatter: ScatterSums::ZERO,
+            moved: Sums::ZERO,
         }
+    }
+
+    /// Forgets all samples; motion is recognized as `stillness` says from here on.
+    pub fn restart(&mut self, stillness: &Stillness) {
+        (self.previous, self.block, self.phase, self.stopped_before) = (None, None, Phase::Start, false);
+        self.guard.clear();
+        (self.stop, self.moved) = (Sums::ZERO, Sums::ZERO);
+        self.scatter = ScatterSums::ZERO;
+        self.runs = Runs::NONE;
+        self.still_ticks = rad_to_ticks(stillness.still_rad);
     }
 
     /// Takes one admitted sample; returns the segment that it completes.
@@ -504,7 +547,7 @@ impl<T: Real> Segmenter<T> {
         let previous = self.previous.replace(*sample)?;
         let interval = self.interval(&previous, sample);
         let block = self.block.get_or_insert_with(|| Block {
-            sums: Sums::default(),
+            sums: Sums::ZERO,
             outer: AngleRange::at(previous.outer),
             inner: AngleRange::at(previous.inner),
         });
@@ -537,8 +580,8 @@ impl<T: Real> Segmenter<T> {
 
     /// Forgets what was summed at this stop so far; it begins anew with the next block.
     pub fn restart_stop(&mut self) {
-        self.stop = Sums::default();
-        self.scatter = ScatterSums::default();
+        self.stop = Sums::ZERO;
+        self.scatter = ScatterSums::ZERO;
     }
 
     /// Whether the axes have stood for the settling time.
@@ -602,7 +645,7 @@ impl<T: Real> Segmenter<T> {
         if !arrived {
             return None;
         }
-        let moved = mem::take(&mut self.moved);
+        let moved = mem::replace(&mut self.moved, Sums::ZERO);
         let reported = mem::replace(&mut self.stopped_before, true) && moved.samples > 0;
         reported.then(|| moved.segment(SegmentKind::Move))
     }
@@ -625,8 +668,8 @@ impl<T: Real> Segmenter<T> {
 
     fn take_stop(&mut self) -> Option<Segment<T>> {
         let stop = self.stop_so_far();
-        self.stop = Sums::default();
-        self.scatter = ScatterSums::default();
+        self.stop = Sums::ZERO;
+        self.scatter = ScatterSums::ZERO;
         stop
     }
 }

@@ -129,13 +129,13 @@ pub struct Step<T: Real> {
     pub save: bool,
 }
 
-/// A running instrument.
-#[derive(Clone, Debug)]
-pub struct SelfCalibration<T: Real, const STATES: usize = BASIC_STATES> {
+/// A running instrument. Its calibrator is memory of the caller's: a static on the board.
+#[derive(Debug)]
+pub struct SelfCalibration<'c, T: Real, const STATES: usize = BASIC_STATES> {
     config: SelfCalibrationConfig,
     stored: Option<Estimate>,
     sequencer: Sequencer,
-    calibrator: Calibrator<T, MAX_SEGMENTS, STATES>,
+    calibrator: &'c mut Calibrator<T, MAX_SEGMENTS, STATES>,
     measuring: bool,
     axes: [Axis<T>; 2],
     previous: Option<RawSample<T>>,
@@ -147,12 +147,16 @@ pub struct SelfCalibration<T: Real, const STATES: usize = BASIC_STATES> {
     corrected_report_us: u64,
 }
 
-impl<T: Real, const STATES: usize> SelfCalibration<T, STATES> {
+impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     /// The instrument at power-up, with the calibration that its store holds.
     ///
     /// # Errors
     /// What is wrong with the configuration.
-    pub fn new(config: SelfCalibrationConfig, stored: Option<&StoredCalibration>) -> Result<Self, ConfigError> {
+    pub fn new(
+        config: SelfCalibrationConfig,
+        stored: Option<&StoredCalibration>,
+        calibrator: &'c mut Calibrator<T, MAX_SEGMENTS, STATES>,
+    ) -> Result<Self, ConfigError> {
         config.check()?;
         if config.calibrator.estimator.options.needs_states() && STATES < FULL_STATES {
             return Err(ConfigError::Options);
@@ -163,9 +167,10 @@ impl<T: Real, const STATES: usize> SelfCalibration<T, STATES> {
         if config.scheme.periods > 1 {
             calibrator_config.estimator.period_moves = Some(config.scheme.legs.len() as u16);
         }
+        calibrator.restart(&calibrator_config);
         Ok(Self {
             sequencer: Sequencer::new(config.scheme.clone(), use_stored, config.stop_repeats),
-            calibrator: Calibrator::new(&calibrator_config),
+            calibrator,
             measuring: false,
             axes: [Axis::new(&config.axes[0]), Axis::new(&config.axes[1])],
             previous: None,
@@ -223,7 +228,7 @@ impl<T: Real, const STATES: usize> SelfCalibration<T, STATES> {
 
     /// The calibrator of the run, with its segments and covariance.
     pub fn calibrator(&self) -> &Calibrator<T, MAX_SEGMENTS, STATES> {
-        &self.calibrator
+        self.calibrator
     }
 
     /// The solution, as it is to be stored.
@@ -312,12 +317,7 @@ impl<T: Real, const STATES: usize> SelfCalibration<T, STATES> {
 
     fn solve(&mut self, report: &mut impl FnMut(&Message)) {
         self.measuring = false;
-        if let Some(progress) = self.calibrator.finish() {
-            report(&Message::Segment(progress));
-        }
-        let solution = self.calibrator.solve();
-        report(&Message::Solved { solution, counts: self.calibrator.counts() });
-        self.solution = Some(solution);
+        self.solution = Some(self.calibrator.conclude(report));
     }
 
     fn judge(&mut self, report: &mut impl FnMut(&Message)) {

@@ -16,6 +16,7 @@
 //! leaves the stored calibration as it was.
 
 use crate::scheme::{Leg, Scheme};
+use core::fmt;
 use serde::{Deserialize, Serialize};
 
 /// Base and axes must have been still for this long before anything moves, us.
@@ -44,6 +45,19 @@ pub enum AbortReason {
     InnerFollowing,
     /// Samples were missing or unusable for too long.
     SampleLoss,
+}
+
+impl fmt::Display for AbortReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Commanded => write!(f, "given up on command, or a drive did not answer"),
+            Self::NotStill => write!(f, "the base was not still for 1 s within 60 s of power-up"),
+            Self::TurnTimeout(leg) => write!(f, "leg {leg}: the axes did not arrive in time"),
+            Self::OuterFollowing => write!(f, "the outer axis did not follow its profile"),
+            Self::InnerFollowing => write!(f, "the inner axis did not follow its profile"),
+            Self::SampleLoss => write!(f, "no usable samples for 1 s"),
+        }
+    }
 }
 
 /// Where the run is.

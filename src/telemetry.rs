@@ -1,6 +1,7 @@
 //! Messages of the firmware to the host: postcard in COBS frames, each ended by a zero byte.
 
 use crate::calibrator::Progress;
+use crate::error_model::PARAMETERS;
 use crate::estimator::Solution;
 use crate::intake::IntakeCounts;
 use crate::queue::Losses;
@@ -43,6 +44,13 @@ pub enum Message {
         solution: Solution,
         /// What became of the samples.
         counts: IntakeCounts,
+    },
+    /// One row of the covariance of the parameters, SI.
+    Covariance {
+        /// Parameter of the row.
+        row: u8,
+        /// The row.
+        values: [f64; PARAMETERS],
     },
     /// The solution is judged.
     Judged(Verdict),

@@ -1,23 +1,18 @@
 //! The one promise under test: many runs with one fault each, and the accepted ones among them held against the truth.
 
+use crate::calibration::{self, Precision, Setup};
 use crate::faults::{Fault, FaultKind, readings};
-use crate::plant::Reading;
 use crate::presets::RandomErrors;
-use crate::unit::Noise;
+use crate::unit::UnitConfig;
 use crate::virtual_rins::VirtualUnit;
+use crate::virtual_run::{Stream, VirtualRun, derived_seed};
 use rayon::prelude::*;
-use rins_selfcal::angle::Angle;
-use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
 use rins_selfcal::error_model::{InstrumentErrors, PARAMETER_INFO, block};
-use rins_selfcal::estimator::{EstimatorConfig, HeadingSource, Solution};
-use rins_selfcal::linear::{Real, Vector3, real};
+use rins_selfcal::estimator::Solution;
 use rins_selfcal::method::Method;
-use rins_selfcal::options::Options;
-use rins_selfcal::sample::RawSample;
 use rins_selfcal::scheme::Scheme;
-use rins_selfcal::segment::Stillness;
 use rins_selfcal::units::ARCSEC;
-use rins_selfcal::verdict::{Reason, Verdict, VerdictLimits};
+use rins_selfcal::verdict::{Reason, Verdict};
 use std::collections::BTreeMap;
 use std::fmt;
 
@@ -30,8 +25,8 @@ pub struct Campaign {
     pub seed: u64,
     /// What goes wrong: one kind, all in turn, or nothing.
     pub faults: Faults,
-    /// Whether the core computes in `f32`.
-    pub single: bool,
+    /// Scalar of the core.
+    pub precision: Precision,
 }
 
 /// What goes wrong in a campaign.
@@ -75,73 +70,35 @@ impl Campaign {
     /// Runs all, on all cores; `done` is called after each.
     pub fn run(&self, done: impl Fn() + Sync) -> Vec<Outcome> {
         let one = |number| {
-            let outcome = if self.single { self.run_one::<f32>(number) } else { self.run_one::<f64>(number) };
+            let outcome = self.run_one(number);
             done();
             outcome
         };
         (0..self.runs).into_par_iter().map(one).collect()
     }
 
-    fn run_one<T: Real>(&self, number: u64) -> Outcome {
-        let seed = self.seed.wrapping_mul(1_000_003).wrapping_add(number);
-        let unit = VirtualUnit {
-            errors: RandomErrors::default().draw(seed),
-            noise: Noise::navigation(),
-            ..VirtualUnit::default()
-        };
-        let scheme = Scheme::bai(10.0, 1);
+    fn run_one(&self, number: u64) -> Outcome {
+        let seed = derived_seed(self.seed, number, Stream::Noise);
+        let config = UnitConfig::default();
+        let errors = RandomErrors::default().draw(derived_seed(self.seed, number, Stream::Errors));
+        let unit = VirtualUnit { errors, noise: config.noise, site: config.site(), ..VirtualUnit::default() };
+        let run = VirtualRun { unit, scheme: Scheme::bai(10.0, 1), seed };
         let kind = match self.faults {
             Faults::None => None,
             Faults::All => FaultKind::ALL.get(number as usize % FaultKind::ALL.len()).copied(),
             Faults::Only(kind) => Some(kind),
         };
-        let samples = (scheme.duration_s() * unit.rate_hz) as usize;
+        let samples = (run.scheme.duration_s() * run.unit.rate_hz) as usize;
         let fault = kind.map(|kind| Fault::draw(kind, !seed, samples));
-        let (solution, verdict) = calibrate::<T>(&unit, &readings(&unit, &scheme, 0.0, seed, fault.as_ref()));
-        let (worst, wrong) = compare(&solution, &unit.errors);
+        let setup = Setup::new(&config, run.unit.rate_hz, Method::Joint, self.precision).on_scheme(&run.scheme);
+        let mut chain = setup.chain();
+        for reading in readings(&run, fault.as_ref()) {
+            // The live estimate does not count.
+            let _ = chain.step(&reading);
+        }
+        let calibration::Outcome { solution, verdict, .. } = chain.conclude(&mut |_| ());
+        let (worst, wrong) = compare(&solution, &run.unit.errors);
         Outcome { seed, fault, verdict, wrong, worst }
-    }
-}
-
-fn calibrate<T: Real>(unit: &VirtualUnit, readings: &[Reading]) -> (Solution, Verdict) {
-    let mut calibrator = Calibrator::<T>::new(&config(unit));
-    for reading in readings {
-        let _ = calibrator.step(&sample(reading));
-    }
-    let _ = calibrator.finish();
-    let solution = calibrator.solve();
-    let verdict = calibrator.judge(&solution, None, &VerdictLimits::default());
-    (solution, verdict)
-}
-
-fn config(unit: &VirtualUnit) -> CalibratorConfig {
-    CalibratorConfig {
-        rate_hz: unit.rate_hz,
-        stillness: Stillness::default(),
-        estimator: EstimatorConfig {
-            method: Method::Joint,
-            site: unit.site,
-            noise: rins_selfcal::estimator::Noise {
-                accel_psd_sqrt: unit.noise.sigma_force_m_s2(1.0),
-                gyro_psd_sqrt: unit.noise.sigma_omega_rad_s(1.0),
-                encoder_sigma_rad: unit.noise.sigma_encoder_rad(),
-            },
-            heading: HeadingSource::Gyrocompass,
-            period_moves: None,
-            gate_sigma: Some(6.0),
-            options: Options::default(),
-        },
-    }
-}
-
-fn sample<T: Real>(reading: &Reading) -> RawSample<T> {
-    RawSample {
-        time_us: reading.time_us,
-        omega_g: Vector3::from(reading.omega_g.map(real)),
-        force_a: Vector3::from(reading.force_a.map(real)),
-        outer: Angle::from_rad(reading.outer_rad),
-        inner: Angle::from_rad(reading.inner_rad),
-        temperature_c: reading.temperature_c,
     }
 }
 

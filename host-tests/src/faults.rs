@@ -11,11 +11,11 @@ use crate::drive::SchemeDrive;
 use crate::kinematics::RigidTruth;
 use crate::plant::Reading;
 use crate::vec3::{Vec3, add, scale};
-use crate::virtual_rins::{VirtualRins, VirtualUnit};
+use crate::virtual_rins::VirtualUnit;
+use crate::virtual_run::VirtualRun;
 use rand_distr::{Distribution, StandardNormal, StandardUniform};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
-use rins_selfcal::scheme::Scheme;
 use rins_selfcal::units::{ARCSEC, DEG, DEG_H, MICRO_G};
 use std::f64::consts::TAU;
 use std::ops::Range;
@@ -277,18 +277,12 @@ fn size(dice: &mut Dice, kind: FaultKind, channel: usize, samples: usize) -> f64
     }
 }
 
-/// The readings of a unit over a scheme, with a fault or without. `settling_s` makes every stop longer.
-pub fn readings(
-    unit: &VirtualUnit,
-    scheme: &Scheme,
-    settling_s: f64,
-    seed: u64,
-    fault: Option<&Fault>,
-) -> Vec<Reading> {
-    let mut drive = SchemeDrive::new(VirtualRins::new(unit, seed), scheme, settling_s);
+/// The readings of a run, with a fault or without.
+pub fn readings(run: &VirtualRun, fault: Option<&Fault>) -> Vec<Reading> {
+    let mut drive = run.drive();
     let Some(fault) = fault else { return drive.collect() };
-    let mut readings = if fault.moves_base() { on_moving_base(unit, &mut drive, fault) } else { drive.collect() };
-    change(&mut readings, fault, unit);
+    let mut readings = if fault.moves_base() { on_moving_base(&run.unit, &mut drive, fault) } else { drive.collect() };
+    change(&mut readings, fault, &run.unit);
     readings
 }
 

@@ -4,10 +4,16 @@
 //! unit, presets, scheme_file -> kinematics, encoder -> virtual_rins -> drive \
 //!                                                                             plant -> the core
 //!                                                           CSV file -> log  /
+//!
+//! virtual_run, replay -> calibration -> report, table -> cli
+//! closed_loop, prediction, monte_carlo -^
 //! faults -> fault_campaign: can a disturbed run be accepted with a wrong answer?
 //! ```
 
 pub mod bench;
+pub mod calibration;
+pub mod cli;
+pub mod closed_loop;
 pub mod drive;
 pub mod emulator;
 pub mod encoder;
@@ -15,11 +21,21 @@ pub mod fault_campaign;
 pub mod faults;
 pub mod kinematics;
 pub mod log;
+pub mod monte_carlo;
+pub mod page;
 pub mod plant;
+pub mod power_up;
+pub mod prediction;
 pub mod presets;
+pub mod quantity;
+pub mod replay;
+pub mod report;
 pub mod scheme_file;
+pub mod statistics;
+pub mod table;
 pub mod toml_file;
 pub mod truth;
 pub mod unit;
 pub mod vec3;
 pub mod virtual_rins;
+pub mod virtual_run;

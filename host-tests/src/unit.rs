@@ -85,6 +85,15 @@ impl Noise {
         self.gyro_arw_deg_sqrt_h * DEG_SQRT_H * rate_hz.sqrt()
     }
 
+    /// What the core must know of it, SI.
+    pub fn psd(&self) -> rins_selfcal::estimator::Noise {
+        rins_selfcal::estimator::Noise {
+            accel_psd_sqrt: self.accel_vrw_ug_sqrt_hz * MICRO_G,
+            gyro_psd_sqrt: self.gyro_arw_deg_sqrt_h * DEG_SQRT_H,
+            encoder_sigma_rad: self.sigma_encoder_rad(),
+        }
+    }
+
     /// Sigma of an encoder's error at a stop, rad.
     pub fn sigma_encoder_rad(&self) -> f64 {
         self.encoder_repeatability_arcsec * ARCSEC

@@ -6,47 +6,18 @@ use host_tests::presets;
 use host_tests::unit::Noise;
 use host_tests::virtual_rins::{VirtualRins, VirtualUnit};
 use rins_selfcal::angle::Angle;
-use rins_selfcal::axis::AxisLimits;
-use rins_selfcal::calibrator::CalibratorConfig;
+use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
 use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS};
-use rins_selfcal::estimator::{EstimatorConfig, HeadingSource};
 use rins_selfcal::linear::{Real, Vector3, real};
 use rins_selfcal::method::Method;
-use rins_selfcal::options::Options;
 use rins_selfcal::sample::RawSample;
 use rins_selfcal::scheme::Scheme;
-use rins_selfcal::segment::Stillness;
 use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
 use rins_selfcal::sequencer::State;
 use rins_selfcal::telemetry::Message;
-use rins_selfcal::verdict::VerdictLimits;
 
 fn config(unit: &VirtualUnit, scheme: Scheme) -> SelfCalibrationConfig {
-    let noise = rins_selfcal::estimator::Noise {
-        accel_psd_sqrt: unit.noise.sigma_force_m_s2(1.0),
-        gyro_psd_sqrt: unit.noise.sigma_omega_rad_s(1.0),
-        encoder_sigma_rad: unit.noise.sigma_encoder_rad(),
-    };
-    SelfCalibrationConfig {
-        calibrator: CalibratorConfig {
-            rate_hz: unit.rate_hz,
-            stillness: Stillness::default(),
-            estimator: EstimatorConfig {
-                method: Method::Joint,
-                site: unit.site,
-                noise,
-                heading: HeadingSource::Gyrocompass,
-                period_moves: None,
-                gate_sigma: Some(6.0),
-                options: Options::default(),
-            },
-        },
-        scheme,
-        axes: [AxisLimits::default(); 2],
-        limits: VerdictLimits::default(),
-        stop_repeats: 3,
-        use_stored: true,
-    }
+    SelfCalibrationConfig::new(CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz), scheme)
 }
 
 fn sample<T: Real>(reading: &Reading) -> RawSample<T> {
@@ -66,7 +37,8 @@ fn power_up_ends_correcting_with_the_truth() {
     let scheme = Scheme::bai(10.0, 1);
     let mut rins = VirtualRins::new(&unit, 1);
     rins.expect_moves(&move_durations_s(&scheme, unit.rate_hz));
-    let mut run = SelfCalibration::<f64>::new(config(&unit, scheme), None).expect("a good configuration");
+    let mut calibrator = Calibrator::<f64>::UNCONFIGURED;
+    let mut run = SelfCalibration::new(config(&unit, scheme), None, &mut calibrator).expect("a good configuration");
     let mut messages = Vec::new();
     let mut seconds_left = 600.0;
     while run.state() != State::Correcting && seconds_left > 0.0 {

@@ -2,9 +2,26 @@
 
 use anyhow::Result;
 use host_tests::bench::{AtRest, Bench, Chip};
+use host_tests::drive::move_durations_s;
 use host_tests::emulator::{Run, Scalar, Setup, build, run};
+use host_tests::log::{LogPlayer, LogReader};
+use host_tests::plant::Plant;
+use host_tests::power_up::{MessageDigest, Switched, in_emulator, in_process, shared};
+use host_tests::presets;
+use host_tests::unit::UnitConfig;
+use host_tests::virtual_rins::{VirtualRins, VirtualUnit};
+use rins_selfcal::assignment::Assignment;
+use rins_selfcal::calibrator::CalibratorConfig;
+use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS};
+use rins_selfcal::estimator::{BASIC_STATES, Estimate};
+use rins_selfcal::method::Method;
 use rins_selfcal::queue::Losses;
+use rins_selfcal::scheme::Scheme;
+use rins_selfcal::self_calibration::SelfCalibrationConfig;
+use rins_selfcal::sequencer::State;
+use rins_selfcal::site::EARTH_RATE_RAD_S;
 use rins_selfcal::telemetry::Message;
+use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -15,11 +32,26 @@ struct Outcome {
 }
 
 impl Outcome {
-    fn last_progress(&self) -> (u32, u64, Losses) {
+    fn queue(&self) -> (u64, Losses) {
         match self.messages.last() {
-            Some(Message::Progress { samples, time_us, losses }) => (*samples, *time_us, *losses),
+            Some(Message::Queue { samples, losses }) => (*samples, *losses),
             other => panic!("{other:?}, {:?}", self.log),
         }
+    }
+
+    fn states(&self) -> Vec<State> {
+        let state = |message: &Message| match message {
+            Message::State { state, .. } => Some(*state),
+            _ => None,
+        };
+        self.messages.iter().filter_map(state).collect()
+    }
+
+    fn record(&self) -> Option<Estimate> {
+        self.messages.iter().find_map(|message| match message {
+            Message::Solved { solution, .. } => Some(solution.estimate),
+            _ => None,
+        })
     }
 }
 
@@ -27,7 +59,7 @@ fn image(scalar: Scalar) -> PathBuf {
     build(scalar).unwrap_or_else(|error| panic!("{error:#}"))
 }
 
-fn try_run(setup: &Setup<'_>, bench: &mut Bench<AtRest>) -> Result<Outcome> {
+fn try_run<P: Plant>(setup: &Setup<'_>, bench: &mut Bench<P>) -> Result<Outcome> {
     let (mut log, mut messages) = (Vec::new(), Vec::new());
     let on_message = |bytes: &[u8]| messages.push(postcard::from_bytes(bytes).expect("a message"));
     let run = run(setup, bench, |line| log.push(line.to_owned()), on_message)?;
@@ -35,16 +67,7 @@ fn try_run(setup: &Setup<'_>, bench: &mut Bench<AtRest>) -> Result<Outcome> {
 }
 
 fn outcome(setup: &Setup<'_>, bench: &mut Bench<AtRest>) -> Outcome {
-    let outcome = try_run(setup, bench).unwrap_or_else(|error| panic!("{error:#}"));
-    println!("{:#?}\n{:?}\n{}", outcome.run, outcome.messages.last(), outcome.log.join("\n"));
-    outcome
-}
-
-fn store(outcome: &Outcome) -> (bool, bool, u32) {
-    match outcome.messages.first() {
-        Some(Message::Store { found, damaged, degrees_of_freedom }) => (*found, *damaged, *degrees_of_freedom),
-        other => panic!("{other:?}"),
-    }
+    try_run(setup, bench).unwrap_or_else(|error| panic!("{error:#}"))
 }
 
 #[test]
@@ -52,11 +75,11 @@ fn every_sample_is_delivered() {
     for scalar in [Scalar::F64, Scalar::F32] {
         let image = image(scalar);
         let mut bench = Bench::new(AtRest::new(2000));
-        let outcome = outcome(&Setup { configuration: &[7; 300], ..Setup::new(&image) }, &mut bench);
+        let outcome = outcome(&Setup::new(&image), &mut bench);
         assert!(outcome.run.success);
-        assert_eq!(outcome.last_progress(), (2000, 1999 * 5000, Losses::default()));
+        assert_eq!(outcome.queue(), (2000, Losses::default()));
         assert_eq!(outcome.run.late_edges, 0);
-        assert!(outcome.log.iter().any(|line| line.contains("configuration of 300 bytes")), "{:?}", outcome.log);
+        assert!(outcome.log.iter().any(|line| line.contains("2000 samples, 0 missing")), "{:?}", outcome.log);
         assert_eq!(bench.samples(), 2000);
         assert_eq!(bench.plant().rates_rad_s, [0.0, 0.0]);
     }
@@ -89,25 +112,141 @@ fn damaged_frames_are_counted() {
         }
     });
     let outcome = outcome(&Setup::new(&image), &mut bench);
-    assert_eq!(outcome.last_progress(), (990, 998 * 5000, Losses { crc: 10, ..Losses::default() }));
+    assert_eq!(outcome.queue(), (990, Losses { crc: 10, ..Losses::default() }));
+}
+
+/// A unit with real errors, navigation noise, and a scheme of short stops for it.
+fn unit() -> (VirtualUnit, Scheme) {
+    (VirtualUnit { errors: presets::real(5), ..VirtualUnit::default() }, Scheme::bai(2.0, 1))
+}
+
+fn assignment(unit: &VirtualUnit, scheme: &Scheme) -> Assignment {
+    let noise = unit.noise.psd();
+    let calibrator = CalibratorConfig::new(Method::Joint, unit.site, noise, unit.rate_hz);
+    Assignment::SelfCalibrate(SelfCalibrationConfig::new(calibrator, scheme.clone()))
+}
+
+/// Powers the unit up with this EEPROM, and off after three corrected samples have been told.
+fn boot(image: &Path, eeprom: &Path) -> Outcome {
+    let (unit, scheme) = unit();
+    let mut rins = VirtualRins::new(&unit, 5);
+    rins.expect_moves(&move_durations_s(&scheme, unit.rate_hz));
+    let (plant, off) = Switched::new(rins);
+    let (mut log, mut messages, mut corrected) = (Vec::new(), Vec::new(), 0);
+    let on_message = |message: &Message| {
+        corrected += u32::from(matches!(message, Message::Corrected { .. }));
+        off.set(corrected >= 3);
+        messages.push(message.clone());
+    };
+    let assignment = assignment(&unit, &scheme);
+    let mut bench = Bench::new(plant);
+    let run = in_emulator(&assignment, image, Some(eeprom), &mut bench, |line| log.push(line.to_owned()), on_message);
+    Outcome { run: run.unwrap_or_else(|error| panic!("{error:#}")), log, messages }
 }
 
 #[test]
-fn records_survive_a_boot_and_damage_is_found() {
+fn a_unit_calibrates_at_power_up_and_finds_its_record_at_the_next() {
     let image = image(Scalar::F64);
     let directory = tempfile::tempdir().expect("a directory");
     let eeprom = directory.path().join("eeprom.bin");
-    let boot = |samples| {
-        let setup = Setup { eeprom: Some(&eeprom), ..Setup::new(&image) };
-        store(&outcome(&setup, &mut Bench::new(AtRest::new(samples))))
+    let first = boot(&image, &eeprom);
+    assert_eq!(first.messages.first(), Some(&Message::Store { found: false, damaged: false }));
+    assert_eq!(first.states().last(), Some(&State::Correcting), "{:?}", first.log);
+    assert!(first.messages.contains(&Message::Saved(true)));
+    assert_eq!(first.queue().1, Losses::default());
+    within_sigmas(&first.record().expect("a solution"), &unit().0);
+    let second = boot(&image, &eeprom);
+    assert_eq!(second.messages.first(), Some(&Message::Store { found: true, damaged: false }));
+    assert_eq!(second.states(), [State::Correcting]);
+    assert_eq!(second.record(), None);
+    corrected_as_felt(&second);
+    // The only record is damaged now: the unit says so and calibrates itself anew.
+    flip(&eeprom, 100);
+    let third = boot(&image, &eeprom);
+    assert_eq!(third.messages.first(), Some(&Message::Store { found: false, damaged: true }));
+    assert!(third.log.iter().any(|line| line.contains("a slot damaged: true")), "{:?}", third.log);
+    assert_eq!(third.record(), first.record(), "the same unit, the same noise");
+    assert!(third.messages.contains(&Message::Saved(true)));
+}
+
+/// All parameters within 4.5 sigma of the truth: 2e-4 by chance for 28.
+fn within_sigmas(estimate: &Estimate, unit: &VirtualUnit) {
+    let difference = estimate.errors.to_vector() - unit.errors.to_vector();
+    for (index, (difference, sigma)) in difference.iter().zip(&estimate.sigmas).enumerate() {
+        let turns = if index == PARAMETERS - 1 { (difference / TAU).round() } else { 0.0 };
+        let error = difference - turns * TAU;
+        assert!(error.abs() < 4.5 * sigma, "{}: {:.1} sigma", PARAMETER_INFO[index].name, error / sigma);
+    }
+}
+
+/// At rest the corrected force is gravity and the corrected rate the Earth's, to the noise of one sample (5 sigma).
+fn corrected_as_felt(outcome: &Outcome) {
+    let (unit, _) = unit();
+    let corrected = outcome.messages.iter().filter_map(|message| match message {
+        Message::Corrected { force_s, omega_is_s, .. } => Some((*force_s, *omega_is_s)),
+        _ => None,
+    });
+    let length = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+    for (force_s, omega_is_s) in corrected {
+        let force = length(force_s) - unit.site.gravity_m_s2();
+        assert!(force.abs() < 5.0 * unit.noise.sigma_force_m_s2(unit.rate_hz), "{force}");
+        let rate = length(omega_is_s);
+        assert!((rate - EARTH_RATE_RAD_S).abs() < 5.0 * 3.0_f64.sqrt() * unit.noise.sigma_omega_rad_s(unit.rate_hz));
+    }
+}
+
+#[test]
+fn host_and_target_agree_to_the_last_bit() {
+    for (scalar, method) in [
+        (Scalar::F64, Method::Joint),
+        (Scalar::F32, Method::Joint),
+        (Scalar::F64, Method::TwoStage),
+        (Scalar::F32, Method::TwoStage),
+    ] {
+        let target = recorded(
+            |assignment, bench, digest| {
+                let image = image(scalar);
+                let add = |message: &Message| digest.add(message);
+                in_emulator(assignment, &image, None, bench, |_| (), add).map(|_| ())
+            },
+            method,
+        );
+        let host = recorded_in_process(scalar, method);
+        assert_eq!(target, host, "{scalar:?} {method:?}");
+        println!("{scalar:?} {method:?}: digest of all messages {host:016x}");
+    }
+}
+
+/// Digest of the recorded log's messages.
+fn recorded(
+    run: impl FnOnce(&Assignment, &mut Bench<LogPlayer>, &mut MessageDigest) -> Result<()>,
+    method: Method,
+) -> u64 {
+    let (assignment, player) = recording(method);
+    let mut digest = MessageDigest::default();
+    run(&assignment, &mut Bench::new(player), &mut digest).unwrap_or_else(|error| panic!("{error:#}"));
+    digest.finish()
+}
+
+fn recorded_in_process(scalar: Scalar, method: Method) -> u64 {
+    let (assignment, player) = recording(method);
+    let mut digest = MessageDigest::default();
+    let add = |message: &Message| digest.add(message);
+    let bench = shared(player);
+    let outcome = match scalar {
+        Scalar::F64 => in_process::<f64, BASIC_STATES, _>(&assignment, None, &bench, add),
+        Scalar::F32 => in_process::<f32, BASIC_STATES, _>(&assignment, None, &bench, add),
     };
-    assert_eq!(boot(10), (false, false, 0));
-    assert_eq!(boot(20), (true, false, 10));
-    // The newest record is in the second slot now.
-    flip(&eeprom, 1024 + 100);
-    assert_eq!(boot(30), (true, true, 10));
-    // The damaged slot was written again.
-    assert_eq!(boot(40), (true, false, 30));
+    outcome.unwrap_or_else(|error| panic!("{error:#}"));
+    digest.finish()
+}
+
+fn recording(method: Method) -> (Assignment, LogPlayer) {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
+    let unit = UnitConfig::read(&data.join("sample.toml")).expect("the unit");
+    let config = CalibratorConfig::new(method, unit.site(), unit.noise.psd(), 200.0);
+    let log = LogReader::open(&data.join("sample.csv.gz")).expect("the log");
+    (Assignment::Replay(config), LogPlayer::new(log))
 }
 
 fn flip(path: &Path, offset: usize) {

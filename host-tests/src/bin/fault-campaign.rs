@@ -1,6 +1,7 @@
 //! Runs a fault campaign and prints its table.
 
 use clap::Parser;
+use host_tests::calibration::Precision;
 use host_tests::fault_campaign::{Campaign, Faults, Summary};
 use host_tests::faults::FaultKind;
 use indicatif::ProgressBar;
@@ -21,9 +22,9 @@ struct Arguments {
     /// Only faults whose name contains this
     #[arg(long)]
     only: Option<String>,
-    /// Compute in f32
-    #[arg(long)]
-    single: bool,
+    /// Scalar of the core
+    #[arg(long, value_enum, default_value_t)]
+    precision: Precision,
     /// Print each accepted wrong answer and each rejected run without fault
     #[arg(long)]
     list: bool,
@@ -42,7 +43,7 @@ fn main() {
             Faults::Only(kind)
         }
     };
-    let campaign = Campaign { runs: arguments.runs, seed: arguments.seed, faults, single: arguments.single };
+    let campaign = Campaign { runs: arguments.runs, seed: arguments.seed, faults, precision: arguments.precision };
     let bar = ProgressBar::new(campaign.runs);
     let start = Instant::now();
     let outcomes = campaign.run(|| bar.inc(1));

@@ -1,2 +1,7 @@
 //! The `rins` program.
-fn main() {}
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    host_tests::cli::main()
+}

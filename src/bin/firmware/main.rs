@@ -6,14 +6,17 @@
 mod bit_bang_i2c;
 mod mps2_an500;
 
+use cortex_m::singleton;
 use cortex_m_rt::entry;
-use heapless::String;
-use mps2_an500::Board;
-use rins_selfcal::error_model::{InstrumentErrors, PARAMETERS};
-use rins_selfcal::method::Method;
-use rins_selfcal::site::Site;
+use mps2_an500::{Board, Telemetry};
+use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
+use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
+use rins_selfcal::device::rate_nrad_s;
+
+use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
 use rins_selfcal::store::{Loaded, StoredCalibration};
 use rins_selfcal::telemetry::{MAX_FRAME_BYTES, Message, encode};
+use rins_selfcal::verdict::VerdictLimits;
 
 /// The scalar of this image.
 #[cfg(not(feature = "single-precision"))]
@@ -25,67 +28,132 @@ pub type Scalar = f32;
 #[entry]
 fn main() -> ! {
     let mut board = Board::start();
-    let mut configuration = [0; 512];
-    let length = board.configuration(&mut configuration).map_or(0, <[u8]>::len);
-    defmt::info!("configuration of {=usize} bytes", length);
-    report_store(&mut board);
-    let (mut samples, mut time_us) = (0, 0);
-    loop {
+    let status = match singleton!(: Calibrator<Scalar> = Calibrator::UNCONFIGURED) {
+        Some(calibrator) => run(&mut board, calibrator),
+        None => Err(()),
+    };
+    board.finish(status)
+}
+
+fn run(board: &mut Board, calibrator: &mut Calibrator<Scalar>) -> Result<(), ()> {
+    match assignment(board) {
+        Assignment::SelfCalibrate(config) => self_calibrate(board, config, calibrator),
+        Assignment::Replay(config) => replay(board, &config, calibrator),
+    }
+}
+
+/// What the host assigns; without a word from it, the default.
+fn assignment(board: &mut Board) -> Assignment {
+    let mut buffer = [0; MAX_ASSIGNMENT_BYTES];
+    let assigned = board.configuration(&mut buffer).map(postcard::from_bytes);
+    match assigned {
+        Some(Ok(assignment)) => assignment,
+        Some(Err(_)) => {
+            defmt::error!("the assignment cannot be read; the default is used");
+            Assignment::default()
+        }
+        None => Assignment::default(),
+    }
+}
+
+fn self_calibrate(
+    board: &mut Board,
+    config: SelfCalibrationConfig,
+    calibrator: &mut Calibrator<Scalar>,
+) -> Result<(), ()> {
+    let stored = load(board);
+    let mut run = match SelfCalibration::new(config, stored.as_ref(), calibrator) {
+        Ok(run) => run,
+        Err(error) => {
+            defmt::error!("the configuration is refused");
+            send(&mut board.telemetry, &Message::Refused(error));
+            return Err(());
+        }
+    };
+    let mut samples = 0;
+    while board.powered() {
         while let Some(sample) = board.samples.pop() {
             samples += 1;
-            time_us = sample.time_us;
-            for drive in &mut board.drives {
-                let _ = drive.command(0);
+            let step = run.step(&sample, &mut |message| send(&mut board.telemetry, message));
+            let mut commanded = true;
+            for (drive, rate) in board.drives.iter_mut().zip(step.rates_rad_s) {
+                commanded &= drive.command(rate_nrad_s(rate)).is_ok();
             }
-            if samples % 200 == 0 {
-                report_progress(&mut board, samples, time_us);
+            if !commanded && board.powered() {
+                run.abort();
             }
-        }
-        if !board.powered() {
-            break;
+            if step.save {
+                let saved = run.record().is_some_and(|record| board.store.save(&record).is_ok());
+                run.saved();
+                send(&mut board.telemetry, &Message::Saved(saved));
+            }
         }
         board.wait();
     }
-    report_progress(&mut board, samples, time_us);
-    defmt::info!("{=u32} samples, switched off after {=u64} us", samples, board.now_us());
-    let saved = board.store.save(&record(samples)).map_err(|_| defmt::error!("the record was not saved"));
-    board.finish(saved)
+    report_queue(board, samples);
+    Ok(())
 }
 
-fn send(board: &mut Board, message: &Message) {
-    let mut buffer = [0; MAX_FRAME_BYTES];
-    if let Some(frame) = encode(message, &mut buffer) {
-        board.telemetry(frame);
+fn replay(board: &mut Board, config: &CalibratorConfig, calibrator: &mut Calibrator<Scalar>) -> Result<(), ()> {
+    calibrator.restart(config);
+    let mut samples = 0;
+    while board.powered() {
+        while let Some(sample) = board.samples.pop() {
+            samples += 1;
+            if let Some(progress) = calibrator.step(&sample) {
+                send(&mut board.telemetry, &Message::Segment(progress));
+            }
+        }
+        board.wait();
     }
+    let solution = calibrator.conclude(&mut |message| send(&mut board.telemetry, message));
+    let verdict = calibrator.judge(&solution, None, &VerdictLimits::default());
+    send(&mut board.telemetry, &Message::Judged(verdict));
+    report_queue(board, samples);
+    Ok(())
 }
 
-fn report_progress(board: &mut Board, samples: u32, time_us: u64) {
-    let losses = board.samples.losses();
-    send(board, &Message::Progress { samples, time_us, losses });
-}
-
-fn report_store(board: &mut Board) {
-    let (found, damaged) = match board.store.load() {
+/// The stored calibration, if there is a good one.
+fn load(board: &mut Board) -> Option<StoredCalibration> {
+    let (record, damaged) = match board.store.load() {
         Ok(Loaded::Empty) => (None, false),
-        Ok(Loaded::Found { record, damage }) => (Some(record.degrees_of_freedom), damage.is_some()),
+        Ok(Loaded::Found { record, damage }) => (Some(record), damage.is_some()),
         Ok(Loaded::Corrupt { .. }) => (None, true),
         Err(_) => (None, true),
     };
-    defmt::info!("record in store: {=bool}, damaged: {=bool}", found.is_some(), damaged);
-    let degrees_of_freedom = found.unwrap_or(0);
-    send(board, &Message::Store { found: found.is_some(), damaged, degrees_of_freedom });
+    defmt::info!("calibration in store: {=bool}, a slot damaged: {=bool}", record.is_some(), damaged);
+    send(&mut board.telemetry, &Message::Store { found: record.is_some(), damaged });
+    record
 }
 
-fn record(samples: u32) -> StoredCalibration {
-    StoredCalibration {
-        errors: InstrumentErrors::default(),
-        sigmas: [0.0; PARAMETERS],
-        method: Method::Joint,
-        scheme: String::new(),
-        site: Site::default(),
-        temperature_c: f32::NAN,
-        chi_square: 0.0,
-        degrees_of_freedom: samples,
-        software_version: String::try_from(env!("CARGO_PKG_VERSION")).unwrap_or_default(),
+fn report_queue(board: &mut Board, samples: u64) {
+    let losses = board.samples.losses();
+    defmt::info!("{=u64} samples, {=u32} missing", samples, losses.total());
+    send(&mut board.telemetry, &Message::Queue { samples, losses });
+}
+
+fn send(telemetry: &mut Telemetry, message: &Message) {
+    log(message);
+    let mut buffer = [0; MAX_FRAME_BYTES];
+    if let Some(frame) = encode(message, &mut buffer) {
+        telemetry.send(frame);
+    }
+}
+
+/// The milestones of a run, for whoever reads the log and not the telemetry.
+fn log(message: &Message) {
+    match message {
+        Message::State { time_us, legs, .. } => {
+            defmt::debug!("{=u64} us: next state, {=u16} legs in all", *time_us, *legs);
+        }
+        Message::Solved { solution, .. } => defmt::info!(
+            "solved: chi-square {=f64} with {=u32} degrees of freedom",
+            solution.fit.chi_square,
+            solution.degrees_of_freedom
+        ),
+        Message::Judged(verdict) => defmt::info!("accepted: {=bool}", verdict.accepted()),
+        Message::Aborted(_) => defmt::warn!("the run is aborted"),
+        Message::Saved(saved) => defmt::info!("stored: {=bool}", *saved),
+        _ => {}
     }
 }

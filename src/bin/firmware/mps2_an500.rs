@@ -273,6 +273,9 @@ fn arm_next_edge() {
 
 fn on_data_ready() {
     EDGE_TIMER.interrupt_clear().write(1);
+    if !POWERED.load(Ordering::Relaxed) {
+        return;
+    }
     arm_next_edge();
     ticks();
     critical_section::with(|cs| {
@@ -506,6 +509,17 @@ fn stack_used() -> usize {
 
 // -------------------------------------------------------------------------------------------------------------- board
 
+/// The way for messages to the host.
+pub struct Telemetry(File);
+
+impl Telemetry {
+    /// Sends bytes.
+    pub fn send(&mut self, bytes: &[u8]) {
+        // The host may have closed the pipe; the run goes on without.
+        let _ = self.0.write(bytes);
+    }
+}
+
 /// What the main loop has of the board.
 pub struct Board {
     /// Samples of the data-ready interrupt.
@@ -514,7 +528,8 @@ pub struct Board {
     pub drives: [RateDrive<PipeSpi>; 2],
     /// Calibration records in the EEPROM.
     pub store: CalibrationStore<Eeprom>,
-    telemetry: File,
+    /// Messages to the host.
+    pub telemetry: Telemetry,
     idle_ticks: u64,
 }
 
@@ -534,7 +549,7 @@ impl Board {
         CLOCK_TIMER.control().write(Timer::ENABLE);
         let bus =
             PipeBus { requests: File::open(c"requests", File::WRITE)?, answers: File::open(c"answers", File::READ)? };
-        let telemetry = File::open(c"telemetry", File::WRITE)?;
+        let telemetry = Telemetry(File::open(c"telemetry", File::WRITE)?);
         let spi = |chip| PipeSpi { bus, chip };
         let queue = cortex_m::singleton!(: SampleQueue<Scalar, QUEUE_LENGTH> = SampleQueue::new())?;
         let (producer, samples) = queue.split();
@@ -571,11 +586,6 @@ impl Board {
         });
     }
 
-    /// Time since power-up, us.
-    pub fn now_us(&self) -> u64 {
-        ticks() / u64::from(TICKS_PER_S / 1_000_000)
-    }
-
     /// Reads the configuration the host offers; `None` if there is none, or more than fits in `buffer`.
     pub fn configuration<'a>(&mut self, buffer: &'a mut [u8]) -> Option<&'a [u8]> {
         let file = File::open(c"configuration", File::READ)?;
@@ -587,12 +597,6 @@ impl Board {
             }
         }
         (0 < length && length < buffer.len()).then_some(buffer.get(..length)?)
-    }
-
-    /// Sends bytes to the host.
-    pub fn telemetry(&mut self, bytes: &[u8]) {
-        // The host may have closed the pipe; the run goes on without.
-        let _ = self.telemetry.write(bytes);
     }
 
     /// Reports on the run and switches off. A failure makes the emulator's exit status 1.

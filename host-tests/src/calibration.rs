@@ -1,0 +1,283 @@
+//! One calibration on the host: the core's chain in either precision, and its outcome, widened to `f64`.
+
+use crate::plant::Reading;
+use crate::unit::{Noise, UnitConfig};
+use rins_selfcal::angle::Angle;
+use rins_selfcal::calibrator::{Calibrator, CalibratorConfig, Progress};
+use rins_selfcal::error_model::{PARAMETERS, ParameterInfo, block};
+use rins_selfcal::estimator::{BASIC_STATES, Estimate, FULL_STATES, HeadingSource, Solution};
+use rins_selfcal::intake::IntakeCounts;
+use rins_selfcal::linear::{Matrix, Real, Vector3, real};
+use rins_selfcal::method::Method;
+use rins_selfcal::options::{OPTIONAL_INFO, Options};
+use rins_selfcal::sample::RawSample;
+use rins_selfcal::scheme::Scheme;
+use rins_selfcal::segment::SegmentKind;
+use rins_selfcal::sequencer::AbortReason;
+use rins_selfcal::site::Site;
+use rins_selfcal::telemetry::Message;
+use rins_selfcal::units::DEG;
+use rins_selfcal::verdict::{Verdict, VerdictLimits};
+use serde::Serialize;
+
+/// Segments that fit on the host: any log that a day of calibration can give.
+pub const HOST_SEGMENTS: usize = 1024;
+
+/// Scalar of the core.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Precision {
+    /// Double precision.
+    #[default]
+    F64,
+    /// Single precision.
+    F32,
+}
+
+/// Name of a method on the command line and in files.
+pub fn method_name(method: Method) -> &'static str {
+    match method {
+        Method::Joint => "joint",
+        Method::TwoStage => "two-stage",
+    }
+}
+
+/// Which parameters a method estimates; the two-stage method takes biases, scale-factor errors and non-perpendicularity
+/// as zero.
+pub fn is_estimated(method: Method, parameter: usize) -> bool {
+    method == Method::Joint || !(block::ACCEL_BIAS..block::ATTITUDE).contains(&parameter)
+}
+
+/// Everything that a calibration must know.
+#[derive(Clone, Debug)]
+pub struct Setup {
+    /// Joint or two-stage.
+    pub method: Method,
+    /// Scalar of the core.
+    pub precision: Precision,
+    /// Sample rate, Hz.
+    pub rate_hz: f64,
+    /// Where the unit stands.
+    pub site: Site,
+    /// Its noise.
+    pub noise: Noise,
+    /// Where the heading comes from.
+    pub heading: HeadingSource,
+    /// Optional states and noise of the joint method.
+    pub options: Options,
+    /// Moves of period one, where there are several and the scheme is known.
+    pub period_moves: Option<u16>,
+    /// Name of the scheme, where it is known.
+    pub scheme: Option<String>,
+}
+
+impl Setup {
+    /// For the unit that a file describes; the scheme is unknown.
+    pub fn new(unit: &UnitConfig, rate_hz: f64, method: Method, precision: Precision) -> Self {
+        let configured = |heading_deg: f64| HeadingSource::Configured {
+            heading_rad: heading_deg * DEG,
+            sigma_rad: unit.initial.heading_sigma_deg * DEG,
+        };
+        Self {
+            method,
+            precision,
+            rate_hz,
+            site: unit.site(),
+            noise: unit.noise,
+            heading: unit.initial.heading_deg.map_or(HeadingSource::Gyrocompass, configured),
+            options: Options::default(),
+            period_moves: None,
+            scheme: None,
+        }
+    }
+
+    /// With a known scheme.
+    #[must_use]
+    pub fn on_scheme(self, scheme: &Scheme) -> Self {
+        let period_moves = (scheme.periods > 1).then_some(scheme.legs.len() as u16);
+        Self { period_moves, scheme: Some(scheme.name.as_str().into()), ..self }
+    }
+
+    /// What the core must know.
+    pub fn config(&self) -> CalibratorConfig {
+        let mut config = CalibratorConfig::new(self.method, self.site, self.noise.psd(), self.rate_hz);
+        config.estimator.heading = self.heading;
+        config.estimator.period_moves = self.period_moves;
+        config.estimator.options = self.options;
+        config
+    }
+
+    /// A chain before its first sample.
+    pub fn chain(&self) -> Box<dyn Chain> {
+        match (self.precision, self.options.needs_states()) {
+            (Precision::F64, false) => Box::new(CoreChain::<f64, BASIC_STATES>::new(self)),
+            (Precision::F64, true) => Box::new(CoreChain::<f64, FULL_STATES>::new(self)),
+            (Precision::F32, false) => Box::new(CoreChain::<f32, BASIC_STATES>::new(self)),
+            (Precision::F32, true) => Box::new(CoreChain::<f32, FULL_STATES>::new(self)),
+        }
+    }
+}
+
+/// A reading as the core takes it.
+pub fn raw_sample<T: Real>(reading: &Reading) -> RawSample<T> {
+    RawSample {
+        time_us: reading.time_us,
+        omega_g: Vector3::from(reading.omega_g.map(real)),
+        force_a: Vector3::from(reading.force_a.map(real)),
+        outer: Angle::from_rad(reading.outer_rad),
+        inner: Angle::from_rad(reading.inner_rad),
+        temperature_c: reading.temperature_c,
+    }
+}
+
+/// From readings to the outcome, whatever the scalar.
+pub trait Chain: Send {
+    /// Takes in a reading; the live estimate if it completes a segment.
+    fn step(&mut self, reading: &Reading) -> Option<Progress>;
+
+    /// Closes the last stop, at the end of the readings, solves and judges. `on_segment` gets the live estimate after
+    /// that stop.
+    fn conclude(&mut self, on_segment: &mut dyn FnMut(&Progress)) -> Outcome;
+}
+
+struct CoreChain<T: Real, const STATES: usize> {
+    setup: Setup,
+    record: Record,
+    calibrator: Box<Calibrator<T, HOST_SEGMENTS, STATES>>,
+}
+
+impl<T: Real, const STATES: usize> CoreChain<T, STATES> {
+    fn new(setup: &Setup) -> Self {
+        Self { setup: setup.clone(), record: Record::default(), calibrator: Box::new(Calibrator::new(&setup.config())) }
+    }
+}
+
+impl<T: Real, const STATES: usize> Chain for CoreChain<T, STATES> {
+    fn step(&mut self, reading: &Reading) -> Option<Progress> {
+        self.calibrator.step(&raw_sample(reading))
+    }
+
+    fn conclude(&mut self, on_segment: &mut dyn FnMut(&Progress)) -> Outcome {
+        for segment in self.calibrator.estimator().segments() {
+            self.record.note_segment(segment.kind);
+        }
+        let record = &mut self.record;
+        let solution = self.calibrator.conclude(&mut |message| {
+            record.note(message);
+            if let Message::Segment(progress) = message {
+                on_segment(progress);
+            }
+        });
+        record.note(&Message::Judged(self.calibrator.judge(&solution, None, &VerdictLimits::default())));
+        std::mem::take(record).outcome(&self.setup).expect("solved and judged")
+    }
+}
+
+/// What came out, and of what.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// What the calibration knew.
+    pub setup: Setup,
+    /// Parameters, sigmas and fit.
+    pub solution: Solution,
+    /// Accepted, or why not.
+    pub verdict: Verdict,
+    /// Covariance of the parameters, SI.
+    pub covariance: Matrix<f64, PARAMETERS, PARAMETERS>,
+    /// Sigmas before any data, SI.
+    pub prior_sigmas: [f64; PARAMETERS],
+    /// What became of the samples.
+    pub counts: IntakeCounts,
+    /// Stops found.
+    pub stops: usize,
+    /// Moves found.
+    pub moves: usize,
+}
+
+/// What is kept of the messages of a run.
+#[derive(Clone, Debug, Default)]
+pub struct Record {
+    solution: Option<(Solution, IntakeCounts)>,
+    covariance: Matrix<f64, PARAMETERS, PARAMETERS>,
+    verdict: Option<Verdict>,
+    aborted: Option<AbortReason>,
+    stops: usize,
+    moves: usize,
+}
+
+impl Record {
+    /// Takes in a message.
+    pub fn note(&mut self, message: &Message) {
+        match message {
+            Message::Segment(progress) => self.note_segment(progress.kind),
+            Message::Solved { solution, counts } => self.solution = Some((*solution, *counts)),
+            Message::Covariance { row, values } => {
+                self.covariance.row_mut(usize::from(*row)).copy_from_slice(values);
+            }
+            Message::Judged(verdict) => self.verdict = Some(verdict.clone()),
+            Message::Aborted(reason) => self.aborted = Some(*reason),
+            _ => {}
+        }
+    }
+
+    fn note_segment(&mut self, kind: SegmentKind) {
+        match kind {
+            SegmentKind::Stop => self.stops += 1,
+            SegmentKind::Move => self.moves += 1,
+        }
+    }
+
+    /// Why the run was given up, if it was.
+    pub fn aborted(&self) -> Option<AbortReason> {
+        self.aborted
+    }
+
+    /// The outcome, once there is one.
+    pub fn outcome(self, setup: &Setup) -> Option<Outcome> {
+        let (solution, counts) = self.solution?;
+        Some(Outcome {
+            setup: setup.clone(),
+            solution,
+            verdict: self.verdict?,
+            covariance: self.covariance,
+            prior_sigmas: setup.config().estimator.prior_sigmas(),
+            counts,
+            stops: self.stops,
+            moves: self.moves,
+        })
+    }
+}
+
+impl Outcome {
+    /// The estimate.
+    pub fn estimate(&self) -> &Estimate {
+        &self.solution.estimate
+    }
+
+    /// Whether the method estimates a parameter.
+    pub fn is_estimated(&self, parameter: usize) -> bool {
+        is_estimated(self.setup.method, parameter)
+    }
+
+    /// Optional states that were estimated: name and unit, value and sigma in report units.
+    pub fn optional_states(&self) -> impl Iterator<Item = (&'static ParameterInfo, f64, f64)> {
+        let optional = &self.solution.optional;
+        let states = OPTIONAL_INFO.iter().zip(optional.values.iter().zip(&optional.sigmas));
+        let estimated = states.filter(|(_, (_, sigma))| **sigma > 0.0);
+        estimated.map(|(info, (value, sigma))| (info, value / info.unit_si, sigma / info.unit_si))
+    }
+
+    /// Every doubt in words.
+    pub fn reasons(&self) -> Vec<String> {
+        let mut reasons: Vec<String> = self.verdict.reasons.iter().map(ToString::to_string).collect();
+        if self.verdict.more > 0 {
+            reasons.push(format!("and {} more", self.verdict.more));
+        }
+        reasons
+    }
+
+    /// "accepted" or "rejected".
+    pub fn verdict_name(&self) -> &'static str {
+        if self.verdict.accepted() { "accepted" } else { "rejected" }
+    }
+}

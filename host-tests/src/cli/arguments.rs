@@ -1,0 +1,356 @@
+//! The command line.
+
+use crate::calibration::{Precision, Setup};
+use crate::monte_carlo::ErrorSource;
+use crate::presets::noise_named;
+use crate::scheme_file::scheme_named;
+use crate::toml_file::TomlFileError;
+use crate::unit::UnitConfig;
+use crate::virtual_rins::{DEFAULT_RATE_HZ, VirtualUnit};
+use crate::virtual_run::{Stream, VirtualRun, derived_seed};
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use rins_selfcal::method::Method;
+use rins_selfcal::options::Options;
+use rins_selfcal::scheme::Scheme;
+use rins_selfcal::units::{DEG_H, MICRO_G};
+use std::path::PathBuf;
+
+/// Self-calibration of a dual-axis rotational INS.
+///
+/// Without a command: `calibrate`. Exit status: 0 accepted or done, 1 error, 2 calibration not accepted.
+#[derive(Debug, Parser)]
+#[command(name = "rins", version, args_conflicts_with_subcommands = true)]
+pub struct Arguments {
+    #[command(subcommand)]
+    pub command: Option<Command>,
+    #[command(flatten)]
+    pub calibrate: CalibrateArguments,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// A virtual RINS powers up and calibrates itself, closed loop
+    Calibrate(CalibrateArguments),
+    /// Write the log of a virtual RINS on a scheme, and the truth about it
+    Simulate(SimulateArguments),
+    /// Calibrate from a log
+    Replay(ReplayArguments),
+    /// Predict sigmas, rank and condition number of a scheme
+    Observability(ObservabilityArguments),
+    /// Calibrate many virtual units: errors against bounds, sigmas against errors
+    Montecarlo(MonteCarloArguments),
+}
+
+#[derive(Debug, Args)]
+pub struct CalibrateArguments {
+    #[command(flatten)]
+    pub scheme: SchemeArguments,
+    #[command(flatten)]
+    pub unit: UnitArguments,
+    #[command(flatten)]
+    pub method: MethodArguments,
+    /// Run the firmware in the emulator, twice: calibrate, then find the stored calibration
+    #[arg(long)]
+    pub firmware: bool,
+    /// Content of the firmware's EEPROM, kept from run to run [default: blank]
+    #[arg(long, value_name = "FILE", requires = "firmware")]
+    pub eeprom: Option<PathBuf>,
+    /// Write the result
+    #[arg(long, value_name = "OUT.json")]
+    pub json: Option<PathBuf>,
+    /// Write the report
+    #[arg(long, value_name = "OUT.html", default_value = "rins-report.html")]
+    pub report: PathBuf,
+}
+
+#[derive(Debug, Args)]
+pub struct SimulateArguments {
+    /// Log to write, compressed if its name ends in .gz
+    #[arg(long, value_name = "LOG.csv")]
+    pub out: PathBuf,
+    /// Write the true parameters
+    #[arg(long, value_name = "TRUTH.json")]
+    pub truth: Option<PathBuf>,
+    /// Write the unit description that `replay --config` takes
+    #[arg(long, value_name = "UNIT.toml")]
+    pub write_config: Option<PathBuf>,
+    #[command(flatten)]
+    pub scheme: SchemeArguments,
+    #[command(flatten)]
+    pub unit: UnitArguments,
+}
+
+#[derive(Debug, Args)]
+pub struct ReplayArguments {
+    /// The log, CSV, plain or compressed
+    #[arg(value_name = "LOG.csv")]
+    pub log: PathBuf,
+    /// Site, noise and more of the unit [default: Bai's site, noise "navigation"]
+    #[arg(long, value_name = "UNIT.toml")]
+    pub config: Option<PathBuf>,
+    #[command(flatten)]
+    pub method: MethodArguments,
+    /// Write the result
+    #[arg(long, value_name = "OUT.json")]
+    pub json: Option<PathBuf>,
+    /// Write the report
+    #[arg(long, value_name = "OUT.html")]
+    pub report: Option<PathBuf>,
+    /// Compare with the true parameters
+    #[arg(long, value_name = "TRUTH.json")]
+    pub truth: Option<PathBuf>,
+    /// Write the live estimate after every segment
+    #[arg(long, value_name = "OUT.csv")]
+    pub csv_estimates: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct ObservabilityArguments {
+    #[command(flatten)]
+    pub scheme: SchemeArguments,
+    /// Site, noise and rate of the unit [default: Bai's site, noise "navigation", 200 Hz]
+    #[arg(long, value_name = "UNIT.toml")]
+    pub config: Option<PathBuf>,
+    /// bai, navigation, tactical, or a file [default: that of --config]
+    #[arg(long, value_name = "NAME|FILE")]
+    pub noise: Option<String>,
+    #[command(flatten)]
+    pub method: MethodArguments,
+    /// Write the prediction
+    #[arg(long, value_name = "OUT.json")]
+    pub json: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct MonteCarloArguments {
+    /// Number of runs
+    #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u64).range(1..))]
+    pub runs: u64,
+    #[command(flatten)]
+    pub scheme: SchemeArguments,
+    /// Which method, or both on the same data
+    #[arg(long, value_enum, default_value_t)]
+    pub method: MethodsArgument,
+    /// Scalar of the core
+    #[arg(long, value_enum, default_value_t)]
+    pub precision: Precision,
+    #[command(flatten)]
+    pub options: OptionArguments,
+    /// table1, table3, real, random, random:1deg, random:tactical, or a file
+    #[arg(long, value_name = "NAME|FILE", default_value = "random")]
+    pub errors: String,
+    /// bai, navigation, tactical, or a file [default: that of --config, or navigation]
+    #[arg(long, value_name = "NAME|FILE")]
+    pub noise: Option<String>,
+    /// Site, noise and rate of the unit
+    #[arg(long, value_name = "UNIT.toml")]
+    pub config: Option<PathBuf>,
+    /// Sample rate, Hz [default: that of --config, or 200]
+    #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true)]
+    pub rate: Option<f64>,
+    /// Of everything random
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Write the statistics
+    #[arg(long, value_name = "OUT.json")]
+    pub json: Option<PathBuf>,
+}
+
+/// Which methods are compared.
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+pub enum MethodsArgument {
+    /// All 28 parameters at once
+    #[default]
+    Joint,
+    /// Bai's twelve
+    TwoStage,
+    /// Both on the same data
+    Both,
+}
+
+impl MethodsArgument {
+    pub fn methods(self) -> Vec<Method> {
+        match self {
+            Self::Joint => vec![Method::Joint],
+            Self::TwoStage => vec![Method::TwoStage],
+            Self::Both => vec![Method::Joint, Method::TwoStage],
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+pub enum MethodArgument {
+    /// All 28 parameters at once
+    #[default]
+    Joint,
+    /// Bai's twelve
+    TwoStage,
+}
+
+#[derive(Debug, Args)]
+pub struct MethodArguments {
+    /// How to estimate
+    #[arg(long, value_enum, default_value_t)]
+    method: MethodArgument,
+    /// Scalar of the core
+    #[arg(long, value_enum, default_value_t)]
+    pub precision: Precision,
+    #[command(flatten)]
+    pub options: OptionArguments,
+}
+
+/// Effects beyond the 28 parameters.
+#[derive(Debug, Args)]
+pub struct OptionArguments {
+    /// Effects that the joint method estimates too, separated by commas
+    #[arg(long, value_enum, value_name = "EFFECT", value_delimiter = ',')]
+    effects: Vec<Effect>,
+    /// Random walk of the gyro biases that is allowed for, (deg/h)/sqrt(h)
+    #[arg(long, value_name = "SIZE", default_value_t = 0.0, value_parser = walk, allow_negative_numbers = true)]
+    gyro_bias_walk: f64,
+    /// Random walk of the accelerometer biases that is allowed for, ug/sqrt(h)
+    #[arg(long, value_name = "SIZE", default_value_t = 0.0, value_parser = walk, allow_negative_numbers = true)]
+    accel_bias_walk: f64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Effect {
+    /// Ramps of all biases
+    BiasRamp,
+    /// First harmonic of the encoder errors
+    Eccentricity,
+    /// Second harmonic of the encoder errors
+    SecondHarmonic,
+    /// Steady tilting of the base
+    TiltDrift,
+}
+
+impl OptionArguments {
+    pub fn options(&self) -> Options {
+        const SQRT_HOUR: f64 = 60.0;
+        let on = |effect| self.effects.contains(&effect);
+        Options {
+            bias_ramp: on(Effect::BiasRamp),
+            gyro_bias_walk: self.gyro_bias_walk * DEG_H / SQRT_HOUR,
+            accel_bias_walk: self.accel_bias_walk * MICRO_G / SQRT_HOUR,
+            encoder_eccentricity: on(Effect::Eccentricity),
+            encoder_second_harmonic: on(Effect::SecondHarmonic),
+            base_tilt_drift: on(Effect::TiltDrift),
+        }
+    }
+}
+
+impl MethodArguments {
+    pub fn method(&self) -> Method {
+        match self.method {
+            MethodArgument::Joint => Method::Joint,
+            MethodArgument::TwoStage => Method::TwoStage,
+        }
+    }
+}
+
+#[derive(Debug, Args)]
+pub struct SchemeArguments {
+    /// bai, or a file
+    #[arg(long, value_name = "NAME|FILE", default_value = "bai")]
+    scheme: String,
+    /// Time of every stop, s [default of bai: 10, two-stage 200]
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
+    stop: Option<f64>,
+    /// How often the scheme is run [default of bai: 1, two-stage 2]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
+    periods: Option<u8>,
+}
+
+impl SchemeArguments {
+    /// The scheme; one that the two-stage method can use, or shorter.
+    pub fn scheme(&self, two_stage: bool) -> Result<Scheme, TomlFileError> {
+        let (stop_s, periods) = match (self.scheme.as_str(), two_stage) {
+            ("bai", false) => (Some(10.0), Some(1)),
+            ("bai", true) => (Some(200.0), Some(2)),
+            _ => (None, None),
+        };
+        scheme_named(&self.scheme, self.stop.or(stop_s), self.periods.or(periods))
+    }
+}
+
+#[derive(Debug, Args)]
+pub struct UnitArguments {
+    /// table1, table3, real, random, random:1deg, random:tactical, or a file
+    #[arg(long, value_name = "NAME|FILE", default_value = "real")]
+    errors: String,
+    /// bai, navigation, tactical, or a file [default: that of --config, or navigation]
+    #[arg(long, value_name = "NAME|FILE")]
+    noise: Option<String>,
+    /// Site, noise and rate of the unit
+    #[arg(long, value_name = "UNIT.toml")]
+    config: Option<PathBuf>,
+    /// Sample rate, Hz [default: that of --config, or 200]
+    #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true)]
+    rate: Option<f64>,
+    /// Of everything random
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+impl UnitArguments {
+    pub fn config(&self) -> Result<UnitConfig, TomlFileError> {
+        unit_config(self.config.as_ref(), self.noise.as_deref(), self.rate)
+    }
+
+    /// The unit on a scheme.
+    pub fn run(&self, config: &UnitConfig, scheme: Scheme) -> Result<VirtualRun, TomlFileError> {
+        let drawn = ErrorSource::named(&self.errors)?.draw(derived_seed(self.seed, 0, Stream::Errors));
+        let unit = VirtualUnit {
+            errors: drawn.errors,
+            effects: drawn.effects,
+            site: config.site(),
+            noise: config.noise,
+            rate_hz: rate_hz(config),
+        };
+        Ok(VirtualRun { unit, scheme, seed: derived_seed(self.seed, 0, Stream::Noise) })
+    }
+}
+
+/// Unit description from a file, or the default one, with other noise or another rate where asked for.
+pub fn unit_config(
+    config: Option<&PathBuf>,
+    noise: Option<&str>,
+    rate_hz: Option<f64>,
+) -> Result<UnitConfig, TomlFileError> {
+    let mut unit = config.map_or_else(|| Ok(UnitConfig::default()), |path| UnitConfig::read(path))?;
+    if let Some(noise) = noise {
+        unit.noise = noise_named(noise)?;
+    }
+    unit.sampling.rate_hz = rate_hz.or(unit.sampling.rate_hz);
+    Ok(unit)
+}
+
+/// Sample rate of a virtual unit, Hz.
+pub fn rate_hz(unit: &UnitConfig) -> f64 {
+    unit.sampling.rate_hz.unwrap_or(DEFAULT_RATE_HZ)
+}
+
+impl MethodArguments {
+    pub fn setup(&self, unit: &UnitConfig) -> Setup {
+        let options = self.options.options();
+        Setup { options, ..Setup::new(unit, rate_hz(unit), self.method(), self.precision) }
+    }
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    number_in(text, 1.0, 100_000.0)
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    number_in(text, 0.1, 1e6)
+}
+
+fn walk(text: &str) -> Result<f64, String> {
+    number_in(text, 0.0, 1e6)
+}
+
+fn number_in(text: &str, low: f64, high: f64) -> Result<f64, String> {
+    let number: f64 = text.parse().map_err(|_| "not a number".to_string())?;
+    if (low..=high).contains(&number) { Ok(number) } else { Err(format!("not between {low} and {high}")) }
+}

@@ -1,0 +1,110 @@
+//! `rins calibrate`
+
+use super::arguments::CalibrateArguments;
+use super::{Ending, progress, replay};
+use crate::calibration::Setup;
+use crate::closed_loop::{Ended, PowerUp};
+use crate::emulator::Run;
+use crate::quantity;
+use crate::truth::Truth;
+use crate::virtual_run::VirtualRun;
+use anyhow::Context;
+use indicatif::ProgressBar;
+use rins_selfcal::calibrator::Progress;
+use rins_selfcal::error_model::block;
+use rins_selfcal::method::Method;
+use rins_selfcal::sequencer::State;
+use rins_selfcal::telemetry::Message;
+use std::path::Path;
+
+pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
+    let config = arguments.unit.config()?;
+    let method = arguments.method.method();
+    let scheme = arguments.scheme.scheme(method == Method::TwoStage)?;
+    let setup = arguments.method.setup(&config).on_scheme(&scheme);
+    let run = arguments.unit.run(&config, scheme)?;
+    let place = if arguments.firmware { "firmware in the emulator" } else { "in process" };
+    println!("virtual RINS: scheme {}, {:.0} s, closed loop, {place}", run.scheme.name, run.duration_s());
+    if arguments.firmware {
+        return firmware(arguments, &run, &setup);
+    }
+    let bar = progress::bar(run.duration_s().ceil() as u64, "s");
+    let started = std::time::Instant::now();
+    let ended = PowerUp::new(&run, &setup).in_process(|message| show(&bar, message))?;
+    bar.finish_and_clear();
+    println!("wall time: {:.2} s", started.elapsed().as_secs_f64());
+    conclude(arguments, &run, &ended)
+}
+
+/// Boots twice with the same EEPROM: the second boot shall find what the first one stored.
+fn firmware(arguments: &CalibrateArguments, run: &VirtualRun, setup: &Setup) -> anyhow::Result<Ending> {
+    let blank = tempfile::tempdir()?;
+    let eeprom = arguments.eeprom.clone().unwrap_or_else(|| blank.path().join("eeprom.bin"));
+    let ended = boot(1, run, setup, &eeprom)?;
+    let ending = conclude(arguments, run, &ended)?;
+    if ending == Ending::Done && !matches!(ended, Ended::FromStore) {
+        let ended = boot(2, run, setup, &eeprom)?;
+        conclude(arguments, run, &ended)?;
+        anyhow::ensure!(matches!(ended, Ended::FromStore), "the second boot did not find the stored calibration");
+    }
+    Ok(ending)
+}
+
+fn boot(number: u32, run: &VirtualRun, setup: &Setup, eeprom: &Path) -> anyhow::Result<Ended> {
+    let bar = progress::bar(run.duration_s().ceil() as u64, "s");
+    bar.println(format!("boot {number}"));
+    let on_log = |line: &str| bar.suspend(|| println!("firmware: {line}"));
+    let (ended, run) = PowerUp::new(run, setup)
+        .in_emulator(eeprom, on_log, |message| show(&bar, message))
+        .with_context(|| format!("boot {number}"))?;
+    bar.finish_and_clear();
+    println!("boot {number}: {}", figures(&run));
+    Ok(ended)
+}
+
+fn figures(run: &Run) -> String {
+    format!(
+        "{:.1} s of instrument time, {:.1} s wall time, {:.0} million instructions, stack {} of {} bytes",
+        run.elapsed_s,
+        run.wall_s,
+        run.instructions * 1e-6,
+        run.stack_used_bytes,
+        run.stack_bytes
+    )
+}
+
+fn conclude(arguments: &CalibrateArguments, run: &VirtualRun, ended: &Ended) -> anyhow::Result<Ending> {
+    match ended {
+        Ended::Judged(outcome) => {
+            let truth = Truth::new(&run.unit.errors);
+            replay::report(outcome, Some(&truth), arguments.json.as_deref(), Some(&arguments.report))
+        }
+        Ended::FromStore => {
+            println!("stored calibration found: correcting without a new run");
+            Ok(Ending::Done)
+        }
+        Ended::Aborted(reason) => {
+            println!("verdict: aborted\n  - {reason}");
+            Ok(Ending::NotAccepted)
+        }
+    }
+}
+
+fn show(bar: &ProgressBar, message: &Message) {
+    match message {
+        Message::State { time_us, state, legs } => {
+            bar.set_position(time_us / 1_000_000);
+            if let State::Turn(leg) = state {
+                bar.set_prefix(format!("leg {leg} of {}", legs - 1));
+            }
+        }
+        Message::Segment(progress) => bar.set_message(worst(progress)),
+        _ => {}
+    }
+}
+
+fn worst(progress: &Progress) -> String {
+    let sigmas = quantity::sigmas(&progress.estimate.sigmas);
+    let worst = sigmas[..block::ACCEL_BIAS].iter().copied().fold(0.0, f64::max);
+    format!("segment {}, worst of the 12: {} arcsec", progress.segments, quantity::significant(worst))
+}

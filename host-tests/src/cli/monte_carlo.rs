@@ -1,0 +1,198 @@
+//! `rins montecarlo`
+
+use super::arguments::{MethodsArgument, MonteCarloArguments, rate_hz, unit_config};
+use super::{Ending, progress};
+use crate::calibration::method_name;
+use crate::monte_carlo::{CONFIDENCE, ErrorSource, FitStatistics, MethodStatistics, MonteCarlo};
+use crate::quantity::significant;
+use crate::report::{Named, SOFTWARE, Software, write_json};
+use crate::statistics::ErrorStatistics;
+use crate::table;
+use rins_selfcal::error_model::PARAMETER_INFO;
+use rins_selfcal::method::Method;
+use serde::Serialize;
+use std::time::Instant;
+
+/// Errors of Bai's Table 1, arcsec.
+const BAI_TABLE_1_ERRORS: [f64; 12] =
+    [0.389, 0.575, 0.474, 0.488, 0.544, 0.406, 0.255, 0.164, 0.119, 0.145, 0.042, 0.067];
+
+pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
+    let monte_carlo = monte_carlo(arguments)?;
+    let bar = progress::bar(arguments.runs, "runs");
+    let start = Instant::now();
+    let methods = monte_carlo.run(|| bar.inc(1));
+    bar.finish_and_clear();
+    let head = format!("{} runs, scheme {}", arguments.runs, monte_carlo.scheme.name);
+    println!("{head}, errors {}, {:.0} s of computing", arguments.errors, start.elapsed().as_secs_f64());
+    let beside_bai = arguments.errors == "table1";
+    methods.iter().for_each(|method| print!("\n{}", text(method, beside_bai)));
+    if let [joint, two_stage] = methods.as_slice() {
+        print!("\n{}", side_by_side(joint, two_stage));
+    }
+    if let Some(path) = &arguments.json {
+        write_json(path, &Report::new(arguments, &monte_carlo, &methods))?;
+        println!("statistics: {}", path.display());
+    }
+    Ok(Ending::Done)
+}
+
+fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo> {
+    let unit = unit_config(arguments.config.as_ref(), arguments.noise.as_deref(), arguments.rate)?;
+    let two_stage = !matches!(arguments.method, MethodsArgument::Joint);
+    Ok(MonteCarlo {
+        runs: arguments.runs,
+        methods: arguments.method.methods(),
+        precision: arguments.precision,
+        options: arguments.options.options(),
+        scheme: arguments.scheme.scheme(two_stage)?,
+        errors: ErrorSource::named(&arguments.errors)?,
+        rate_hz: rate_hz(&unit),
+        unit,
+        seed: arguments.seed,
+    })
+}
+
+fn text(method: &MethodStatistics, beside_bai: bool) -> String {
+    let name = method_name(method.method);
+    let counts = format!(
+        "{} accepted, {} rejected, {} not converged, {} diverged",
+        method.accepted, method.rejected, method.unconverged, method.diverged
+    );
+    let mut text = format!("{name} method: {counts}\n");
+    for reason in &method.rejections {
+        text += &format!("  - {reason}\n");
+    }
+    let beside_bai = beside_bai && method.method == Method::TwoStage;
+    text + "\n" + &errors(method, beside_bai) + &summary(method)
+}
+
+fn errors(method: &MethodStatistics, beside_bai: bool) -> String {
+    let mut columns = vec!["RMS error", "mean error", "bound", "RMS/bound", "(error/sigma)^2"];
+    if beside_bai {
+        columns.push("Bai Table 1");
+    }
+    table::by_parameter(&columns, |index| {
+        let mut cells = error_cells(method.parameters[index].as_ref()?, method.normalized_bounds);
+        if beside_bai {
+            let theirs = BAI_TABLE_1_ERRORS.get(index).copied();
+            cells.push(table::number_or_none(theirs, |error| format!("{error:.3}")));
+        }
+        Some(cells)
+    })
+}
+
+fn error_cells(found: &ErrorStatistics, [low, high]: [f64; 2]) -> Vec<String> {
+    let outside = if (low..=high).contains(&found.mean_normalized_squared) { ' ' } else { '!' };
+    vec![
+        significant(found.rms_error),
+        crate::quantity::rounded(found.mean_error, found.rms_error),
+        significant(found.bound),
+        format!("{:.3}", found.ratio),
+        format!("{:.3}{outside}", found.mean_normalized_squared),
+    ]
+}
+
+fn summary(method: &MethodStatistics) -> String {
+    let [low, high] = method.normalized_bounds;
+    let (mean, largest) = method.ratios();
+    let (inside, all) = method.consistent();
+    let fit = &method.fit;
+    let percent = CONFIDENCE * 100.0;
+    format!(
+        "bound: Cramer-Rao, root mean square over the runs of the filter's sigma, linearized at its estimate\n\
+         RMS/bound: mean {mean:.3}, largest {largest:.3}\n\
+         mean (error/sigma)^2: {inside} of {all} inside {low:.3} to {high:.3} ({percent} %; outside: !)\n\
+         chi-square of the fit: mean {:.2} with {:.1} degrees of freedom, {percent} % bounds {:.2} to {:.2}\n",
+        fit.mean_chi_square, fit.mean_degrees_of_freedom, fit.bounds[0], fit.bounds[1]
+    )
+}
+
+/// RMS errors of both methods on the same data.
+fn side_by_side(joint: &MethodStatistics, two_stage: &MethodStatistics) -> String {
+    let columns = ["two-stage RMS", "sigma", "joint RMS", "sigma", "factor gained"];
+    let table = table::by_parameter(&columns, |index| {
+        let (ours, theirs) = (joint.parameters[index]?, two_stage.parameters[index]?);
+        let numbers = [theirs.rms_error, theirs.bound, ours.rms_error, ours.bound].map(significant);
+        Some(numbers.into_iter().chain([format!("{:.1}", theirs.rms_error / ours.rms_error)]).collect())
+    });
+    format!("both methods on the same data\n\n{table}")
+}
+
+/// Contents of the JSON file.
+#[derive(Serialize)]
+struct Report<'a> {
+    runs: u64,
+    scheme: &'a str,
+    periods: u8,
+    errors: &'a str,
+    noise: crate::unit::Noise,
+    rate_hz: f64,
+    precision: crate::calibration::Precision,
+    seed: u64,
+    confidence: f64,
+    methods: Named<MethodReport>,
+    software: Software,
+}
+
+#[derive(Serialize)]
+struct MethodReport {
+    runs: usize,
+    accepted: usize,
+    rejected: usize,
+    unconverged: usize,
+    diverged: usize,
+    rejections: Vec<String>,
+    mean_ratio: f64,
+    largest_ratio: f64,
+    normalized_squared_bounds: [f64; 2],
+    fit: FitStatistics,
+    parameters: Named<ParameterStatistics>,
+}
+
+#[derive(Serialize)]
+struct ParameterStatistics {
+    #[serde(flatten)]
+    errors: ErrorStatistics,
+    unit: &'static str,
+}
+
+impl<'a> Report<'a> {
+    fn new(arguments: &'a MonteCarloArguments, monte_carlo: &'a MonteCarlo, methods: &[MethodStatistics]) -> Self {
+        Self {
+            runs: arguments.runs,
+            scheme: monte_carlo.scheme.name.as_str(),
+            periods: monte_carlo.scheme.periods,
+            errors: &arguments.errors,
+            noise: monte_carlo.unit.noise,
+            rate_hz: monte_carlo.rate_hz,
+            precision: monte_carlo.precision,
+            seed: monte_carlo.seed,
+            confidence: CONFIDENCE,
+            methods: Named(methods.iter().map(|method| (method_name(method.method), method.into())).collect()),
+            software: SOFTWARE,
+        }
+    }
+}
+
+impl From<&MethodStatistics> for MethodReport {
+    fn from(method: &MethodStatistics) -> Self {
+        let (mean_ratio, largest_ratio) = method.ratios();
+        let of_parameter = |(info, errors): (&rins_selfcal::error_model::ParameterInfo, &Option<ErrorStatistics>)| {
+            errors.map(|errors| (info.name, ParameterStatistics { errors, unit: info.unit }))
+        };
+        Self {
+            runs: method.runs,
+            accepted: method.accepted,
+            rejected: method.rejected,
+            unconverged: method.unconverged,
+            diverged: method.diverged,
+            rejections: method.rejections.clone(),
+            mean_ratio,
+            largest_ratio,
+            normalized_squared_bounds: method.normalized_bounds,
+            fit: method.fit,
+            parameters: Named(PARAMETER_INFO.iter().zip(&method.parameters).filter_map(of_parameter).collect()),
+        }
+    }
+}

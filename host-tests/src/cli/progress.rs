@@ -1,0 +1,19 @@
+//! Progress on the standard error, invisible where that is no terminal.
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+/// A bar of `length` steps, counted in `unit`.
+pub fn bar(length: u64, unit: &str) -> ProgressBar {
+    let template = format!("{{bar:32}} {{pos}}/{{len}} {unit}, {{eta}} left  {{msg}}");
+    ProgressBar::new(length).with_style(style(ProgressStyle::with_template(&template)))
+}
+
+/// For work of unknown length.
+pub fn counter(unit: &str) -> ProgressBar {
+    let template = format!("{{spinner}} {{human_pos}} {unit}");
+    ProgressBar::new_spinner().with_style(style(ProgressStyle::with_template(&template)))
+}
+
+fn style<E>(style: Result<ProgressStyle, E>) -> ProgressStyle {
+    style.unwrap_or_else(|_| ProgressStyle::default_bar())
+}

@@ -1,0 +1,91 @@
+//! `rins replay`
+
+use super::Ending;
+use super::arguments::ReplayArguments;
+use super::progress;
+use crate::calibration::Outcome;
+use crate::page::write_page;
+use crate::quantity;
+use crate::replay::{Replay, config_beside};
+use crate::report::{CalibrationReport, write_json};
+use crate::table;
+use crate::truth::Truth;
+use crate::unit::UnitConfig;
+use anyhow::Context;
+use rins_selfcal::calibrator::Progress;
+use rins_selfcal::error_model::PARAMETER_INFO;
+use rins_selfcal::segment::SegmentKind;
+use std::path::Path;
+
+pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
+    let truth = arguments.truth.as_deref().map(Truth::read).transpose()?;
+    let replay = Replay {
+        path: arguments.log.clone(),
+        unit: unit(arguments)?,
+        method: arguments.method.method(),
+        precision: arguments.method.precision,
+        options: arguments.method.options.options(),
+    };
+    let mut segments = Vec::new();
+    let counter = progress::counter("rows");
+    let outcome = replay.run(|rows| counter.set_position(rows), |progress| segments.push(*progress))?;
+    counter.finish_and_clear();
+    if let Some(path) = &arguments.csv_estimates {
+        write_estimates(path, &segments).with_context(|| path.display().to_string())?;
+    }
+    report(&outcome, truth.as_ref(), arguments.json.as_deref(), arguments.report.as_deref())
+}
+
+/// Prints an outcome and writes it where asked for, as JSON and as a page.
+pub fn report(
+    outcome: &Outcome,
+    truth: Option<&Truth>,
+    json: Option<&Path>,
+    page: Option<&Path>,
+) -> anyhow::Result<Ending> {
+    let errors = truth.map(|truth| truth.parameters.to_errors());
+    println!("{}", table::samples(outcome));
+    println!("{}", table::parameters(outcome, errors.as_ref()));
+    print!("{}{}", table::optional_states(outcome), table::verdict(outcome));
+    if let Some(path) = json {
+        write_json(path, &CalibrationReport::from(outcome))?;
+        println!("result: {}", path.display());
+    }
+    if let Some(path) = page {
+        write_page(path, outcome, errors.as_ref())?;
+        println!("report: {}", path.display());
+    }
+    Ok(if outcome.verdict.accepted() { Ending::Done } else { Ending::NotAccepted })
+}
+
+fn unit(arguments: &ReplayArguments) -> anyhow::Result<UnitConfig> {
+    if let Some(path) = &arguments.config {
+        return Ok(UnitConfig::read(path)?);
+    }
+    if let Some(beside) = config_beside(&arguments.log) {
+        let beside = beside.display();
+        eprintln!("note: {beside} is not used; give it as --config {beside} if it describes this unit");
+    }
+    Ok(UnitConfig::default())
+}
+
+/// Live estimates and sigmas in report units, one row per segment.
+fn write_estimates(path: &Path, segments: &[Progress]) -> csv::Result<()> {
+    let mut writer = csv::Writer::from_path(path)?;
+    let column = |suffix: &'static str| {
+        PARAMETER_INFO.iter().map(move |info| format!("{}{suffix}_{}", info.name, info.unit.replace('/', "_")))
+    };
+    let first = ["time_s", "segment", "kind"].map(String::from);
+    writer.write_record(first.into_iter().chain(column("")).chain(column("_sigma")))?;
+    for progress in segments {
+        let kind = if progress.kind == SegmentKind::Stop { "stop" } else { "move" };
+        let values = quantity::values(&progress.estimate.errors);
+        let sigmas = quantity::sigmas(&progress.estimate.sigmas);
+        let time_s = format!("{:.6}", progress.end_us as f64 * 1e-6);
+        let first = [time_s, (progress.segments - 1).to_string(), kind.into()];
+        writer
+            .write_record(first.into_iter().chain(values.iter().chain(&sigmas).map(|value| format!("{value:.9e}"))))?;
+    }
+    writer.flush()?;
+    Ok(())
+}

@@ -1,0 +1,50 @@
+//! `rins simulate`
+
+use super::Ending;
+use super::arguments::SimulateArguments;
+use super::progress;
+use crate::log::LogWriter;
+use crate::truth::Truth;
+use crate::unit::UnitConfig;
+use crate::virtual_run::VirtualRun;
+use anyhow::Context;
+use std::path::Path;
+
+/// Samples between two looks at the bar.
+const TICK: u64 = 10_000;
+
+pub fn run(arguments: &SimulateArguments) -> anyhow::Result<Ending> {
+    let config = arguments.unit.config()?;
+    let run = arguments.unit.run(&config, arguments.scheme.scheme(false)?)?;
+    let samples = write_log(&run, &arguments.out)?;
+    if let Some(path) = &arguments.truth {
+        Truth::new(&run.unit.errors).write(path)?;
+    }
+    if let Some(path) = &arguments.write_config {
+        write_config(path, &config)?;
+    }
+    println!("{}: {samples} samples, {:.1} s of scheme {}", arguments.out.display(), run.duration_s(), run.scheme.name);
+    Ok(Ending::Done)
+}
+
+fn write_log(run: &VirtualRun, path: &Path) -> anyhow::Result<u64> {
+    let drive = run.drive();
+    let samples = drive.total_samples();
+    let bar = progress::bar(samples, "samples");
+    let mut writer = LogWriter::create(path, run.unit.effects.temperature_c.is_some())?;
+    for (number, reading) in (1..).zip(drive) {
+        writer.write(&reading)?;
+        if number % TICK == 0 {
+            bar.set_position(number);
+        }
+    }
+    bar.finish_and_clear();
+    writer.finish()?;
+    Ok(samples)
+}
+
+fn write_config(path: &Path, config: &UnitConfig) -> anyhow::Result<()> {
+    let name = || path.display().to_string();
+    let text = toml::to_string(config).with_context(name)?;
+    std::fs::write(path, text).with_context(name)
+}

@@ -1,0 +1,145 @@
+//! The virtual RINS in closed loop: it powers up, and the core turns it, measures, solves, judges, stores and corrects,
+//! in this process or as firmware in the emulator.
+
+use crate::bench::Bench;
+use crate::calibration::{Outcome, Precision, Record, Setup};
+use crate::drive::move_durations_s;
+use crate::emulator::{Run, Scalar, build};
+use crate::power_up::{Switched, in_emulator, in_process, shared};
+use crate::virtual_rins::VirtualRins;
+use crate::virtual_run::VirtualRun;
+use anyhow::{Result, anyhow, bail};
+use rins_selfcal::assignment::Assignment;
+use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES};
+use rins_selfcal::self_calibration::SelfCalibrationConfig;
+use rins_selfcal::sequencer::{AbortReason, State};
+use rins_selfcal::telemetry::Message;
+use std::path::Path;
+
+/// Corrected samples told before the instrument is switched off: one a second.
+const CORRECTED_MESSAGES: u32 = 3;
+
+/// How a run ended.
+#[derive(Clone, Debug)]
+pub enum Ended {
+    /// With a result, accepted or rejected.
+    Judged(Box<Outcome>),
+    /// Correcting with the stored calibration, without a new run.
+    FromStore,
+    /// Without a result.
+    Aborted(AbortReason),
+}
+
+/// One power-up, to the first corrected samples or until the gimbals are parked.
+pub struct PowerUp<'a> {
+    run: &'a VirtualRun,
+    setup: &'a Setup,
+}
+
+impl<'a> PowerUp<'a> {
+    /// Of a unit, with the configuration of its controller.
+    pub fn new(run: &'a VirtualRun, setup: &'a Setup) -> Self {
+        Self { run, setup }
+    }
+
+    /// The core in this process; its store is empty. `on_message` gets all that the core tells.
+    ///
+    /// # Errors
+    /// What the core has against the configuration.
+    pub fn in_process(&self, on_message: impl FnMut(&Message)) -> Result<Ended> {
+        let mut watch = Watch::new(self.run, on_message);
+        let bench = shared(watch.plant());
+        let (assignment, told) = (self.assignment(), |message: &Message| watch.note(message));
+        match (self.setup.precision, self.setup.options.needs_states()) {
+            (Precision::F64, false) => in_process::<f64, BASIC_STATES, _>(&assignment, None, &bench, told)?,
+            (Precision::F64, true) => in_process::<f64, FULL_STATES, _>(&assignment, None, &bench, told)?,
+            (Precision::F32, false) => in_process::<f32, BASIC_STATES, _>(&assignment, None, &bench, told)?,
+            (Precision::F32, true) => in_process::<f32, FULL_STATES, _>(&assignment, None, &bench, told)?,
+        };
+        watch.ended(self.setup)
+    }
+
+    /// The firmware in the emulator; `eeprom` is its store. `on_log` gets its log.
+    ///
+    /// # Errors
+    /// What the firmware has against the configuration, or why the emulator does not run it.
+    pub fn in_emulator(
+        &self,
+        eeprom: &Path,
+        on_log: impl FnMut(&str),
+        on_message: impl FnMut(&Message),
+    ) -> Result<(Ended, Run)> {
+        let image = build(match self.setup.precision {
+            Precision::F64 => Scalar::F64,
+            Precision::F32 => Scalar::F32,
+        })?;
+        let mut watch = Watch::new(self.run, on_message);
+        let mut bench = Bench::new(watch.plant());
+        let told = |message: &Message| watch.note(message);
+        let run = in_emulator(&self.assignment(), &image, Some(eeprom), &mut bench, on_log, told)?;
+        Ok((watch.ended(self.setup)?, run))
+    }
+
+    fn assignment(&self) -> Assignment {
+        Assignment::SelfCalibrate(SelfCalibrationConfig::new(self.setup.config(), self.run.scheme.clone()))
+    }
+}
+
+/// Follows the messages of a run and switches the instrument off when there is nothing more to see.
+struct Watch<F> {
+    plant: Option<Switched<VirtualRins>>,
+    off: std::rc::Rc<std::cell::Cell<bool>>,
+    record: Record,
+    refused: Option<String>,
+    state: State,
+    corrected: u32,
+    on_message: F,
+}
+
+impl<F: FnMut(&Message)> Watch<F> {
+    fn new(run: &VirtualRun, on_message: F) -> Self {
+        let mut rins = VirtualRins::new(&run.unit, run.seed);
+        rins.expect_moves(&move_durations_s(&run.scheme, run.unit.rate_hz));
+        let (plant, off) = Switched::new(rins);
+        Self {
+            plant: Some(plant),
+            off,
+            record: Record::default(),
+            refused: None,
+            state: State::PowerUp,
+            corrected: 0,
+            on_message,
+        }
+    }
+
+    /// The instrument, to be put on a bench once.
+    fn plant(&mut self) -> Switched<VirtualRins> {
+        self.plant.take().expect("put on one bench")
+    }
+
+    fn note(&mut self, message: &Message) {
+        self.record.note(message);
+        match message {
+            Message::State { state, .. } => self.state = *state,
+            Message::Corrected { .. } => self.corrected += 1,
+            Message::Refused(error) => self.refused = Some(format!("{error:?}")),
+            _ => {}
+        }
+        if self.state == State::Parked || self.corrected >= CORRECTED_MESSAGES {
+            self.off.set(true);
+        }
+        (self.on_message)(message);
+    }
+
+    fn ended(self, setup: &Setup) -> Result<Ended> {
+        if let Some(error) = self.refused {
+            bail!("the configuration is refused: {error}");
+        }
+        match (self.record.aborted(), self.record.outcome(setup)) {
+            (Some(reason), _) => Ok(Ended::Aborted(reason)),
+            (None, Some(outcome)) => Ok(Ended::Judged(Box::new(outcome))),
+            (None, None) if self.corrected > 0 => Ok(Ended::FromStore),
+            (None, None) => Err(anyhow!("the instrument was switched off in state {:?}", self.state)),
+        }
+    }
+}

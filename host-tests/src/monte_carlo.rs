@@ -1,0 +1,265 @@
+//! Many calibrations of virtual units: are the errors as small as they can be, and the sigmas honest?
+
+use crate::calibration::{Outcome, Precision, Setup, is_estimated};
+use crate::presets::{RandomErrors, UnitErrors, errors_named};
+use crate::quantity;
+use crate::statistics::{ErrorAndSigma, ErrorStatistics, chi_square_mean_bounds};
+use crate::toml_file::TomlFileError;
+use crate::unit::UnitConfig;
+use crate::virtual_rins::VirtualUnit;
+use crate::virtual_run::{Stream, VirtualRun, derived_seed};
+use rayon::prelude::*;
+use rins_selfcal::error_model::PARAMETERS;
+use rins_selfcal::method::Method;
+use rins_selfcal::options::Options;
+use rins_selfcal::scheme::Scheme;
+use serde::Serialize;
+
+/// Confidence of all bounds.
+pub const CONFIDENCE: f64 = 0.99;
+
+/// Where the errors of each run's unit come from.
+#[derive(Clone, Debug)]
+pub enum ErrorSource {
+    /// The same in every run.
+    Fixed(Box<UnitErrors>),
+    /// The preset "real", with a new heading in every run.
+    Real,
+    /// Drawn anew in every run.
+    Random(RandomErrors),
+}
+
+impl ErrorSource {
+    /// By name: `random`, `random:1deg` and the like, `random:tactical`, or what [`errors_named`] knows.
+    ///
+    /// # Errors
+    /// One line that names the file and, for its contents, line and key.
+    pub fn named(name: &str) -> Result<Self, TomlFileError> {
+        match (name, name.strip_prefix("random:").and_then(random_errors)) {
+            ("real", _) => Ok(Self::Real),
+            ("random", _) => Ok(Self::Random(RandomErrors::default())),
+            (_, Some(sizes)) => Ok(Self::Random(sizes)),
+            _ => Ok(Self::Fixed(Box::new(errors_named(name, 0)?))),
+        }
+    }
+
+    /// Errors of the unit of one run.
+    pub fn draw(&self, seed: u64) -> UnitErrors {
+        match self {
+            Self::Fixed(errors) => *errors.clone(),
+            Self::Real => UnitErrors { errors: crate::presets::real(seed), ..UnitErrors::default() },
+            Self::Random(sizes) => UnitErrors { errors: sizes.draw(seed), ..UnitErrors::default() },
+        }
+    }
+}
+
+/// Sizes after `random:`: "tactical", or an angle with its unit for the installation errors.
+fn random_errors(size: &str) -> Option<RandomErrors> {
+    if size == "tactical" {
+        return Some(RandomErrors { accel_bias_ug: 2000.0, gyro_bias_deg_h: 3.0, ..RandomErrors::default() });
+    }
+    let number = |suffix: &str| size.strip_suffix(suffix)?.parse::<f64>().ok();
+    let size_deg = number("deg").or_else(|| number("arcsec").map(|arcsec| arcsec / 3600.0))?;
+    (size_deg.is_finite() && size_deg >= 0.0).then(|| RandomErrors::default().with_installation_deg(size_deg))
+}
+
+/// What is run.
+#[derive(Clone, Debug)]
+pub struct MonteCarlo {
+    /// Number of runs.
+    pub runs: u64,
+    /// Methods, each on the same data.
+    pub methods: Vec<Method>,
+    /// Scalar of the core.
+    pub precision: Precision,
+    /// Optional states and noise of the joint method.
+    pub options: Options,
+    /// The scheme.
+    pub scheme: Scheme,
+    /// Errors of the units.
+    pub errors: ErrorSource,
+    /// Site and noise.
+    pub unit: UnitConfig,
+    /// Sample rate, Hz.
+    pub rate_hz: f64,
+    /// Of everything random.
+    pub seed: u64,
+}
+
+/// Errors, sigmas and fit of one method in one run.
+#[derive(Clone, Debug)]
+pub struct RunResult {
+    errors: [ErrorAndSigma; PARAMETERS],
+    chi_square: f64,
+    degrees_of_freedom: u32,
+    accepted: bool,
+    converged: bool,
+    finite: bool,
+    first_reason: Option<String>,
+}
+
+impl MonteCarlo {
+    /// All runs on all cores; per method its results in the order of the runs. `on_run` is called after each.
+    pub fn run(&self, on_run: impl Fn() + Sync) -> Vec<MethodStatistics> {
+        let results: Vec<Vec<RunResult>> = (0..self.runs)
+            .into_par_iter()
+            .map(|run| {
+                let results = self.run_one(run);
+                on_run();
+                results
+            })
+            .collect();
+        let of_method = |index: usize| results.iter().map(|run| run[index].clone()).collect::<Vec<_>>();
+        let methods = self.methods.iter().enumerate();
+        methods.map(|(index, method)| MethodStatistics::new(*method, &of_method(index))).collect()
+    }
+
+    fn run_one(&self, run: u64) -> Vec<RunResult> {
+        let drawn = self.errors.draw(derived_seed(self.seed, run, Stream::Errors));
+        let run = VirtualRun {
+            unit: VirtualUnit {
+                errors: drawn.errors,
+                effects: drawn.effects,
+                site: self.unit.site(),
+                noise: self.unit.noise,
+                rate_hz: self.rate_hz,
+            },
+            scheme: self.scheme.clone(),
+            seed: derived_seed(self.seed, run, Stream::Noise),
+        };
+        let setups: Vec<_> = self.methods.iter().map(|method| self.setup(*method)).collect();
+        run.calibrate(&setups).iter().map(|outcome| RunResult::new(outcome, &run.unit)).collect()
+    }
+}
+
+impl MonteCarlo {
+    fn setup(&self, method: Method) -> Setup {
+        let options = if method == Method::Joint { self.options } else { Options::default() };
+        Setup { options, ..Setup::new(&self.unit, self.rate_hz, method, self.precision) }
+    }
+}
+
+impl RunResult {
+    fn new(outcome: &Outcome, unit: &VirtualUnit) -> Self {
+        let estimate = outcome.estimate();
+        let errors = quantity::errors(&estimate.errors, &unit.errors);
+        let sigmas = quantity::sigmas(&estimate.sigmas);
+        let finite = errors.iter().chain(&sigmas).all(|number| number.is_finite());
+        Self {
+            errors: std::array::from_fn(|index| ErrorAndSigma { error: errors[index], sigma: sigmas[index] }),
+            chi_square: outcome.solution.fit.chi_square,
+            degrees_of_freedom: outcome.solution.degrees_of_freedom,
+            accepted: outcome.verdict.accepted(),
+            converged: outcome.solution.converged,
+            finite,
+            first_reason: outcome.reasons().into_iter().next(),
+        }
+    }
+}
+
+/// Chi-square of the fit over all runs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct FitStatistics {
+    /// Mean over the runs.
+    pub mean_chi_square: f64,
+    /// Mean of the degrees of freedom.
+    pub mean_degrees_of_freedom: f64,
+    /// Bounds of the mean chi-square.
+    pub bounds: [f64; 2],
+}
+
+/// One method over all runs. Diverged ones are counted, and left out of everything else.
+#[derive(Clone, Debug)]
+pub struct MethodStatistics {
+    /// The method.
+    pub method: Method,
+    /// Runs that the statistics are of.
+    pub runs: usize,
+    /// Runs accepted.
+    pub accepted: usize,
+    /// Runs rejected.
+    pub rejected: usize,
+    /// Runs whose estimate did not stand after the last sweep.
+    pub unconverged: usize,
+    /// Runs that gave a number that is not finite.
+    pub diverged: usize,
+    /// Per parameter; none where the method does not estimate it.
+    pub parameters: [Option<ErrorStatistics>; PARAMETERS],
+    /// Bounds of each mean normalized error squared.
+    pub normalized_bounds: [f64; 2],
+    /// The fit.
+    pub fit: FitStatistics,
+    /// First reason of the first few rejected runs.
+    pub rejections: Vec<String>,
+}
+
+impl MethodStatistics {
+    /// Rejections that are shown.
+    const SHOWN_REJECTIONS: usize = 5;
+
+    fn new(method: Method, results: &[RunResult]) -> Self {
+        let good: Vec<_> = results.iter().filter(|result| result.finite).collect();
+        let of_parameter = |index: usize| {
+            let runs: Vec<_> = good.iter().map(|result| result.errors[index]).collect();
+            (is_estimated(method, index) && !runs.is_empty()).then(|| ErrorStatistics::new(&runs))
+        };
+        let accepted = results.iter().filter(|result| result.accepted).count();
+        let rejections = results.iter().filter(|result| !result.accepted).filter_map(|r| r.first_reason.clone());
+        Self {
+            method,
+            runs: good.len(),
+            accepted,
+            rejected: results.len() - accepted,
+            unconverged: results.iter().filter(|result| !result.converged).count(),
+            diverged: results.len() - good.len(),
+            parameters: std::array::from_fn(of_parameter),
+            normalized_bounds: chi_square_mean_bounds(good.len(), 1.0, CONFIDENCE),
+            fit: FitStatistics::new(&good),
+            rejections: rejections.take(Self::SHOWN_REJECTIONS).collect(),
+        }
+    }
+
+    /// Mean and largest ratio of error to bound over the parameters.
+    pub fn ratios(&self) -> (f64, f64) {
+        let ratios: Vec<_> = self.parameters.iter().flatten().map(|parameter| parameter.ratio).collect();
+        (ratios.iter().sum::<f64>() / ratios.len() as f64, ratios.iter().copied().fold(0.0, f64::max))
+    }
+
+    /// Parameters whose mean normalized error squared is inside its bounds, and parameters in all.
+    pub fn consistent(&self) -> (usize, usize) {
+        let [low, high] = self.normalized_bounds;
+        let inside = |parameter: &&ErrorStatistics| (low..=high).contains(&parameter.mean_normalized_squared);
+        (self.parameters.iter().flatten().filter(inside).count(), self.parameters.iter().flatten().count())
+    }
+}
+
+impl FitStatistics {
+    fn new(results: &[&RunResult]) -> Self {
+        let mean = |of: &dyn Fn(&RunResult) -> f64| {
+            results.iter().map(|result| of(result)).sum::<f64>() / results.len() as f64
+        };
+        let mean_degrees_of_freedom = mean(&|result| f64::from(result.degrees_of_freedom));
+        Self {
+            mean_chi_square: mean(&|result| result.chi_square),
+            mean_degrees_of_freedom,
+            bounds: chi_square_mean_bounds(results.len(), mean_degrees_of_freedom, CONFIDENCE),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn error_sources_by_name() {
+        let size = |name: &str| match ErrorSource::named(name) {
+            Ok(ErrorSource::Random(sizes)) => Some(sizes.mounting_arcsec),
+            _ => None,
+        };
+        assert!((size("random:1deg").unwrap() - 3600.0).abs() < 1e-9);
+        assert!((size("random:20arcsec").unwrap() - 20.0).abs() < 1e-9);
+        assert!(ErrorSource::named("random:much").is_err());
+        assert!(matches!(ErrorSource::named("table3"), Ok(ErrorSource::Fixed(_))));
+    }
+}

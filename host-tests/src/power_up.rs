@@ -1,0 +1,178 @@
+//! Power-up of an instrument on the bench: in this process, or as the firmware image in the emulator. Both run the same
+//! drivers, queue and assembly, and tell the same messages.
+
+use crate::bench::{Bench, SharedBench, drivers};
+use crate::emulator::{Run, Setup, run};
+use crate::plant::{Plant, Reading};
+use anyhow::{Context, Result, anyhow};
+use rins_selfcal::acquisition::Acquired;
+use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
+use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
+use rins_selfcal::device::rate_nrad_s;
+use rins_selfcal::estimator::MAX_SEGMENTS;
+use rins_selfcal::linear::Real;
+use rins_selfcal::queue::SampleQueue;
+use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
+use rins_selfcal::store::StoredCalibration;
+use rins_selfcal::telemetry::Message;
+use rins_selfcal::verdict::VerdictLimits;
+use std::cell::{Cell, RefCell};
+use std::path::Path;
+use std::rc::Rc;
+
+/// Depth of the queue: here every sample is taken at once.
+const QUEUE: usize = 4;
+
+/// Runs an instrument until its plant is exhausted. `stored` is the calibration in store at power-up; returns the one
+/// that the run stored.
+///
+/// # Errors
+/// The configuration is refused.
+pub fn in_process<T: Real, const STATES: usize, P: Plant>(
+    assignment: &Assignment,
+    stored: Option<&StoredCalibration>,
+    bench: &SharedBench<P>,
+    mut on_message: impl FnMut(&Message),
+) -> Result<Option<StoredCalibration>> {
+    match assignment {
+        Assignment::SelfCalibrate(config) => self_calibrate::<T, STATES, P>(config, stored, bench, &mut on_message),
+        Assignment::Replay(config) => {
+            replay::<T, STATES, P>(config, bench, &mut on_message);
+            Ok(None)
+        }
+    }
+}
+
+fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
+    config: &SelfCalibrationConfig,
+    stored: Option<&StoredCalibration>,
+    bench: &SharedBench<P>,
+    on_message: &mut impl FnMut(&Message),
+) -> Result<Option<StoredCalibration>> {
+    let mut queue = SampleQueue::<T, QUEUE>::new();
+    let (producer, mut consumer) = queue.split();
+    let (mut acquisition, mut drives) = drivers(bench, producer);
+    on_message(&Message::Store { found: stored.is_some(), damaged: false });
+    let refused = |error| anyhow!("the configuration is refused: {error:?}");
+    let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::UNCONFIGURED);
+    let mut run = SelfCalibration::new(config.clone(), stored, &mut calibrator).map_err(refused)?;
+    let (mut samples, mut saved) = (0, None);
+    while acquisition.on_data_ready() != Acquired::PoweredOff {
+        while let Some(sample) = consumer.pop() {
+            samples += 1;
+            let step = run.step(&sample, on_message);
+            for (drive, rate) in drives.iter_mut().zip(step.rates_rad_s) {
+                drive.command(rate_nrad_s(rate)).map_err(|error| anyhow!("a drive does not answer: {error:?}"))?;
+            }
+            if step.save {
+                saved = run.record();
+                run.saved();
+                on_message(&Message::Saved(saved.is_some()));
+            }
+        }
+    }
+    on_message(&Message::Queue { samples, losses: consumer.losses() });
+    Ok(saved)
+}
+
+fn replay<T: Real, const STATES: usize, P: Plant>(
+    config: &CalibratorConfig,
+    bench: &SharedBench<P>,
+    on_message: &mut impl FnMut(&Message),
+) {
+    let mut queue = SampleQueue::<T, QUEUE>::new();
+    let (producer, mut consumer) = queue.split();
+    let (mut acquisition, _) = drivers(bench, producer);
+    let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::new(config));
+    let mut samples = 0;
+    while acquisition.on_data_ready() != Acquired::PoweredOff {
+        while let Some(sample) = consumer.pop() {
+            samples += 1;
+            if let Some(progress) = calibrator.step(&sample) {
+                on_message(&Message::Segment(progress));
+            }
+        }
+    }
+    let solution = calibrator.conclude(on_message);
+    let verdict = calibrator.judge(&solution, None, &VerdictLimits::default());
+    on_message(&Message::Judged(verdict));
+    on_message(&Message::Queue { samples, losses: consumer.losses() });
+}
+
+/// Runs an instrument as the firmware `image` in the emulator; `eeprom` is its store from boot to boot.
+///
+/// # Errors
+/// The emulator is missing or the firmware failed; one line says how.
+pub fn in_emulator<P: Plant>(
+    assignment: &Assignment,
+    image: &Path,
+    eeprom: Option<&Path>,
+    bench: &mut Bench<P>,
+    on_log: impl FnMut(&str),
+    mut on_message: impl FnMut(&Message),
+) -> Result<Run> {
+    let mut buffer = [0; MAX_ASSIGNMENT_BYTES];
+    let configuration = postcard::to_slice(assignment, &mut buffer).context("the scheme is too long for the board")?;
+    let setup = Setup { eeprom, configuration, ..Setup::new(image) };
+    let mut malformed = 0;
+    let run = run(&setup, bench, on_log, |bytes| match postcard::from_bytes::<Message>(bytes) {
+        Ok(message) => on_message(&message),
+        Err(_) => malformed += 1,
+    })?;
+    anyhow::ensure!(malformed == 0, "{malformed} messages of the firmware cannot be read");
+    Ok(run)
+}
+
+/// A plant with a switch: turned off, it gives no more readings.
+pub struct Switched<P> {
+    plant: P,
+    off: Rc<Cell<bool>>,
+}
+
+impl<P> Switched<P> {
+    /// The plant, switched on, and its switch.
+    pub fn new(plant: P) -> (Self, Rc<Cell<bool>>) {
+        let off = Rc::new(Cell::new(false));
+        (Self { plant, off: Rc::clone(&off) }, off)
+    }
+}
+
+impl<P: Plant> Plant for Switched<P> {
+    fn next_reading(&mut self) -> Option<Reading> {
+        if self.off.get() { None } else { self.plant.next_reading() }
+    }
+
+    fn command_rates(&mut self, rates_rad_s: [f64; 2]) {
+        self.plant.command_rates(rates_rad_s);
+    }
+}
+
+/// A bench that drivers in this process share.
+pub fn shared<P: Plant>(plant: P) -> SharedBench<P> {
+    Rc::new(RefCell::new(Bench::new(plant)))
+}
+
+/// Digest of all messages of a run: two runs with the same digest agree in every bit of every result.
+#[derive(Clone)]
+pub struct MessageDigest(crc::Digest<'static, u64, crc::Table<16>>);
+
+static CRC_64: crc::Crc<u64, crc::Table<16>> = crc::Crc::<u64, crc::Table<16>>::new(&crc::CRC_64_XZ);
+
+impl Default for MessageDigest {
+    fn default() -> Self {
+        Self(CRC_64.digest())
+    }
+}
+
+impl MessageDigest {
+    /// Takes in a message.
+    pub fn add(&mut self, message: &Message) {
+        let bytes = postcard::to_stdvec(message).expect("messages serialize");
+        self.0.update(&bytes);
+    }
+
+    /// The digest.
+    pub fn finish(self) -> u64 {
+        self.0.finalize()
+    }
+}

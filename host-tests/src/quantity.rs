@@ -1,0 +1,82 @@
+//! Parameters in report units: headings within a turn, errors against a truth, numbers with as many digits as they are
+//! worth.
+
+use crate::truth::ParameterTable;
+use rins_selfcal::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS, block};
+
+/// Index of the heading, the only parameter that is an angle of any size.
+pub const HEADING: usize = block::ATTITUDE + 2;
+
+/// Significant digits of a sigma.
+const SIGMA_DIGITS: i32 = 3;
+
+/// Estimates in report units, the heading in 0 to 360 deg.
+pub fn values(errors: &InstrumentErrors<f64>) -> [f64; PARAMETERS] {
+    let mut values = ParameterTable::from_errors(errors).0;
+    values[HEADING] = within_turn_deg(values[HEADING]);
+    values
+}
+
+/// Sigmas, SI, in report units.
+pub fn sigmas(sigmas: &[f64; PARAMETERS]) -> [f64; PARAMETERS] {
+    std::array::from_fn(|index| sigmas[index] / PARAMETER_INFO[index].unit_si)
+}
+
+/// Estimate less truth in report units, the heading's within 180 deg either way.
+pub fn errors(estimate: &InstrumentErrors<f64>, truth: &InstrumentErrors<f64>) -> [f64; PARAMETERS] {
+    let (estimate, truth) = (values(estimate), values(truth));
+    std::array::from_fn(|index| {
+        let error = estimate[index] - truth[index];
+        if index == HEADING { within_turn_deg(error + 180.0) - 180.0 } else { error }
+    })
+}
+
+/// An angle in 0 to 360 deg, 360 not included.
+fn within_turn_deg(angle_deg: f64) -> f64 {
+    let rest = angle_deg.rem_euclid(360.0);
+    // A tiny negative angle is rounded to a full turn.
+    if rest < 360.0 { rest } else { 0.0 }
+}
+
+/// Decimals that show a sigma with three significant digits; none where it is zero or no number.
+pub fn decimals(sigma: f64) -> usize {
+    if !sigma.is_normal() {
+        return 0;
+    }
+    let leading = sigma.abs().log10().floor() as i32;
+    (SIGMA_DIGITS - 1 - leading).clamp(0, 12) as usize
+}
+
+/// `value` with as many decimals as show `sigma` well.
+pub fn rounded(value: f64, sigma: f64) -> String {
+    format!("{value:.*}", decimals(sigma))
+}
+
+/// `value` with three significant digits.
+pub fn significant(value: f64) -> String {
+    rounded(value, value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rins_selfcal::units::DEG;
+
+    #[test]
+    fn heading_errors_go_the_shorter_way() {
+        let heading = |deg: f64| InstrumentErrors { heading: deg * DEG, ..Default::default() };
+        assert!((errors(&heading(359.0), &heading(1.0))[HEADING] + 2.0).abs() < 1e-9);
+        assert!((errors(&heading(-179.0), &heading(179.0))[HEADING] - 2.0).abs() < 1e-9);
+        assert!((0.0..360.0).contains(&values(&heading(-1e-20))[HEADING]));
+        assert!((values(&heading(-28.0))[HEADING] - 332.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn digits_follow_the_sigma() {
+        assert_eq!(rounded(-233.614_9, 0.3614), "-233.615");
+        assert_eq!(rounded(-233.614_9, 36.14), "-233.6");
+        assert_eq!(rounded(1.2, 0.0), "1");
+        assert_eq!(significant(0.000_123_456), "0.000123");
+        assert_eq!(significant(1234.5), "1234");
+    }
+}

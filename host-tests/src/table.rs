@@ -1,0 +1,170 @@
+//! Results as text: tables that a navigation engineer reads.
+
+use crate::calibration::{Outcome, method_name};
+use crate::quantity::{self, rounded, significant};
+use comfy_table::{Cell, CellAlignment, Table, presets};
+use rins_selfcal::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS, block};
+use rins_selfcal::method::Method;
+use rins_selfcal::verdict::CHANNEL_NAMES;
+use std::ops::Range;
+
+/// What stands for a number that is not there.
+const NONE: &str = "-";
+
+/// Parameters under one heading.
+struct Group {
+    title: &'static str,
+    parameters: Range<usize>,
+}
+
+const GROUPS: [Group; 9] = [
+    Group {
+        title: "gyro non-orthogonality",
+        parameters: block::GYRO_NON_ORTHOGONALITY..block::ACCEL_NON_ORTHOGONALITY,
+    },
+    Group { title: "accelerometer non-orthogonality", parameters: block::ACCEL_NON_ORTHOGONALITY..block::MOUNTING },
+    Group { title: "mounting angles", parameters: block::MOUNTING..block::ACCEL_BIAS },
+    Group { title: "accelerometer bias", parameters: block::ACCEL_BIAS..block::ACCEL_SCALE },
+    Group { title: "accelerometer scale", parameters: block::ACCEL_SCALE..block::GYRO_BIAS },
+    Group { title: "gyro bias", parameters: block::GYRO_BIAS..block::GYRO_SCALE },
+    Group { title: "gyro scale", parameters: block::GYRO_SCALE..block::NON_PERPENDICULARITY },
+    Group { title: "gimbal axes", parameters: block::NON_PERPENDICULARITY..block::ATTITUDE },
+    Group { title: "attitude of the base", parameters: block::ATTITUDE..PARAMETERS },
+];
+
+/// A table of all parameters that `row` gives cells for, by groups: name, cells, unit.
+pub fn by_parameter(columns: &[&str], row: impl Fn(usize) -> Option<Vec<String>>) -> String {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING);
+    table.set_header(header(columns));
+    for group in &GROUPS {
+        let rows: Vec<_> = group.parameters.clone().filter_map(|index| Some((index, row(index)?))).collect();
+        if !rows.is_empty() {
+            table.add_row([Cell::new(group.title)]);
+        }
+        for (index, cells) in rows {
+            table.add_row(parameter_row(index, cells));
+        }
+    }
+    trimmed(&table)
+}
+
+fn header(columns: &[&str]) -> Vec<Cell> {
+    let ends = |text: &str| Cell::new(text);
+    let numbers = columns.iter().map(|text| Cell::new(text).set_alignment(CellAlignment::Right));
+    std::iter::once(ends("parameter")).chain(numbers).chain([ends("unit")]).collect()
+}
+
+fn parameter_row(index: usize, cells: Vec<String>) -> Vec<Cell> {
+    let info = &PARAMETER_INFO[index];
+    let name = Cell::new(format!("  {}", info.name));
+    let numbers = cells.into_iter().map(|text| Cell::new(text).set_alignment(CellAlignment::Right));
+    std::iter::once(name).chain(numbers).chain([Cell::new(info.unit)]).collect()
+}
+
+/// A plain table of numbers below their titles.
+pub fn of_numbers(columns: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
+    let right = |text: String| Cell::new(text).set_alignment(CellAlignment::Right);
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING);
+    table.set_header(columns.iter().map(|text| right((*text).into())));
+    for row in rows {
+        table.add_row(row.into_iter().map(right));
+    }
+    trimmed(&table)
+}
+
+fn trimmed(table: &Table) -> String {
+    // Without the padding at both edges.
+    table.lines().map(|line| format!("{}\n", line.strip_prefix(' ').unwrap_or(&line).trim_end())).collect()
+}
+
+/// Estimates with sigmas and, where the truth is known, errors.
+pub fn parameters(outcome: &Outcome, truth: Option<&InstrumentErrors<f64>>) -> String {
+    let estimate = outcome.estimate();
+    let (values, sigmas) = (quantity::values(&estimate.errors), quantity::sigmas(&estimate.sigmas));
+    let compared = truth.map(|truth| (quantity::values(truth), quantity::errors(&estimate.errors, truth)));
+    let columns: &[&str] = match compared {
+        None => &["estimate", "sigma"],
+        Some(_) => &["estimate", "sigma", "truth", "error", "error/sigma"],
+    };
+    by_parameter(columns, |index| {
+        let sigma = sigmas[index];
+        let mut cells = vec![rounded(values[index], sigma), significant(sigma)];
+        if let Some((truths, errors)) = &compared {
+            let error = errors[index];
+            cells.extend([rounded(truths[index], sigma), rounded(error, sigma), format!("{:.2}", error / sigma)]);
+        }
+        outcome.is_estimated(index).then_some(cells)
+    })
+}
+
+/// Estimates of the optional states; nothing where there are none.
+pub fn optional_states(outcome: &Outcome) -> String {
+    let mut text = String::new();
+    for (info, value, sigma) in outcome.optional_states() {
+        let (value, sigma) = (rounded(value, sigma), significant(sigma));
+        text += &format!("  {} {value} +- {sigma} {}\n", info.name, info.unit);
+    }
+    if text.is_empty() { text } else { format!("optional states\n{text}\n") }
+}
+
+/// What was seen of the samples.
+pub fn samples(outcome: &Outcome) -> String {
+    let counts = &outcome.counts;
+    let mut text = format!(
+        "{} samples at {} Hz, {:.1} s: {} stops and {} moves\n",
+        counts.admitted,
+        (outcome.setup.rate_hz * 1e6).round() / 1e6,
+        outcome.solution.duration_s,
+        outcome.stops,
+        outcome.moves
+    );
+    let oddities = [
+        (u64::from(counts.gaps), "gaps"),
+        (u64::from(counts.missing), "samples missing in them"),
+        (u64::from(counts.repeated), "repeated"),
+        (u64::from(counts.out_of_order), "out of order"),
+        (u64::from(counts.non_finite), "not finite"),
+        (u64::from(outcome.solution.left_out), "segments left out"),
+    ];
+    let seen = oddities.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
+    let seen: Vec<_> = seen.collect();
+    if !seen.is_empty() {
+        text += &format!("warning: {}\n", seen.join(", "));
+    }
+    text
+}
+
+/// Fit and verdict.
+pub fn verdict(outcome: &Outcome) -> String {
+    let solution = &outcome.solution;
+    let largest = &solution.fit.largest;
+    let mut text = format!(
+        "{} method: chi-square {:.1} with {} degrees of freedom, largest innovation {:.1} sigma (segment {}, {}), \
+         {} sweeps\n",
+        method_name(outcome.setup.method),
+        solution.fit.chi_square,
+        solution.degrees_of_freedom,
+        largest.normalized,
+        largest.segment,
+        CHANNEL_NAMES[usize::from(largest.channel)],
+        solution.sweeps
+    );
+    if outcome.setup.method == Method::TwoStage {
+        text += "biases, scale-factor errors and non-perpendicularity: taken as zero by this method\n";
+    }
+    if solution.temperature_c.is_finite() {
+        text += &format!("temperature {:.1} deg C\n", solution.temperature_c);
+    }
+    text += &format!("verdict: {}\n", outcome.verdict_name());
+    for reason in outcome.reasons() {
+        text += &format!("  - {reason}\n");
+    }
+    text
+}
+
+/// A number where there is one.
+pub fn number_or_none(value: Option<f64>, format: impl Fn(f64) -> String) -> String {
+    value.map_or_else(|| NONE.into(), format)
+}

@@ -1,0 +1,84 @@
+//! A virtual unit on a scheme: what simulation, prediction and statistics run.
+
+use crate::calibration::{Outcome, Setup};
+use crate::drive::SchemeDrive;
+use crate::virtual_rins::{VirtualRins, VirtualUnit};
+use rins_selfcal::scheme::Scheme;
+
+/// Standing time after each arrival before the stop counts, s: the sequencer's.
+pub const SETTLING_S: f64 = 0.3;
+
+/// Independent streams of random numbers of one seed.
+#[derive(Clone, Copy, Debug)]
+pub enum Stream {
+    /// Errors of the unit.
+    Errors,
+    /// Noise of its sensors and encoders.
+    Noise,
+}
+
+/// Seed of a stream in run number `run`. (SplitMix64; Steele, Lea and Flood 2014)
+pub fn derived_seed(seed: u64, run: u64, stream: Stream) -> u64 {
+    const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+    let mixed = |x: u64| {
+        let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        x ^ (x >> 31)
+    };
+    let of_seed = mixed(seed.wrapping_add(GOLDEN));
+    mixed(of_seed.wrapping_add((2 * run + stream as u64 + 1).wrapping_mul(GOLDEN)))
+}
+
+/// One run of one unit.
+#[derive(Clone, Debug)]
+pub struct VirtualRun {
+    /// The unit.
+    pub unit: VirtualUnit,
+    /// The scheme.
+    pub scheme: Scheme,
+    /// Of the noise.
+    pub seed: u64,
+}
+
+impl VirtualRun {
+    /// The unit at the start of the scheme, open loop.
+    pub fn drive(&self) -> SchemeDrive {
+        SchemeDrive::new(VirtualRins::new(&self.unit, self.seed), &self.scheme, SETTLING_S)
+    }
+
+    /// The outcomes of calibrations that all see the same readings.
+    pub fn calibrate(&self, setups: &[Setup]) -> Vec<Outcome> {
+        let mut chains: Vec<_> = setups.iter().map(|setup| setup.clone().on_scheme(&self.scheme).chain()).collect();
+        for reading in self.drive() {
+            for chain in &mut chains {
+                // The live estimates are part of the outcome.
+                let _ = chain.step(&reading);
+            }
+        }
+        chains.iter_mut().map(|chain| chain.conclude(&mut |_| ())).collect()
+    }
+
+    /// Duration with ramps and settling, s.
+    pub fn duration_s(&self) -> f64 {
+        self.drive().total_samples() as f64 / self.unit.rate_hz
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seeds_of_runs_and_streams_differ() {
+        let seeds = (0..4).flat_map(|seed| {
+            (0..50).flat_map(move |run| [Stream::Errors, Stream::Noise].map(|stream| derived_seed(seed, run, stream)))
+        });
+        assert_eq!(seeds.collect::<std::collections::HashSet<_>>().len(), 400);
+    }
+
+    #[test]
+    fn duration_has_ramps_and_settling() {
+        let run = VirtualRun { unit: VirtualUnit::default(), scheme: Scheme::bai(10.0, 1), seed: 0 };
+        assert!((run.duration_s() - (289.0 + 19.0 * SETTLING_S)).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,75 @@
+//! What the instrument shall do after power-up: the configuration in non-volatile memory of a product, a file of the host
+//! in the emulator.
+
+use crate::axis::AxisLimits;
+use crate::calibrator::CalibratorConfig;
+use crate::estimator::{EstimatorConfig, HeadingSource, Noise};
+use crate::method::Method;
+use crate::options::Options;
+use crate::scheme::Scheme;
+use crate::segment::Stillness;
+use crate::self_calibration::SelfCalibrationConfig;
+use crate::site::Site;
+use crate::units::{ARCSEC, DEG_SQRT_H, MICRO_G};
+use crate::verdict::VerdictLimits;
+use serde::{Deserialize, Serialize};
+
+/// Longest assignment as postcard, bytes.
+pub const MAX_ASSIGNMENT_BYTES: usize = 2048;
+
+/// Normalized innovation beyond which the joint method keeps a measurement out: 2e-9 each under the configured noise.
+const GATE_SIGMA: f64 = 6.0;
+
+/// What to do after power-up.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
+pub enum Assignment {
+    /// Calibrate, or use the stored calibration, then correct.
+    SelfCalibrate(SelfCalibrationConfig),
+    /// Take the samples as a recording: no motion, no store; solve when they end.
+    Replay(CalibratorConfig),
+}
+
+impl Default for Assignment {
+    /// A navigation grade unit at the default site, joint method.
+    fn default() -> Self {
+        let noise = Noise {
+            accel_psd_sqrt: 10.0 * MICRO_G,
+            gyro_psd_sqrt: 0.001 * DEG_SQRT_H,
+            encoder_sigma_rad: 0.5 * ARCSEC,
+        };
+        let calibrator = CalibratorConfig::new(Method::Joint, Site::default(), noise, 200.0);
+        Self::SelfCalibrate(SelfCalibrationConfig::new(calibrator, Scheme::default_for(Method::Joint)))
+    }
+}
+
+impl CalibratorConfig {
+    /// The usual configuration for a unit with this noise (SI) and sample rate (Hz).
+    pub fn new(method: Method, site: Site, noise: Noise, rate_hz: f64) -> Self {
+        let estimator = EstimatorConfig {
+            method,
+            site,
+            noise,
+            heading: HeadingSource::Gyrocompass,
+            period_moves: None,
+            // Bai's method has no gate, and what it leaves out of its model would be kept out by one.
+            gate_sigma: (method == Method::Joint).then_some(GATE_SIGMA),
+            options: Options::default(),
+        };
+        Self { rate_hz, stillness: Stillness::default(), estimator }
+    }
+}
+
+impl SelfCalibrationConfig {
+    /// The usual configuration of a run: default axes and limits, three repeated stops, a stored calibration is used.
+    pub fn new(calibrator: CalibratorConfig, scheme: Scheme) -> Self {
+        Self {
+            calibrator,
+            scheme,
+            axes: [AxisLimits::default(); 2],
+            limits: VerdictLimits::default(),
+            stop_repeats: 3,
+            use_stored: true,
+        }
+    }
+}
