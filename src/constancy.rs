@@ -66,7 +66,7 @@ impl Suspicion {
     /// Whether it cannot be chance.
     pub fn is_founded(&self) -> bool {
         // Not a number is no proof of innocence.
-        !(self.sigmas.abs() <= self.limit)
+        self.sigmas.is_nan() || self.sigmas.abs() > self.limit
     }
 
     /// The one that exceeds its limit more, or comes nearer to it.

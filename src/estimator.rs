@@ -270,7 +270,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.left_out = 0;
         self.start.fill(T::zero());
         self.nominal.fill(T::zero());
-        restart_at_prior(&mut self.filter, config);
+        restart_at_prior(&mut self.filter, config, config.gate_sigma);
         self.fit = Fit::NONE;
         self.last_stop = [Angle::default(); 2];
     }
@@ -342,6 +342,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         if self.config.method == Method::TwoStage {
             return most;
         }
+        let solved = self.nominal;
         for onset in 0..self.segments.len() {
             let is_stop = self.segments.get(onset).is_some_and(|segment| segment.kind == SegmentKind::Stop);
             if is_stop && onset > 0 {
@@ -349,13 +350,16 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             }
             let mut suspects = Suspects::new(onset as u16, is_stop);
             self.sweep(None, Some(&mut suspects));
+            self.nominal = solved;
             most = most.more_significant(suspects.most_significant(&sigmas(&self.filter, ENCODER_ERRORS)));
         }
         most
     }
 
     fn sweep(&mut self, period_moves: Option<u16>, mut suspects: Option<&mut Suspects<T, STATES>>) {
-        restart_at_prior(&mut self.filter, &self.config);
+        // A change under test may be large, and shall be seen.
+        let gate_sigma = self.config.gate_sigma.filter(|_| suspects.is_none());
+        restart_at_prior(&mut self.filter, &self.config, gate_sigma);
         self.fit = Fit::NONE;
         self.last_stop = [Angle::default(); 2];
         let deviation = self.start - self.nominal;
@@ -656,8 +660,12 @@ fn prior_sigmas<T: Real, const STATES: usize>(config: &EstimatorConfig) -> Vecto
 }
 
 /// Sets the filter to what is known before any segment.
-fn restart_at_prior<T: Real, const STATES: usize>(filter: &mut UdFilter<T, STATES>, config: &EstimatorConfig) {
-    filter.restart(&prior_sigmas(config), config.gate_sigma.map(real));
+fn restart_at_prior<T: Real, const STATES: usize>(
+    filter: &mut UdFilter<T, STATES>,
+    config: &EstimatorConfig,
+    gate_sigma: Option<f64>,
+) {
+    filter.restart(&prior_sigmas(config), gate_sigma.map(real));
     if config.method == Method::TwoStage {
         filter.inflate(&common_accel_scale(), T::one());
     }

@@ -125,3 +125,68 @@ fn turn_r([_, inner]: [f64; 2], [outer_turn, inner_turn]: [f64; 2]) -> Vector3<f
     let (sin, cos) = ComplexField::sin_cos(inner + 0.5 * inner_turn);
     Vector3::new(cos * outer_turn, -sin * outer_turn, inner_turn)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::segment::GimbalSums;
+    use std::vec::Vec;
+
+    const QUARTER: f64 = core::f64::consts::FRAC_PI_2;
+
+    /// Outer and inner turns in quarters that move every channel.
+    const TURNS: [[f64; 2]; 6] = [[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [-1.0, 0.0], [-1.0, 0.0], [0.0, 1.0]];
+
+    fn segment(kind: SegmentKind) -> Segment<f64> {
+        Segment {
+            kind,
+            start_us: 0,
+            duration_us: 10_000_000,
+            samples: 2000,
+            longest_interval_us: 5000,
+            held: crate::segment::Held::NONE,
+            temperature_c: 20.0,
+            rotation_g: Vector3::zeros(),
+            force_a: Vector3::zeros(),
+            outer: Angle::default(),
+            inner: Angle::default(),
+            gimbals: GimbalSums::default(),
+            scatter: crate::segment::Scatter::default(),
+        }
+    }
+
+    /// A perfect instrument on a base tilted by a few degrees, with one mistake: making it is undoing it once more.
+    fn segments(wiring: Option<Wiring>) -> Vec<Segment<f64>> {
+        let made = |first, v: Vector3<f64>| wiring.map_or(v, |wiring| wiring.undone(first, &v));
+        let made_angles = |angles| wiring.map_or(angles, |wiring: Wiring| wiring.undone_angles(angles));
+        let up_b = Vector3::new(0.08, -0.05, 1.0).normalize() * 9.8;
+        let stop = |at: [f64; 2]| {
+            let rot = frame_rotation_z::<f64>(Angle::from_rad(at[1])) * frame_rotation_x(Angle::from_rad(at[0]));
+            let [outer, inner] = made_angles(at).map(Angle::from_rad);
+            Segment { outer, inner, force_a: made(0, rot * up_b), ..segment(SegmentKind::Stop) }
+        };
+        let mut at = [0.0; 2];
+        let mut segments = std::vec![stop(at)];
+        for turn in TURNS.map(|turn| turn.map(|quarters| quarters * QUARTER)) {
+            let [outer, inner] = made_angles(turn);
+            let gimbals = GimbalSums { outer, inner, ..GimbalSums::default() };
+            segments.push(Segment { rotation_g: made(3, turn_r(at, turn)), gimbals, ..segment(SegmentKind::Move) });
+            at = [at[0] + turn[0], at[1] + turn[1]];
+            segments.push(stop(at));
+        }
+        segments
+    }
+
+    #[test]
+    fn right_wiring_is_not_doubted() {
+        assert_eq!(mistake(&segments(None)), None);
+        assert_eq!(mistake::<f64>(&[]), None);
+    }
+
+    #[test]
+    fn every_mistake_is_named() {
+        for wiring in Wiring::all() {
+            assert_eq!(mistake(&segments(Some(wiring))), Some(wiring));
+        }
+    }
+}

@@ -113,12 +113,12 @@ fn compare(solution: &Solution, truth: &InstrumentErrors<f64>) -> (f64, Option<W
         let (error_arcsec, sigma_arcsec) = (difference / ARCSEC, sigma / ARCSEC);
         let size = error_arcsec.abs() / (TOLERANCE_SIGMAS * sigma_arcsec).max(TOLERANCE_ARCSEC);
         // Not a number is wrong, too.
-        if !(size <= worst) {
+        if size > worst || size.is_nan() {
             worst = size;
             wrong = Some(Wrong { parameter: info.name, error_arcsec, sigma_arcsec });
         }
     }
-    (worst, wrong.filter(|_| !(worst <= 1.0)))
+    (worst, wrong.filter(|_| worst > 1.0 || worst.is_nan()))
 }
 
 /// Counts of one kind of fault.

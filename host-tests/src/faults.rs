@@ -413,7 +413,7 @@ fn change_encoder(readings: &mut [Reading], fault: &Fault) {
     let Some(mut first) = readings.first().copied() else { return };
     let held = *encoder(&mut first, fault.channel);
     // A sign can flip about zero or about where the axis is.
-    let mirror = if fault.seed % 2 == 0 { 0.0 } else { held };
+    let mirror = if fault.seed.is_multiple_of(2) { 0.0 } else { held };
     for reading in readings.iter_mut() {
         if fault.kind == FaultKind::EncodersSwapped {
             std::mem::swap(&mut reading.outer_rad, &mut reading.inner_rad);
