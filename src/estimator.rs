@@ -19,8 +19,9 @@
 //!   same encoder errors act on both stages.
 
 use crate::angle::Angle;
+use crate::constancy::{Seen, Suspects, Suspicion};
 use crate::error_model::{InstrumentErrors, PARAMETERS, block};
-use crate::kalman::{Measurement, UdFilter, Update};
+use crate::kalman::{Innovation, Measurement, UdFilter, Update};
 use crate::linear::{ComplexField, Real, Vector, Vector3, exp_so3, real, zeros};
 use crate::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
 use crate::method::Method;
@@ -50,7 +51,7 @@ const MAX_SWEEPS: u8 = 12;
 
 /// The estimate stands when no parameter moves by more than this part of its sigma, and what rounding makes it jitter.
 const STANDING: f64 = 0.01;
-const JITTER_EPSILONS: f64 = 1e6;
+const JITTER_EPSILONS: f64 = 2.5e6;
 
 /// Standard deviation of what rounding does to a sum and its prediction, in units of the spacing of numbers.
 const ROUNDING_EPSILONS: f64 = 0.5;
@@ -207,6 +208,8 @@ pub struct Solution {
     pub temperature_c: f32,
     /// Optional states. Biases, attitude and optional rates hold at the end of the last segment.
     pub optional: OptionalEstimate,
+    /// The most significant change of what should be constant; the joint method only.
+    pub suspicion: Suspicion,
 }
 
 /// Which measurements of a segment are taken in, and which states are only considered.
@@ -267,7 +270,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.left_out = 0;
         self.start.fill(T::zero());
         self.nominal.fill(T::zero());
-        restart_at_prior(&mut self.filter, config);
+        restart_at_prior(&mut self.filter, config, config.gate_sigma);
         self.fit = Fit::NONE;
         self.last_stop = [Angle::default(); 2];
     }
@@ -289,7 +292,8 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         }
         let number = self.segments.len() - 1;
         let moves_before = self.moves_before(number);
-        let used = self.process(number, segment, self.use_of(segment.kind, moves_before, self.config.period_moves));
+        let used =
+            self.process(number, segment, self.use_of(segment.kind, moves_before, self.config.period_moves), None);
         self.absorb();
         used
     }
@@ -326,15 +330,38 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         let (mut sweeps, mut converged) = (0, false);
         while sweeps < MAX_SWEEPS && !converged {
             let before = self.nominal;
-            self.sweep(period_moves);
+            self.sweep(period_moves, None);
             sweeps += 1;
             converged = self.stands(&before);
         }
-        self.solution(sweeps, converged)
+        let solution = self.solution(sweeps, converged);
+        Solution { suspicion: self.most_significant_change(), ..solution }
     }
 
-    fn sweep(&mut self, period_moves: Option<u16>) {
-        restart_at_prior(&mut self.filter, &self.config);
+    /// One more sweep for each segment with which a change may begin: the first stop and every move.
+    fn most_significant_change(&mut self) -> Suspicion {
+        let mut most = Suspicion::default();
+        if self.config.method == Method::TwoStage {
+            return most;
+        }
+        let solved = self.nominal;
+        for onset in 0..self.segments.len() {
+            let is_stop = self.segments.get(onset).is_some_and(|segment| segment.kind == SegmentKind::Stop);
+            if is_stop && onset > 0 {
+                continue;
+            }
+            let mut suspects = Suspects::new(onset as u16, is_stop);
+            self.sweep(None, Some(&mut suspects));
+            self.nominal = solved;
+            most = most.more_significant(suspects.most_significant(&sigmas(&self.filter, ENCODER_ERRORS)));
+        }
+        most
+    }
+
+    fn sweep(&mut self, period_moves: Option<u16>, mut suspects: Option<&mut Suspects<T, STATES>>) {
+        // A change under test may be large, and shall be seen.
+        let gate_sigma = self.config.gate_sigma.filter(|_| suspects.is_none());
+        restart_at_prior(&mut self.filter, &self.config, gate_sigma);
         self.fit = Fit::NONE;
         self.last_stop = [Angle::default(); 2];
         let deviation = self.start - self.nominal;
@@ -342,7 +369,8 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         let mut moves = 0;
         for number in 0..self.segments.len() {
             let Some(segment) = self.segments.get(number).copied() else { break };
-            let _ = self.process(number, &segment, self.use_of(segment.kind, moves, period_moves));
+            let usage = self.use_of(segment.kind, moves, period_moves);
+            let _ = self.process(number, &segment, usage, suspects.as_deref_mut());
             moves += u16::from(segment.kind == SegmentKind::Move);
         }
         self.absorb();
@@ -377,10 +405,19 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         }
     }
 
-    fn process(&mut self, number: usize, segment: &Segment<T>, usage: Use) -> bool {
+    fn process(
+        &mut self,
+        number: usize,
+        segment: &Segment<T>,
+        usage: Use,
+        mut suspects: Option<&mut Suspects<T, STATES>>,
+    ) -> bool {
         if segment.kind == SegmentKind::Move {
             let sigma: T = real(self.config.noise.encoder_sigma_rad);
             self.filter.renew_leading::<ENCODER_ERRORS_PER_STOP>(sigma * sigma);
+        }
+        if let Some(suspects) = suspects.as_deref_mut() {
+            suspects.begin(number as u16, segment);
         }
         if segment.is_broken() {
             return false;
@@ -399,7 +436,14 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             let variance = psd_sqrt * psd_sqrt / duration_s;
             let prediction = model.force_at_stop(segment);
             let optional = force_columns(&prediction, &at);
-            self.take_in(&segment.force_a, (&prediction, &optional), variance, usage, (number, 0));
+            self.take_in(
+                &segment.force_a,
+                (&prediction, &optional),
+                variance,
+                usage,
+                (number, 0),
+                suspects.as_deref_mut(),
+            );
         }
         if usage.rotation {
             let psd_sqrt: T = real(self.config.noise.gyro_psd_sqrt);
@@ -410,7 +454,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
                 prediction.by_encoder_errors.fill(T::zero());
             }
             let optional = rotation_columns(&prediction, &at);
-            self.take_in(&segment.rotation_g, (&prediction, &optional), variance, usage, (number, 3));
+            self.take_in(&segment.rotation_g, (&prediction, &optional), variance, usage, (number, 3), suspects);
         }
         usage.force || usage.rotation
     }
@@ -448,6 +492,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         variance: T,
         usage: Use,
         (segment, first_channel): (usize, u8),
+        mut suspects: Option<&mut Suspects<T, STATES>>,
     ) {
         let residual = measured - prediction.value;
         let rounding = measured.norm() * real(ROUNDING_EPSILONS * T::EPSILON);
@@ -461,8 +506,17 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             for (h, column) in h.iter_mut().zip(columns) {
                 *h = *column;
             }
+            let covariance_h = suspects.is_some().then(|| self.filter.covariance_times(&h));
             let update = self.filter.update(&Measurement { z: *z, h, r }, &considered);
             self.fit.note(&update, segment, channel);
+            if let (Some(suspects), Some(covariance_h), Update::Applied(innovation)) =
+                (suspects.as_deref_mut(), &covariance_h, &update)
+            {
+                let by_attitude_rate = prediction.by_attitude_rate.row(row).transpose().into();
+                let Innovation { value: innovation, variance } = *innovation;
+                let segment = segment as u16;
+                suspects.see(&Seen { h: &h, covariance_h, innovation, variance, segment, channel, by_attitude_rate });
+            }
         }
     }
 
@@ -520,6 +574,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
                 (last.start_us + last.duration_us).saturating_sub(first.start_us) as f64 * 1e-6
             }),
             optional: self.optional(),
+            suspicion: Suspicion::default(),
             temperature_c: self.segments.iter().map(|segment| segment.temperature_c).sum::<f32>() / count,
         }
     }
@@ -607,8 +662,12 @@ fn prior_sigmas<T: Real, const STATES: usize>(config: &EstimatorConfig) -> Vecto
 }
 
 /// Sets the filter to what is known before any segment.
-fn restart_at_prior<T: Real, const STATES: usize>(filter: &mut UdFilter<T, STATES>, config: &EstimatorConfig) {
-    filter.restart(&prior_sigmas(config), config.gate_sigma.map(real));
+fn restart_at_prior<T: Real, const STATES: usize>(
+    filter: &mut UdFilter<T, STATES>,
+    config: &EstimatorConfig,
+    gate_sigma: Option<f64>,
+) {
+    filter.restart(&prior_sigmas(config), gate_sigma.map(real));
     if config.method == Method::TwoStage {
         filter.inflate(&common_accel_scale(), T::one());
     }

@@ -136,6 +136,11 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
         row
     }
 
+    /// `P h`: the gain of a measurement times its innovation's variance, (N).
+    pub fn covariance_times(&self, h: &Vector<T, N>) -> Vector<T, N> {
+        self.u * self.factor_row(h).component_mul(&self.d)
+    }
+
     /// Takes in one scalar measurement. The states marked in `considered` keep their value and variance, but their
     /// uncertainty counts (Schmidt).
     pub fn update(&mut self, measurement: &Measurement<T, N>, considered: &[bool; N]) -> Update<T> {

@@ -30,6 +30,8 @@ pub struct Prediction<T: Real> {
     pub by_parameters: Matrix<T, 3, PARAMETERS>,
     /// Derivative by the encoder errors (3 x 4), per rad.
     pub by_encoder_errors: Matrix<T, 3, ENCODER_ERRORS>,
+    /// Derivative by the rates of roll, pitch and heading at which the base turns, s; nothing for accelerometers.
+    pub by_attitude_rate: Matrix3<T>,
 }
 
 /// Predicts what segments measure, linearized about one set of errors.
@@ -123,6 +125,9 @@ impl<T: Real> MeasurementModel<T> {
             (block::GYRO_NON_ORTHOGONALITY, gyro_non_orthogonality_matrix(omega_g))
         });
         add_bias(&mut prediction, &self.errors.gyro_bias_g, block::GYRO_BIAS, segment.duration_s());
+        // The base turns against what a fixed vector seems to do in b.
+        let scaled = Matrix3::from_diagonal(&Vector3::from(self.errors.gyro_scale.map(|k| T::one() + k)));
+        prediction.by_attitude_rate = scaled * self.rot_gs * self.rot_sr * attitude * -self.attitude_axes_b;
         prediction
     }
 
@@ -140,7 +145,12 @@ impl<T: Real> MeasurementModel<T> {
         by_parameters.set_column(block::NON_PERPENDICULARITY, &(self.rot_sr * motion.by_non_perpendicularity));
         let by_attitude = self.rot_sr * motion.by_b * -skew(fixed_b) * self.attitude_axes_b;
         by_parameters.fixed_columns_mut::<3>(block::ATTITUDE).copy_from(&by_attitude);
-        Prediction { value, by_parameters, by_encoder_errors: self.rot_sr * motion.by_encoder_errors }
+        Prediction {
+            value,
+            by_parameters,
+            by_encoder_errors: self.rot_sr * motion.by_encoder_errors,
+            by_attitude_rate: Matrix3::zeros(),
+        }
     }
 }
 

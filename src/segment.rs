@@ -137,6 +137,53 @@ impl<T: Real> ScatterSums<T> {
     }
 }
 
+/// Readings that repeat to the last bit, which noise does not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Held {
+    /// Longest run of samples over which one channel stayed the same.
+    pub samples: u16,
+    /// That channel.
+    pub channel: u8,
+    /// Samples whose six channels were all those of the sample before.
+    pub stale: u16,
+}
+
+impl Held {
+    /// Nothing repeats.
+    pub const NONE: Self = Self { samples: 0, channel: 0, stale: 0 };
+
+    fn merge(&mut self, other: Self) {
+        if other.samples > self.samples {
+            (self.samples, self.channel) = (other.samples, other.channel);
+        }
+        self.stale = self.stale.saturating_add(other.stale);
+    }
+}
+
+/// For how many samples each channel has stayed the same.
+#[derive(Clone, Copy, Debug)]
+struct Runs([u16; CHANNELS]);
+
+impl Runs {
+    const NONE: Self = Self([0; CHANNELS]);
+
+    fn step<T: Real>(&mut self, previous: &RawSample<T>, sample: &RawSample<T>) -> Held {
+        let before = previous.force_a.iter().chain(previous.omega_g.iter());
+        let now = sample.force_a.iter().chain(sample.omega_g.iter());
+        let mut held = Held { stale: 1, ..Held::default() };
+        for ((channel, run), (before, now)) in (0_u8..).zip(&mut self.0).zip(before.zip(now)) {
+            if before == now {
+                *run = run.saturating_add(1);
+                held.merge(Held { samples: *run, channel, stale: 0 });
+            } else {
+                *run = 0;
+                held.stale = 0;
+            }
+        }
+        held
+    }
+}
+
 /// A finished stop or move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Segment<T: Real> {
@@ -150,6 +197,8 @@ pub struct Segment<T: Real> {
     pub samples: u32,
     /// Longest interval between two samples, us.
     pub longest_interval_us: u64,
+    /// Readings that repeat.
+    pub held: Held,
     /// Mean IMU temperature, deg C.
     pub temperature_c: f32,
     /// Integral of the gyro outputs over time, rad.
@@ -222,6 +271,7 @@ struct Sums<T> {
     duration_us: u64,
     samples: u32,
     longest_interval_us: u64,
+    held: Held,
     temperature_c: f32,
     rotation: [CompensatedSum<T>; 3],
     force: [CompensatedSum<T>; 3],
@@ -256,6 +306,7 @@ impl<T: Real> CachedSinCos<T> {
 /// One interval between two samples: what a block adds up.
 struct Interval<T> {
     duration_us: u64,
+    held: Held,
     rotation: Vector3<T>,
     outer_ticks: i32,
     inner_ticks: i32,
@@ -269,6 +320,7 @@ impl<T: Real> Sums<T> {
         duration_us: 0,
         samples: 0,
         longest_interval_us: 0,
+        held: Held::NONE,
         temperature_c: 0.0,
         rotation: [CompensatedSum::ZERO; 3],
         force: [CompensatedSum::ZERO; 3],
@@ -288,6 +340,7 @@ impl<T: Real> Sums<T> {
         self.samples += 1;
         self.duration_us += interval.duration_us;
         self.longest_interval_us = self.longest_interval_us.max(interval.duration_us);
+        self.held.merge(interval.held);
         self.temperature_c += sample.temperature_c;
         add_each(&mut self.rotation, &interval.rotation);
         add_each(&mut self.force, &sample.force_a);
@@ -326,6 +379,7 @@ impl<T: Real> Sums<T> {
         self.samples += other.samples;
         self.duration_us += other.duration_us;
         self.longest_interval_us = self.longest_interval_us.max(other.longest_interval_us);
+        self.held.merge(other.held);
         self.temperature_c += other.temperature_c;
         merge_each(&mut self.rotation, &other.rotation);
         merge_each(&mut self.force, &other.force);
@@ -353,6 +407,7 @@ impl<T: Real> Sums<T> {
             duration_us: self.duration_us,
             samples: self.samples,
             longest_interval_us: self.longest_interval_us,
+            held: self.held,
             temperature_c: self.temperature_c / samples as f32,
             rotation_g: totals(&self.rotation),
             force_a: totals(&self.force) / count,
@@ -441,6 +496,7 @@ pub struct Segmenter<T: Real> {
     previous: Option<RawSample<T>>,
     trig_outer: CachedSinCos<T>,
     trig_inner: CachedSinCos<T>,
+    runs: Runs,
     block: Option<Block<T>>,
     phase: Phase,
     stopped_before: bool,
@@ -465,6 +521,7 @@ impl<T: Real> Segmenter<T> {
             previous: None,
             trig_outer: CachedSinCos::EMPTY,
             trig_inner: CachedSinCos::EMPTY,
+            runs: Runs::NONE,
             block: None,
             phase: Phase::Start,
             stopped_before: false,
@@ -481,6 +538,7 @@ impl<T: Real> Segmenter<T> {
         self.guard.clear();
         (self.stop, self.moved) = (Sums::ZERO, Sums::ZERO);
         self.scatter = ScatterSums::ZERO;
+        self.runs = Runs::NONE;
         self.still_ticks = rad_to_ticks(stillness.still_rad);
     }
 
@@ -538,6 +596,7 @@ impl<T: Real> Segmenter<T> {
         let half = real::<T>(0.5);
         Interval {
             duration_us,
+            held: self.runs.step(previous, sample),
             // The trapezoidal rule: axes stand at both ends of a segment, so it is exact for mean rates however the
             // means are centred on their time stamps.
             rotation: (previous.omega_g + sample.omega_g) * (half * seconds(duration_us)),

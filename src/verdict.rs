@@ -3,17 +3,20 @@
 //! Bounds follow from the distribution of each number under white noise of the configured size, at probabilities that
 //! together reject fewer than one good calibration in a thousand.
 
-use crate::error_model::{PARAMETER_INFO, PARAMETERS, block};
+use crate::constancy::{Change, Suspicion};
+use crate::error_model::{PARAMETER_INFO, PARAMETERS, ParameterInfo, block};
 use crate::estimator::{Estimate, Noise, Solution};
+use crate::intake::IntakeCounts;
 use crate::linear::{ComplexField, Real};
 use crate::segment::{CHANNELS, Segment, SegmentKind};
-use crate::units::{DEG, DEG_H, MICRO_G, PPM};
+use crate::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM};
+use crate::wiring::{Wiring, mistake};
 use core::fmt;
 use core::ops::Range;
 use serde::{Deserialize, Serialize};
 
-/// Chi-square of the fit: normal deviate of its bounds; 5e-4 above, 3e-7 below, where only the sigmas are too large.
-const CHI_SQUARE_UPPER_Z: f64 = 3.3;
+/// Chi-square of the fit: normal deviate of its bounds; 2e-4 above, 3e-7 below, where only the sigmas are too large.
+const CHI_SQUARE_UPPER_Z: f64 = 3.6;
 const CHI_SQUARE_LOWER_Z: f64 = -5.0;
 /// Largest normalized innovation; 6e-7 each, 1e-4 for 168 measurements.
 const INNOVATION_LIMIT: f64 = 5.0;
@@ -21,6 +24,15 @@ const INNOVATION_LIMIT: f64 = 5.0;
 const SCATTER_Z: f64 = 5.0;
 /// Trend of a stop's block means in units of their sigma; 6e-8 each.
 const TREND_LIMIT: f64 = 5.4;
+/// Normal deviate of a channel's variance over all stops from one to the end; 8e-7 each, 1e-4 for 19 stops of 6 channels.
+const NOISE_Z: f64 = 4.8;
+/// Normal deviate of a channel's squared trends over all stops; 3e-6 each, 2e-5 for 6 channels.
+const TRENDS_Z: f64 = 4.5;
+/// A channel that repeats a reading so often does not measure. A resolution of two sigma would let one repeat with
+/// probability 0.68, and 64 times in a row with 2e-11.
+const HELD_SAMPLES: u16 = 64;
+/// Part of samples that may be missing, or repeat the one before: as much more variance.
+const LOST_PART: f64 = 0.03;
 /// A channel whose variance is this part of white noise's does not measure.
 const STUCK_RATIO: f64 = 0.01;
 /// A parameter is observed if its sigma is at most this part of its prior sigma.
@@ -29,6 +41,8 @@ const OBSERVED_RATIO: f64 = 0.1;
 const CHANGE_LIMIT: f64 = 6.0;
 /// Reasons that fit; more are counted.
 const MAX_REASONS: usize = 12;
+
+const HOUR_S: f64 = 3600.0;
 
 /// Names of the channels as reasons give them.
 pub const CHANNEL_NAMES: [&str; CHANNELS] = ["accel x", "accel y", "accel z", "gyro x", "gyro y", "gyro z"];
@@ -103,6 +117,20 @@ pub enum Reason {
     Innovation { segment: u16, channel: u8, normalized: f64 },
     /// A stop was not at rest.
     Unrest { segment: u16, channel: u8, unrest: Unrest },
+    /// The noise of a channel, over all stops from a segment on, is this many times the configured one.
+    Noise { segment: u16, channel: u8, ratio: f64 },
+    /// A channel drifts during the stops: its trends are this many times those of white noise.
+    Trends { channel: u8, ratio: f64 },
+    /// A channel does not change over this many samples.
+    Held { segment: u16, channel: u8, samples: u16 },
+    /// This many samples of a segment repeat the one before.
+    Stale { segment: u16, samples: u16 },
+    /// Too many samples are missing, of so many.
+    Missing { missing: u32, of: u64 },
+    /// What should be constant changed.
+    Changing(Suspicion),
+    /// A channel or an encoder is not what it claims to be.
+    Wiring(Wiring),
     /// Samples are missing in a segment for too long, us.
     Gap { segment: u16, longest_us: u64 },
     /// More segments than fit were left out.
@@ -146,6 +174,8 @@ pub struct Assessment<'a, T: Real> {
     pub segments: &'a [Segment<T>],
     /// The configured noise.
     pub noise: &'a Noise,
+    /// What became of the samples.
+    pub counts: IntakeCounts,
     /// The calibration in store.
     pub stored: Option<&'a Estimate>,
 }
@@ -153,13 +183,34 @@ pub struct Assessment<'a, T: Real> {
 /// Judges a solution.
 pub fn judge<T: Real>(assessment: &Assessment<'_, T>, limits: &VerdictLimits) -> Verdict {
     let mut verdict = Verdict::default();
+    if let Some(wiring) = mistake(assessment.segments) {
+        verdict.doubt(Reason::Wiring(wiring));
+    }
+    judge_samples(&mut verdict, assessment);
     judge_segments(&mut verdict, assessment);
+    judge_noise(&mut verdict, assessment);
     judge_fit(&mut verdict, assessment.solution);
     judge_parameters(&mut verdict, assessment, limits);
     if let Some(stored) = assessment.stored {
         judge_change(&mut verdict, assessment, stored, limits);
     }
     verdict
+}
+
+fn judge_samples<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>) {
+    let IntakeCounts { admitted, missing, .. } = assessment.counts;
+    let of = admitted + u64::from(missing);
+    if f64::from(missing) > LOST_PART * of as f64 {
+        verdict.doubt(Reason::Missing { missing, of });
+    }
+    for (segment, Segment { held, samples, .. }) in (0_u16..).zip(assessment.segments) {
+        if held.samples >= HELD_SAMPLES {
+            verdict.doubt(Reason::Held { segment, channel: held.channel, samples: held.samples });
+        }
+        if f64::from(held.stale) > LOST_PART * f64::from(*samples) {
+            verdict.doubt(Reason::Stale { segment, samples: held.stale });
+        }
+    }
 }
 
 fn judge_segments<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>) {
@@ -181,7 +232,60 @@ fn judge_segments<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>
     }
 }
 
+/// The stops together: noise that has grown, and drift, too little for each of them to show.
+fn judge_noise<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>) {
+    for channel in 0..CHANNELS as u8 {
+        let mut noise = Pooled::default();
+        let mut trends = Pooled::default();
+        let mut noisiest: Option<(u16, Pooled)> = None;
+        for (segment, stop) in assessment.segments.iter().enumerate().rev() {
+            let Some((variance, trend)) = scatter_ratios(stop, assessment.noise, channel) else { continue };
+            noise.add(variance, u32::from(stop.scatter.blocks) - 1);
+            trends.add(trend * trend, 1);
+            if noise.exceeds(NOISE_Z) && noisiest.is_none_or(|(_, most)| noise.deviate() > most.deviate()) {
+                noisiest = Some((segment as u16, noise));
+            }
+        }
+        if let Some((segment, noise)) = noisiest {
+            verdict.doubt(Reason::Noise { segment, channel, ratio: noise.ratio() });
+        }
+        if trends.exceeds(TRENDS_Z) {
+            verdict.doubt(Reason::Trends { channel, ratio: trends.ratio() });
+        }
+    }
+}
+
+/// Sum of squares over their expectation, and how many there are.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pooled {
+    sum: f64,
+    freedom: u32,
+}
+
+impl Pooled {
+    fn add(&mut self, ratio: f64, freedom: u32) {
+        self.sum += ratio * f64::from(freedom);
+        self.freedom += freedom;
+    }
+
+    fn ratio(&self) -> f64 {
+        self.sum / f64::from(self.freedom)
+    }
+
+    /// Nearly a normal deviate, to compare.
+    fn deviate(&self) -> f64 {
+        (self.ratio() - 1.0) * ComplexField::sqrt(0.5 * f64::from(self.freedom))
+    }
+
+    fn exceeds(&self, z: f64) -> bool {
+        self.freedom > 0 && self.sum > chi_square_quantile(self.freedom, z)
+    }
+}
+
 fn judge_fit(verdict: &mut Verdict, solution: &Solution) {
+    if solution.suspicion.is_founded() {
+        verdict.doubt(Reason::Changing(solution.suspicion));
+    }
     if !solution.converged {
         verdict.doubt(Reason::NotConverged(solution.sweeps));
     }
@@ -270,28 +374,33 @@ fn plausible(parameter: usize, limits: &VerdictLimits) -> f64 {
 /// What shows that a stop was not at rest, if anything, with its channel: the variance and the trend of its block means
 /// against white noise of the configured size.
 pub fn unrest<T: Real>(segment: &Segment<T>, noise: &Noise) -> Option<(u8, Unrest)> {
-    let scatter = &segment.scatter;
-    if segment.kind == SegmentKind::Move || scatter.blocks < 3 {
-        return None;
-    }
-    let block_s = segment.duration_s().widened() / f64::from(scatter.blocks);
-    let freedom = u32::from(scatter.blocks) - 1;
-    let ratio_limit = chi_square_quantile(freedom, SCATTER_Z) / f64::from(freedom);
-    let channels = (0_u8..).zip(scatter.variance.iter().zip(&scatter.trend));
-    for (channel, (variance, trend)) in channels {
-        let psd_sqrt = if channel < 3 { noise.accel_psd_sqrt } else { noise.gyro_psd_sqrt };
-        let expected = psd_sqrt * psd_sqrt / block_s;
-        let ratio = f64::from(*variance) / expected;
-        let trend = f64::from(*trend) / ComplexField::sqrt(expected);
+    let freedom = u32::from(segment.scatter.blocks).saturating_sub(1);
+    for channel in 0..CHANNELS as u8 {
+        let (ratio, trend) = scatter_ratios(segment, noise, channel)?;
         if trend.abs() > TREND_LIMIT {
             return Some((channel, Unrest::Trend(trend as f32)));
-        } else if ratio > ratio_limit {
+        } else if ratio * f64::from(freedom) > chi_square_quantile(freedom, SCATTER_Z) {
             return Some((channel, Unrest::Variance(ratio as f32)));
         } else if ratio < STUCK_RATIO {
             return Some((channel, Unrest::Stuck));
         }
     }
     None
+}
+
+/// Of one channel at a stop: the variance of its block means over that of white noise, and their trend over its sigma.
+/// `None` for moves and for stops that are too short.
+fn scatter_ratios<T: Real>(segment: &Segment<T>, noise: &Noise, channel: u8) -> Option<(f64, f64)> {
+    let scatter = &segment.scatter;
+    if segment.kind == SegmentKind::Move || scatter.blocks < 3 {
+        return None;
+    }
+    let psd_sqrt = if channel < 3 { noise.accel_psd_sqrt } else { noise.gyro_psd_sqrt };
+    let block_s = segment.duration_s().widened() / f64::from(scatter.blocks);
+    let expected = psd_sqrt * psd_sqrt / block_s;
+    let variance = f64::from(*scatter.variance.get(usize::from(channel))?);
+    let trend = f64::from(*scatter.trend.get(usize::from(channel))?);
+    Some((variance / expected, trend / ComplexField::sqrt(expected)))
 }
 
 /// Quantile of chi-square at the normal deviate `z` (Wilson and Hilferty 1931; within 1 % from 10 degrees of freedom).
@@ -302,10 +411,68 @@ fn chi_square_quantile(degrees_of_freedom: u32, z: f64) -> f64 {
     n * root * root * root
 }
 
+fn info(parameter: u8) -> ParameterInfo {
+    const UNKNOWN: ParameterInfo = ParameterInfo { name: "?", unit: "", unit_si: 1.0 };
+    PARAMETER_INFO.get(usize::from(parameter)).copied().unwrap_or(UNKNOWN)
+}
+
+/// As [`info`], with the attitude's small changes in arcsec.
+fn change_info(parameter: u8) -> ParameterInfo {
+    let info = info(parameter);
+    if usize::from(parameter) < block::ATTITUDE {
+        info
+    } else {
+        ParameterInfo { unit: "arcsec", unit_si: ARCSEC, ..info }
+    }
+}
+
+fn channel_name(channel: u8) -> &'static str {
+    CHANNEL_NAMES.get(usize::from(channel)).copied().unwrap_or("?")
+}
+
+fn encoder_name(axis: u8) -> &'static str {
+    if axis == 0 { "outer encoder" } else { "inner encoder" }
+}
+
+fn write_suspicion(f: &mut fmt::Formatter<'_>, suspicion: &Suspicion) -> fmt::Result {
+    let Suspicion { change, segment, size, sigmas, limit } = *suspicion;
+    match change {
+        Change::Step(parameter) => {
+            let ParameterInfo { name, unit, unit_si } = change_info(parameter);
+            write!(f, "from segment {segment} on, {name} differs by {:.3} {unit}", size / unit_si)
+        }
+        Change::Ramp(parameter) => {
+            let ParameterInfo { name, unit, unit_si } = change_info(parameter);
+            write!(f, "from segment {segment} on, {name} drifts by {:.1} {unit} an hour", size * HOUR_S / unit_si)
+        }
+        Change::Slip(axis) => {
+            write!(f, "segment {segment}, {}: slip of {:.2} arcsec", encoder_name(axis), size / ARCSEC)
+        }
+        Change::EncoderScale(axis) => {
+            write!(f, "from segment {segment} on, {}: scale error of {:.2} ppm", encoder_name(axis), size / PPM)
+        }
+        Change::Outlier(channel) => {
+            let (size, unit) = if channel < 3 { (size / MICRO_G, "ug") } else { (size / ARCSEC, "arcsec") };
+            write!(f, "segment {segment}, {}: off by {size:.2} {unit}", channel_name(channel))
+        }
+    }?;
+    write!(f, ", {sigmas:.1} sigma, limit {limit:.1}")
+}
+
+fn write_wiring(f: &mut fmt::Formatter<'_>, wiring: Wiring) -> fmt::Result {
+    match wiring {
+        Wiring::Reversed(channel) => write!(f, "the sign of {} is wrong", channel_name(channel)),
+        Wiring::Swapped(channel) => {
+            let next = channel / 3 * 3 + (channel + 1) % 3;
+            write!(f, "{} and {} are swapped", channel_name(channel), channel_name(next))
+        }
+        Wiring::EncoderReversed(axis) => write!(f, "the sign of the {} is wrong", encoder_name(axis)),
+        Wiring::EncodersSwapped => write!(f, "the encoders are swapped, or an axis is wired wrongly"),
+    }
+}
+
 impl fmt::Display for Reason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let info = |parameter: u8| PARAMETER_INFO.get(usize::from(parameter)).copied().unwrap_or(PARAMETER_INFO[0]);
-        let channel_name = |channel: u8| CHANNEL_NAMES.get(usize::from(channel)).copied().unwrap_or("?");
         match *self {
             Self::TooFewSegments(count) => write!(f, "only {count} segments: no stop, move and stop to calibrate from"),
             Self::NotConverged(sweeps) => write!(f, "the estimate does not stand after {sweeps} sweeps"),
@@ -338,6 +505,23 @@ impl fmt::Display for Reason {
                     Unrest::Stuck => write!(f, "the channel does not change"),
                 }
             }
+            Self::Noise { segment, channel, ratio } => write!(
+                f,
+                "{} from segment {segment} on: {ratio:.2} times the variance of the configured noise",
+                channel_name(channel)
+            ),
+            Self::Trends { channel, ratio } => {
+                write!(f, "{}: drift during the stops, {ratio:.1} times that of white noise", channel_name(channel))
+            }
+            Self::Held { segment, channel, samples } => {
+                write!(f, "segment {segment}, {}: does not change over {samples} samples", channel_name(channel))
+            }
+            Self::Stale { segment, samples } => {
+                write!(f, "segment {segment}: {samples} samples repeat the one before")
+            }
+            Self::Missing { missing, of } => write!(f, "{missing} of {of} samples are missing"),
+            Self::Changing(suspicion) => write_suspicion(f, &suspicion),
+            Self::Wiring(wiring) => write_wiring(f, wiring),
             Self::Gap { segment, longest_us } => {
                 write!(f, "segment {segment}: no samples for {} ms", longest_us / 1000)
             }
@@ -345,6 +529,228 @@ impl fmt::Display for Reason {
             Self::Changed { parameter, sigmas } => {
                 write!(f, "{} differs from the stored calibration by {sigmas:.1} combined sigma", info(parameter).name)
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::angle::Angle;
+    use crate::error_model::InstrumentErrors;
+    use crate::estimator::{Fit, LargestInnovation};
+    use crate::linear::Vector3;
+    use crate::options::OptionalEstimate;
+    use crate::segment::{GimbalSums, Held, Scatter};
+    use std::string::ToString;
+    use std::vec::Vec;
+
+    const NOISE: Noise = Noise { accel_psd_sqrt: 1e-4, gyro_psd_sqrt: 3e-7, encoder_sigma_rad: 0.5 * ARCSEC };
+    const PRIOR: [f64; PARAMETERS] = [0.05; PARAMETERS];
+    const NO_INNOVATION: LargestInnovation = LargestInnovation { normalized: 0.0, segment: 0, channel: 0 };
+
+    /// What is judged, to be spoilt.
+    #[derive(Clone)]
+    struct Case {
+        solution: Solution,
+        segments: Vec<Segment<f64>>,
+        counts: IntakeCounts,
+        stored: Option<Estimate>,
+        limits: VerdictLimits,
+    }
+
+    fn stop() -> Segment<f64> {
+        let sigma = |psd_sqrt: f64| (psd_sqrt * psd_sqrt / 0.1) as f32;
+        let (accel, gyro) = (sigma(NOISE.accel_psd_sqrt), sigma(NOISE.gyro_psd_sqrt));
+        Segment {
+            kind: SegmentKind::Stop,
+            start_us: 0,
+            duration_us: 10_000_000,
+            samples: 2000,
+            longest_interval_us: 5000,
+            held: Held::NONE,
+            temperature_c: 20.0,
+            rotation_g: Vector3::zeros(),
+            force_a: Vector3::new(0.0, 0.0, 9.8),
+            outer: Angle::default(),
+            inner: Angle::default(),
+            gimbals: GimbalSums::default(),
+            scatter: Scatter { blocks: 100, variance: [accel, accel, accel, gyro, gyro, gyro], trend: [0.0; CHANNELS] },
+        }
+    }
+
+    fn good() -> Case {
+        let estimate = Estimate { errors: InstrumentErrors::default(), sigmas: [0.3 * ARCSEC; PARAMETERS] };
+        Case {
+            solution: Solution {
+                estimate,
+                fit: Fit { chi_square: 140.0, measurements: 168, gated: 0, refused: 0, largest: NO_INNOVATION },
+                degrees_of_freedom: 140,
+                sweeps: 3,
+                converged: true,
+                segments: 19,
+                left_out: 0,
+                duration_s: 290.0,
+                temperature_c: 20.0,
+                optional: OptionalEstimate::default(),
+                suspicion: Suspicion::default(),
+            },
+            segments: std::vec![stop(); 19],
+            counts: IntakeCounts { admitted: 58_000, ..IntakeCounts::default() },
+            stored: None,
+            limits: VerdictLimits::default(),
+        }
+    }
+
+    fn verdict(case: &Case) -> Verdict {
+        let assessment = Assessment {
+            solution: &case.solution,
+            prior_sigmas: &PRIOR,
+            segments: &case.segments,
+            noise: &NOISE,
+            counts: case.counts,
+            stored: case.stored.as_ref(),
+        };
+        judge(&assessment, &case.limits)
+    }
+
+    /// The texts of the reasons of a good case that `spoil` has spoilt.
+    fn reasons(spoil: impl FnOnce(&mut Case)) -> Vec<std::string::String> {
+        let mut case = good();
+        spoil(&mut case);
+        verdict(&case).reasons.iter().map(ToString::to_string).collect()
+    }
+
+    #[test]
+    fn a_good_case_is_accepted() {
+        assert!(verdict(&good()).accepted(), "{:?}", verdict(&good()).reasons);
+    }
+
+    #[test]
+    fn segments_give_their_reasons() {
+        let few = reasons(|case| case.segments.truncate(1));
+        assert_eq!(few, ["only 1 segments: no stop, move and stop to calibrate from"]);
+        let gap = reasons(|case| case.segments[4].longest_interval_us = 250_000);
+        assert_eq!(gap, ["segment 4: no samples for 250 ms"]);
+        let variance = reasons(|case| case.segments[7].scatter.variance[1] *= 3.0);
+        assert_eq!(variance[0], "segment 7, accel y: variance 3.0 times that of the configured noise");
+        let trend = reasons(|case| case.segments[3].scatter.trend[5] = 6.0 * 3e-7 / 0.1_f32.sqrt());
+        assert_eq!(trend, ["segment 3, gyro z: drift of 6.0 sigma during the stop"]);
+        let stuck = reasons(|case| case.segments[2].scatter.variance[3] = 0.0);
+        assert_eq!(stuck, ["segment 2, gyro x: the channel does not change"]);
+        assert_eq!(reasons(|case| case.solution.left_out = 2), ["2 segments did not fit and were left out"]);
+    }
+
+    #[test]
+    fn stops_together_show_what_none_shows_alone() {
+        // 1.3 times over 12 stops of 99 degrees of freedom: 0.3 / sqrt(2 / 1188) = 7.3 sigma; alone 2.1.
+        let noise = reasons(|case| case.segments[7..].iter_mut().for_each(|stop| stop.scatter.variance[2] *= 1.3));
+        assert_eq!(noise.len(), 1);
+        assert!(noise[0].starts_with("accel z from segment ") && noise[0].contains("1.30 times"), "{}", noise[0]);
+        let little = reasons(|case| case.segments[7..].iter_mut().for_each(|stop| stop.scatter.variance[2] *= 1.1));
+        assert_eq!(little.len(), 0);
+        let trend = 2.0 * 1e-4 / 0.1_f32.sqrt();
+        let trends = reasons(|case| case.segments.iter_mut().for_each(|stop| stop.scatter.trend[0] = trend));
+        assert_eq!(trends, ["accel x: drift during the stops, 4.0 times that of white noise"]);
+    }
+
+    #[test]
+    fn samples_give_their_reasons() {
+        let held = reasons(|case| case.segments[5].held = Held { samples: 64, channel: 4, stale: 0 });
+        assert_eq!(held, ["segment 5, gyro y: does not change over 64 samples"]);
+        let stale = reasons(|case| case.segments[5].held.stale = 61);
+        assert_eq!(stale, ["segment 5: 61 samples repeat the one before"]);
+        assert_eq!(reasons(|case| case.segments[5].held = Held { samples: 63, channel: 4, stale: 60 }).len(), 0);
+        let missing = reasons(|case| case.counts.missing = 2000);
+        assert_eq!(missing, ["2000 of 60000 samples are missing"]);
+    }
+
+    #[test]
+    fn the_fit_gives_its_reasons() {
+        let high = reasons(|case| case.solution.fit.chi_square = 220.0);
+        assert_eq!(high, ["chi-square 220.0 with 140 degrees of freedom is outside 71.5 to 208.4"]);
+        assert_eq!(reasons(|case| case.solution.fit.chi_square = 60.0).len(), 1);
+        assert_eq!(reasons(|case| case.solution.fit.chi_square = f64::NAN).len(), 1);
+        let innovation = reasons(|case| {
+            case.solution.fit.largest = LargestInnovation { normalized: -7.5, segment: 12, channel: 3 };
+        });
+        assert_eq!(innovation, ["segment 12, gyro x: innovation of -7.5 sigma"]);
+        assert_eq!(reasons(|case| case.solution.converged = false), ["the estimate does not stand after 3 sweeps"]);
+    }
+
+    #[test]
+    fn changes_are_named_with_segment_size_and_significance() {
+        let suspicion = |change, size| {
+            let found = Suspicion { change, segment: 9, size, sigmas: 6.2, limit: 5.0 };
+            reasons(|case| case.solution.suspicion = found).remove(0)
+        };
+        let step = suspicion(Change::Step(block::ACCEL_BIAS as u8), 10.0 * MICRO_G);
+        assert_eq!(step, "from segment 9 on, accel_bias_x differs by 10.000 ug, 6.2 sigma, limit 5.0");
+        let knock = suspicion(Change::Step(block::ATTITUDE as u8), 3.0 * ARCSEC);
+        assert_eq!(knock, "from segment 9 on, base_roll differs by 3.000 arcsec, 6.2 sigma, limit 5.0");
+        let ramp = suspicion(Change::Ramp(block::GYRO_BIAS as u8), 0.01 * DEG_H / 3600.0);
+        assert!(ramp.starts_with("from segment 9 on, gyro_bias_x drifts by 0.0 deg/h an hour"), "{ramp}");
+        assert!(suspicion(Change::Slip(0), 2.0 * ARCSEC).starts_with("segment 9, outer encoder: slip of 2.00 arcsec"));
+        let scale = suspicion(Change::EncoderScale(1), 5.0 * PPM);
+        assert!(scale.starts_with("from segment 9 on, inner encoder: scale error of 5.00 ppm"), "{scale}");
+        assert!(suspicion(Change::Outlier(4), ARCSEC).starts_with("segment 9, gyro y: off by 1.00 arcsec"));
+        let below = Suspicion { sigmas: 4.9, limit: 5.0, ..Suspicion::default() };
+        assert_eq!(reasons(|case| case.solution.suspicion = below).len(), 0);
+        let unknown = Suspicion { sigmas: f64::NAN, ..below };
+        assert_eq!(reasons(|case| case.solution.suspicion = unknown).len(), 1);
+    }
+
+    #[test]
+    fn wiring_is_named_first() {
+        let upside_down = reasons(|case| {
+            case.solution.fit.chi_square = 1e9;
+            case.segments.iter_mut().for_each(|stop| stop.force_a.z = -9.8);
+        });
+        assert_eq!(upside_down[0], "the sign of accel z is wrong");
+        assert_eq!(Reason::Wiring(Wiring::Swapped(5)).to_string(), "gyro z and gyro x are swapped");
+        assert_eq!(Reason::Wiring(Wiring::EncoderReversed(1)).to_string(), "the sign of the inner encoder is wrong");
+    }
+
+    #[test]
+    fn parameters_give_their_reasons() {
+        let nan = reasons(|case| case.solution.estimate.errors.mounting[0] = f64::NAN);
+        assert_eq!(nan, ["alpha is not finite"]);
+        let far = reasons(|case| case.solution.estimate.errors.mounting[1] = 6.0 * DEG);
+        assert_eq!(far, ["beta is 21600.0 arcsec, plausible up to 18000.0"]);
+        let unobserved = reasons(|case| case.solution.estimate.sigmas[0] = 0.025);
+        assert_eq!(unobserved, ["Sgxy is not observed: its sigma is still 0.50 of the prior's"]);
+        let sigma = reasons(|case| case.limits.required_sigma_rad = Some(0.2 * ARCSEC));
+        assert_eq!((sigma.len(), sigma[0].as_str()), (12, "sigma of Sgxy is 0.300 arcsec, required 0.200"));
+        let heading = reasons(|case| case.solution.estimate.sigmas[HEADING] = 0.05);
+        assert_eq!(heading.len(), 0, "a heading that is not known says so by its sigma");
+    }
+
+    #[test]
+    fn a_change_against_the_store_is_a_reason_or_a_note() {
+        let mut case = good();
+        case.stored = Some(case.solution.estimate);
+        case.solution.estimate.errors.mounting[2] = 5.0 * ARCSEC;
+        let reason = verdict(&case).reasons[0].to_string();
+        assert_eq!(reason, "gamma differs from the stored calibration by 11.8 combined sigma");
+        case.limits.accept_change = true;
+        assert!(verdict(&case).accepted());
+        assert_eq!(verdict(&case).changes.len(), 1);
+    }
+
+    #[test]
+    fn reasons_that_do_not_fit_are_counted() {
+        let mut case = good();
+        case.limits.required_sigma_rad = Some(0.0);
+        case.solution.converged = false;
+        assert_eq!((verdict(&case).reasons.len(), verdict(&case).more), (MAX_REASONS, 1));
+    }
+
+    #[test]
+    fn chi_square_quantiles_are_those_of_tables() {
+        // 99.9 % is a normal deviate of 3.0902.
+        for (freedom, table) in [(10, 29.588), (30, 59.703), (100, 149.449)] {
+            let found = chi_square_quantile(freedom, 3.0902);
+            assert!((found / table - 1.0).abs() < 0.01, "{freedom}: {found}");
         }
     }
 }

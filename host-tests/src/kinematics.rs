@@ -158,6 +158,17 @@ impl RigidTruth {
         }
     }
 
+    /// What the sensors read more when the base has turned by the rotation vector `turned_b`, rad, and turns at `rate_b`,
+    /// rad/s. `middle_s` is the time and `angles_rad` are the gimbal angles at the middle of the interval.
+    pub fn by_base_motion(&self, turned_b: Vec3, rate_b: Vec3, angles_rad: [f64; 2], middle_s: f64) -> Sensed<Vec3> {
+        let turn = Turn::new(angles_rad);
+        let rot = frame_rotation(turned_b);
+        let change = |v_r0: Vec3| add_scaled(apply(&rot, v_r0), v_r0, -1.0);
+        let force_r = self.rotate_rr0(change(self.up_r0.at(middle_s)), &turn);
+        let omega_r = self.rotate_rr0(add(change(self.earth_r0.at(middle_s)), rate_b), &turn);
+        Sensed { force_a: apply(&self.force_matrix_ar, force_r), omega_g: apply(&self.rate_matrix_gr, omega_r) }
+    }
+
     /// Specific force and inertial rate of the IMU in r.
     fn felt_r(&self, motion: &Motion, part: f64, up_r0: Vec3, earth_r0: Vec3) -> (Vec3, Vec3) {
         let turn = Turn::new(motion.angles_at(part));

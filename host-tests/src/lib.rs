@@ -7,6 +7,7 @@
 //!
 //! virtual_run, replay -> calibration -> report, table -> cli
 //! closed_loop, prediction, monte_carlo -^
+//! faults -> fault_campaign: can a disturbed run be accepted with a wrong answer?
 //! ```
 
 pub mod bench;
@@ -16,6 +17,8 @@ pub mod closed_loop;
 pub mod drive;
 pub mod emulator;
 pub mod encoder;
+pub mod fault_campaign;
+pub mod faults;
 pub mod kinematics;
 pub mod log;
 pub mod monte_carlo;

@@ -1,0 +1,64 @@
+//! Runs a fault campaign and prints its table.
+
+use clap::Parser;
+use host_tests::calibration::Precision;
+use host_tests::fault_campaign::{Campaign, Faults, Summary};
+use host_tests::faults::FaultKind;
+use indicatif::ProgressBar;
+use std::time::Instant;
+
+/// Many runs of the joint method with one random fault each: is a wrong answer ever accepted?
+#[derive(Parser)]
+struct Arguments {
+    /// Number of runs
+    #[arg(long, default_value_t = 1000)]
+    runs: u64,
+    /// Everything random comes from it
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Without faults: is a right answer rejected?
+    #[arg(long, conflicts_with = "only")]
+    clean: bool,
+    /// Only faults whose name contains this
+    #[arg(long)]
+    only: Option<String>,
+    /// Scalar of the core
+    #[arg(long, value_enum, default_value_t)]
+    precision: Precision,
+    /// Print each accepted wrong answer and each rejected run without fault
+    #[arg(long)]
+    list: bool,
+}
+
+fn main() {
+    let arguments = Arguments::parse();
+    let faults = match &arguments.only {
+        _ if arguments.clean => Faults::None,
+        None => Faults::All,
+        Some(part) => {
+            let Some(kind) = FaultKind::ALL.into_iter().find(|kind| kind.name().contains(part.as_str())) else {
+                eprintln!("no fault is called {part}");
+                std::process::exit(1);
+            };
+            Faults::Only(kind)
+        }
+    };
+    let campaign = Campaign { runs: arguments.runs, seed: arguments.seed, faults, precision: arguments.precision };
+    let bar = ProgressBar::new(campaign.runs);
+    let start = Instant::now();
+    let outcomes = campaign.run(|| bar.inc(1));
+    bar.finish_and_clear();
+    if arguments.list {
+        for outcome in &outcomes {
+            if outcome.wrong.is_some() && outcome.verdict.accepted() {
+                println!("seed {}: {:?} {:?}", outcome.seed, outcome.wrong, outcome.fault);
+            } else if outcome.fault.is_none() && !outcome.verdict.accepted() {
+                for reason in &outcome.verdict.reasons {
+                    println!("seed {}: {reason}", outcome.seed);
+                }
+            }
+        }
+    }
+    print!("{}", Summary::new(&outcomes));
+    println!("{:.0} s", start.elapsed().as_secs_f64());
+}

@@ -1,0 +1,85 @@
+//! The one promise, in small: faults of every kind, and no wrong answer accepted; clean runs, and hardly one rejected.
+
+use host_tests::calibration::{Precision, Setup};
+use host_tests::fault_campaign::{Campaign, Faults, Outcome, Summary};
+use host_tests::faults::{Fault, FaultKind, readings};
+use host_tests::presets;
+use host_tests::unit::UnitConfig;
+use host_tests::virtual_rins::VirtualUnit;
+use host_tests::virtual_run::VirtualRun;
+use rins_selfcal::constancy::{Change, Suspicion};
+use rins_selfcal::error_model::block;
+use rins_selfcal::method::Method;
+use rins_selfcal::scheme::Scheme;
+use rins_selfcal::units::{ARCSEC, MICRO_G, PPM};
+
+fn run(runs: u64, faults: Faults, precision: Precision) -> Vec<Outcome> {
+    Campaign { runs, seed: 2, faults, precision }.run(|| ())
+}
+
+#[test]
+fn no_wrong_answer_is_accepted() {
+    let outcomes = run(312, Faults::All, Precision::F64);
+    let summary = Summary::new(&outcomes);
+    assert_eq!(summary.kinds.len(), FaultKind::ALL.len());
+    assert_eq!(summary.total.accepted_wrong, 0, "{summary}");
+    // A verdict that rejects everything would keep the promise, too: small faults do no harm.
+    assert!(summary.total.accepted > 60, "{summary}");
+}
+
+#[test]
+fn no_wrong_answer_is_accepted_in_single_precision() {
+    let summary = Summary::new(&run(52, Faults::All, Precision::F32));
+    assert_eq!(summary.total.accepted_wrong, 0, "{summary}");
+}
+
+#[test]
+fn clean_runs_are_accepted() {
+    // All bounds together reject one clean run in a thousand: more than two of 150 have a probability of 5e-4.
+    for (runs, precision) in [(100, Precision::F64), (50, Precision::F32)] {
+        let outcomes = run(runs, Faults::None, precision);
+        let summary = Summary::new(&outcomes);
+        assert!(runs as u32 - summary.total.accepted <= 2, "{summary}");
+        assert_eq!(summary.total.accepted_wrong, 0, "{summary}");
+    }
+}
+
+/// The most significant change in a run with one fault from 124 s on, in a move.
+fn suspicion(kind: FaultKind, channel: usize, size: f64, axis_b: [f64; 3]) -> Suspicion {
+    let config = UnitConfig::default();
+    let unit = VirtualUnit { errors: presets::real(3), ..VirtualUnit::default() };
+    let run = VirtualRun { unit, scheme: Scheme::bai(10.0, 1), seed: 3 };
+    let span = 24_800..70_000;
+    let fault = Fault { kind, span, channel, other: 0, size, axis_b, rocking: (0.0, 0.0), rise: 1, seed: 0 };
+    let mut chain = Setup::new(&config, 200.0, Method::Joint, Precision::F64).chain();
+    for reading in readings(&run, Some(&fault)) {
+        // The live estimate does not count.
+        let _ = chain.step(&reading);
+    }
+    chain.conclude(&mut |_| ()).solution.suspicion
+}
+
+#[test]
+fn changes_are_found_by_kind_place_and_size() {
+    let cases = [
+        (FaultKind::BiasStep, 1, 60.0 * MICRO_G, Change::Step(block::ACCEL_BIAS as u8 + 1)),
+        (FaultKind::Scaled, 3, 100.0 * PPM, Change::Step(block::GYRO_SCALE as u8)),
+        (FaultKind::EncoderSlip, 0, 15.0 * ARCSEC, Change::Slip(0)),
+        (FaultKind::EncoderScale, 0, 60.0 * PPM, Change::EncoderScale(0)),
+    ];
+    for (kind, channel, size, change) in cases {
+        let found = suspicion(kind, channel, size, [0.0; 3]);
+        assert!(found.is_founded(), "{kind:?}: {found:?}");
+        assert_eq!(found.change, change, "{found:?}");
+        // 124 s is in the eighth move, segment 15; of a part of a move, the next one may show more.
+        assert!((13..=17).contains(&found.segment), "{kind:?}: {found:?}");
+        let sigma = (found.size / found.sigmas).abs();
+        assert!((found.size - size).abs() < 5.0 * sigma + 0.1 * size, "{kind:?}: {found:?}");
+    }
+}
+
+#[test]
+fn a_knock_in_a_move_is_found_by_place_and_size() {
+    let found = suspicion(FaultKind::Knock, 0, 20.0 * ARCSEC, [0.0, 1.0, 0.0]);
+    assert!(found.is_founded() && (13..=17).contains(&found.segment), "{found:?}");
+}

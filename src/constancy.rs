@@ -1,0 +1,249 @@
+//! Did anything change during the run? The parameters are constant; every way in which they may not have been is tested
+//! by itself, because one number for all of them, the chi-square, sees a small disturbance of one kind least.
+//!
+//! A change of size s adds `s c_k` to measurement k. The filter absorbs part of it; what is left shows in the innovations:
+//! ```text
+//! innovation k changes by s g_k,   g_k = c_k + h_k y_k,   y_k+1 = y_k - K_k g_k
+//! y: what has changed and the filter has not absorbed, per unit of s
+//! score = sum g_k nu_k / S_k,   information = sum g_k^2 / S_k
+//! s = score / information,   significance = score / sqrt(information)
+//! ```
+//! nu, S, K, h: innovation, its variance, gain and row of the filter. Innovations of a consistent filter are white, so
+//! the significance is standard normal when nothing changed, and no test for this kind of change has more power
+//! (generalized likelihood ratio; Willsky and Jones 1976).
+//!
+//! A change begins with a move, or with the run. Tested are steps and ramps of parameters, slips of encoders, and single
+//! measurements that are off.
+
+use crate::error_model::{PARAMETERS, block};
+use crate::linear::{ComplexField, Real, Vector, real};
+use crate::measurement::ENCODER_ERRORS;
+use crate::segment::{Segment, SegmentKind};
+use crate::units::ARCSEC;
+use serde::{Deserialize, Serialize};
+
+/// Limit of a change that does no harm before it is found: 6e-7 each, 4e-4 for 700 of them.
+const HIGHEST_LIMIT: f64 = 5.0;
+/// Limit of one that could do harm before: 6e-5 each; of scheme "bai" with stops of 10 s, eight are so.
+const LOWEST_LIMIT: f64 = 4.0;
+/// Found this many sigmas before it alone uses up the tolerance; noise needs its part.
+const RESERVE_SIGMAS: f64 = 0.5;
+/// An installation error may be wrong by so many sigmas, or by so much, rad.
+const TOLERANCE_SIGMAS: f64 = 4.5;
+const TOLERANCE_RAD: f64 = ARCSEC;
+
+/// What may have changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Change {
+    /// A parameter, by index, is another one from here on; of the attitude's, the gyros have felt the turn.
+    Step(u8),
+    /// A parameter, by index, ramps from here on. Size per second.
+    Ramp(u8),
+    /// An encoder, outer or inner, has slipped.
+    Slip(u8),
+    /// An encoder, outer or inner, has another scale from here on.
+    EncoderScale(u8),
+    /// One measurement is off: accelerometers (m/s^2) and gyros (rad) of a stop, or gyros of a move.
+    Outlier(u8),
+}
+
+/// The most significant change.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Suspicion {
+    /// What has changed.
+    pub change: Change,
+    /// From which segment on.
+    pub segment: u16,
+    /// Its estimated size, SI.
+    pub size: f64,
+    /// The size in units of its standard deviation.
+    pub sigmas: f64,
+    /// Largest `sigmas` that chance explains.
+    pub limit: f64,
+}
+
+impl Suspicion {
+    /// Whether it cannot be chance.
+    pub fn is_founded(&self) -> bool {
+        // Not a number is no proof of innocence.
+        self.sigmas.is_nan() || self.sigmas.abs() > self.limit
+    }
+
+    /// The one that exceeds its limit more, or comes nearer to it.
+    pub fn more_significant(self, other: Self) -> Self {
+        if other.sigmas.abs() * self.limit > self.sigmas.abs() * other.limit { other } else { self }
+    }
+}
+
+impl Default for Suspicion {
+    /// No suspicion.
+    fn default() -> Self {
+        Self { change: Change::Step(0), segment: 0, size: 0.0, sigmas: 0.0, limit: HIGHEST_LIMIT }
+    }
+}
+
+/// One scalar measurement as the filter saw it.
+pub struct Seen<'a, T: Real, const STATES: usize> {
+    /// Row of the measurement matrix.
+    pub h: &'a Vector<T, STATES>,
+    /// Covariance times that row: the gain times the innovation's variance.
+    pub covariance_h: &'a Vector<T, STATES>,
+    /// Innovation.
+    pub innovation: T,
+    /// Its variance.
+    pub variance: T,
+    /// Segment, counted from 0.
+    pub segment: u16,
+    /// Channel: accelerometers x y z, gyros x y z.
+    pub channel: u8,
+    /// Derivative of the channel by the rates of roll, pitch and heading, s.
+    pub by_attitude_rate: [T; 3],
+}
+
+/// A change under test.
+#[derive(Clone, Debug)]
+struct Suspect<T: Real, const STATES: usize> {
+    change: Change,
+    segment: u16,
+    not_absorbed: Vector<T, STATES>,
+    score: T,
+    information: T,
+}
+
+/// Steps of 15 parameters, ramps of 9, slips and scales of 2 encoders, 6 measurements of a stop and 3 of a move.
+const SUSPECTS: usize = 37;
+
+/// All changes that begin with one segment, under test in one sweep of the filter.
+#[derive(Clone, Debug)]
+pub struct Suspects<T: Real, const STATES: usize> {
+    onset: u16,
+    /// Duration of the segment before, s.
+    before_s: T,
+    duration_s: T,
+    /// What the axes have turned since the onset, rad.
+    turned: [T; 2],
+    suspects: heapless::Vec<Suspect<T, STATES>, SUSPECTS>,
+}
+
+impl<T: Real, const STATES: usize> Suspects<T, STATES> {
+    /// Changes that begin with segment `onset`. `onset_is_stop`: which is the first stop.
+    pub fn new(onset: u16, onset_is_stop: bool) -> Self {
+        let attitude = block::ATTITUDE..PARAMETERS;
+        let steps = (block::ACCEL_BIAS..block::NON_PERPENDICULARITY).chain(attitude.clone());
+        let biases = (block::ACCEL_BIAS..block::ACCEL_SCALE).chain(block::GYRO_BIAS..block::GYRO_SCALE);
+        let (stop, turn) = if onset_is_stop { (onset, onset + 1) } else { (onset + 1, onset) };
+        let changes = steps
+            .map(|parameter| (Change::Step(parameter as u8), onset))
+            .chain(biases.chain(attitude).map(|parameter| (Change::Ramp(parameter as u8), onset)))
+            .chain((0..2).flat_map(|axis| [(Change::Slip(axis), onset), (Change::EncoderScale(axis), onset)]))
+            .chain((0..6).map(|channel| (Change::Outlier(channel), stop)))
+            .chain((3..6).map(|channel| (Change::Outlier(channel), turn)));
+        let suspect = |(change, segment)| Suspect {
+            change,
+            segment,
+            not_absorbed: Vector::zeros(),
+            score: T::zero(),
+            information: T::zero(),
+        };
+        Self {
+            onset,
+            before_s: T::zero(),
+            duration_s: T::zero(),
+            turned: [T::zero(); 2],
+            // As many as there is room for.
+            suspects: changes.map(suspect).take(SUSPECTS).collect(),
+        }
+    }
+
+    /// Segment `number` begins. At a move, the filter has renewed its leading states, the encoder errors.
+    pub fn begin(&mut self, number: u16, segment: &Segment<T>) {
+        if number < self.onset {
+            return;
+        }
+        let is_move = segment.kind == SegmentKind::Move;
+        let duration_s = segment.duration_s();
+        for (turned, increment) in self.turned.iter_mut().zip([segment.gimbals.outer, segment.gimbals.inner]) {
+            *turned += increment;
+        }
+        let first = number == self.onset;
+        self.before_s = if first { T::zero() } else { self.duration_s };
+        self.duration_s = duration_s;
+        let passed_s = (self.before_s + duration_s) * real(0.5);
+        for suspect in &mut self.suspects {
+            let y = &mut suspect.not_absorbed;
+            if is_move {
+                for state in 0..ENCODER_ERRORS / 2 {
+                    y.swap_rows(state, state + ENCODER_ERRORS / 2);
+                }
+                y.iter_mut().skip(ENCODER_ERRORS / 2).take(ENCODER_ERRORS / 2).for_each(|e| *e = T::zero());
+            }
+            let changed = match suspect.change {
+                Change::Step(parameter) if first => Some((ENCODER_ERRORS + usize::from(parameter), T::one())),
+                Change::Ramp(parameter) => Some((ENCODER_ERRORS + usize::from(parameter), passed_s)),
+                Change::Slip(axis) if is_move => Some((ENCODER_ERRORS / 2 + usize::from(axis), T::one())),
+                Change::EncoderScale(axis) if is_move => {
+                    self.turned.get(usize::from(axis)).map(|turned| (ENCODER_ERRORS / 2 + usize::from(axis), *turned))
+                }
+                _ => None,
+            };
+            if let Some((state, by)) = changed
+                && let Some(state) = y.get_mut(state)
+            {
+                *state += by;
+            }
+        }
+    }
+
+    /// A measurement has been taken in.
+    pub fn see(&mut self, seen: &Seen<'_, T, STATES>) {
+        if seen.segment < self.onset {
+            return;
+        }
+        for suspect in &mut self.suspects {
+            let direct = suspect.direct(seen, self.onset, self.duration_s);
+            let g = direct + seen.h.dot(&suspect.not_absorbed);
+            if g == T::zero() {
+                continue;
+            }
+            let weighted = g / seen.variance;
+            suspect.score += weighted * seen.innovation;
+            suspect.information += weighted * g;
+            suspect.not_absorbed.axpy(-weighted, seen.covariance_h, T::one());
+        }
+    }
+
+    /// The most significant change of all, for parameters of these sigmas, SI: the one farthest beyond, or nearest to,
+    /// its limit.
+    pub fn most_significant(&self, sigmas: &[f64; PARAMETERS]) -> Suspicion {
+        let suspicions = self.suspects.iter().map(|suspect| suspect.suspicion(sigmas));
+        suspicions.fold(Suspicion::default(), Suspicion::more_significant)
+    }
+}
+
+impl<T: Real, const STATES: usize> Suspect<T, STATES> {
+    fn suspicion(&self, sigmas: &[f64; PARAMETERS]) -> Suspicion {
+        let (score, information) = (self.score.widened(), self.information.widened());
+        let sigma = ComplexField::sqrt(information.max(f64::MIN_POSITIVE)).recip();
+        // Installation errors do not change, so what is not absorbed of them is what they are wrong by.
+        let wrong = self.not_absorbed.iter().skip(ENCODER_ERRORS).take(block::ACCEL_BIAS).zip(sigmas);
+        let harm = wrong.fold(0.0_f64, |harm, (wrong, parameter_sigma)| {
+            let tolerance = (TOLERANCE_SIGMAS * parameter_sigma).max(TOLERANCE_RAD);
+            harm.max(wrong.widened().abs() * sigma / tolerance)
+        });
+        let limit = (harm.max(f64::MIN_POSITIVE).recip() - RESERVE_SIGMAS).clamp(LOWEST_LIMIT, HIGHEST_LIMIT);
+        let size = score * sigma * sigma;
+        Suspicion { change: self.change, segment: self.segment, size, sigmas: score * sigma, limit }
+    }
+
+    /// What the change does to a measurement other than through the states.
+    fn direct(&self, seen: &Seen<'_, T, STATES>, onset: u16, duration_s: T) -> T {
+        let rate = |parameter: u8| usize::from(parameter).checked_sub(block::ATTITUDE);
+        let by_rate = |parameter| rate(parameter).and_then(|axis| seen.by_attitude_rate.get(axis)).copied();
+        match self.change {
+            Change::Outlier(channel) if channel == seen.channel && self.segment == seen.segment => T::one(),
+            Change::Step(parameter) if seen.segment == onset => by_rate(parameter).unwrap_or(T::zero()) / duration_s,
+            Change::Ramp(parameter) => by_rate(parameter).unwrap_or(T::zero()),
+            _ => T::zero(),
+        }
+    }
+}
