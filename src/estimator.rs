@@ -35,7 +35,7 @@ use core::ops::Range;
 use serde::{Deserialize, Serialize};
 
 /// Segments that fit: scheme "bai" run twice has 73.
-pub const MAX_SEGMENTS: usize = 96;
+pub const MAX_SEGMENTS: usize = 76;
 
 /// States of the filter without options.
 pub const BASIC_STATES: usize = ENCODER_ERRORS + PARAMETERS;

@@ -1,12 +1,22 @@
 //! What the firmware image takes and what is linked into it.
 //!
 //! `firmware-report [IMAGE]`: builds the f64 and the f32 image, or takes the given one; prints flash, static RAM, painted
-//! stack and instructions to a sample from a short run in the emulator. Exits with 1 if a panic or an allocation is linked.
+//! stack of a whole calibration and instructions to a sample of an idle run in the emulator. Exits with 1 if a panic or an allocation is linked.
 
 use anyhow::{Context, Result};
 use host_tests::bench::{AtRest, Bench};
-use host_tests::emulator::{Scalar, Setup, build, run};
+use host_tests::drive::move_durations_s;
+use host_tests::emulator::{Run, Scalar, Setup, build, run};
+use host_tests::power_up::{Switched, in_emulator};
+use host_tests::virtual_rins::{VirtualRins, VirtualUnit};
 use object::{Object, ObjectSegment, ObjectSymbol};
+use rins_selfcal::assignment::Assignment;
+use rins_selfcal::calibrator::CalibratorConfig;
+use rins_selfcal::method::Method;
+use rins_selfcal::scheme::Scheme;
+use rins_selfcal::self_calibration::SelfCalibrationConfig;
+use rins_selfcal::sequencer::State;
+use rins_selfcal::telemetry::Message;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -66,7 +76,8 @@ fn report_image(name: &str, image: &Path) -> Result<bool> {
     println!("{name}");
     println!("  flash                {:>8} bytes", sizes.flash);
     println!("  static RAM           {:>8} bytes", sizes.ram);
-    println!("  stack used           {:>8} bytes of {}", long.stack_used_bytes, long.stack_bytes);
+    let calibration = calibration(image)?;
+    println!("  stack used           {:>8} bytes of {}", calibration.stack_used_bytes, calibration.stack_bytes);
     println!("  instructions/sample  {:>8.0}", (long.instructions - short.instructions) / f64::from(SAMPLES));
     let forbidden = forbidden(&file);
     match forbidden.as_slice() {
@@ -74,6 +85,23 @@ fn report_image(name: &str, image: &Path) -> Result<bool> {
         names => names.iter().for_each(|name| println!("  linked: {name}")),
     }
     Ok(forbidden.is_empty())
+}
+
+/// A whole calibration with short stops: its last part takes the most stack.
+fn calibration(image: &Path) -> Result<Run> {
+    let unit = VirtualUnit::default();
+    let scheme = Scheme::bai(1.0, 1);
+    let calibrator = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
+    let assignment = Assignment::SelfCalibrate(SelfCalibrationConfig::new(calibrator, scheme.clone()));
+    let mut rins = VirtualRins::new(&unit, 1);
+    rins.expect_moves(&move_durations_s(&scheme, unit.rate_hz));
+    let (plant, off) = Switched::new(rins);
+    let switch = |message: &Message| {
+        if matches!(message, Message::Corrected { .. } | Message::State { state: State::Parked, .. }) {
+            off.set(true);
+        }
+    };
+    in_emulator(&assignment, image, None, &mut Bench::new(plant), |_| (), switch)
 }
 
 struct Sizes {

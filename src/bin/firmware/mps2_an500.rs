@@ -34,8 +34,8 @@ use rins_selfcal::store::CalibrationStore;
 const TICKS_PER_S: u32 = 25_000_000;
 /// Ticks from one data-ready edge to the next: 200 Hz.
 const TICKS_PER_EDGE: u32 = TICKS_PER_S / 200;
-/// Depth of the sample queue plus one: 0.3 s, thrice the time to save a record.
-const QUEUE_LENGTH: usize = 64;
+/// Depth of the sample queue plus one: 1.3 s, for the main loop is busy for 0.8 s when it solves and judges.
+const QUEUE_LENGTH: usize = 256;
 /// Longest transfer on SPI, bytes.
 const MAX_TRANSFER_BYTES: usize = 96;
 /// Size of the no-access region at the bottom of the stack, bytes.
