@@ -124,7 +124,11 @@ impl<T: Real> Axis<T> {
     pub fn measure(&mut self, angle: Angle) {
         self.angle_ticks = Some(match self.angle_ticks {
             Some(before) => before + i64::from(angle.since(Angle::from_ticks(before as u32))),
-            None => i64::from(angle.ticks() as i32),
+            None => {
+                // It stands there until it is told to move.
+                self.target_ticks = i64::from(angle.ticks() as i32);
+                self.target_ticks
+            }
         });
     }
 
@@ -243,6 +247,14 @@ mod tests {
         assert!((angle + 4.0).abs() < 1e-8, "{angle}");
         let late_s = arrived_us.expect("arrives") as f64 * 1e-6 - (4.1 / 0.35 + 1.0);
         assert!(late_s < 1.0, "{late_s}");
+    }
+
+    #[test]
+    fn an_axis_stands_where_it_is_found() {
+        let mut axis = Axis::<f64>::new(&AxisLimits::default());
+        axis.measure(Angle::from_rad(1.5));
+        assert_eq!(axis.following_error_rad(0), None);
+        assert_eq!(axis.rate_command(0, 0.005), 0.0);
     }
 
     #[test]
