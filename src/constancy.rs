@@ -16,7 +16,7 @@
 //! measurements that are off.
 
 use crate::error_model::{PARAMETERS, block};
-use crate::linear::{ComplexField, Real, Vector, real};
+use crate::linear::{ComplexField, Real, Vector, zeros};
 use crate::measurement::ENCODER_ERRORS;
 use crate::segment::{Segment, SegmentKind};
 use crate::units::ARCSEC;
@@ -100,34 +100,33 @@ pub struct Seen<'a, T: Real, const STATES: usize> {
     pub by_attitude_rate: [T; 3],
 }
 
-/// A change under test.
+/// A change under test. Its vector is `f32`, whatever the filter computes in: significance needs two digits.
 #[derive(Clone, Debug)]
-struct Suspect<T: Real, const STATES: usize> {
+struct Suspect<const STATES: usize> {
     change: Change,
     segment: u16,
-    not_absorbed: Vector<T, STATES>,
-    score: T,
-    information: T,
+    not_absorbed: Vector<f32, STATES>,
+    score: f64,
+    information: f64,
 }
 
-/// Steps of 15 parameters, ramps of 9, slips and scales of 2 encoders, 6 measurements of a stop and 3 of a move.
-const SUSPECTS: usize = 37;
+/// Changes under test in one sweep: of 37 that begin with a segment, those of two sweeps, for the sake of memory.
+const SUSPECTS: usize = 19;
 
-/// All changes that begin with one segment, under test in one sweep of the filter.
+/// Changes that begin with one segment, under test in one sweep of the filter.
 #[derive(Clone, Debug)]
-pub struct Suspects<T: Real, const STATES: usize> {
+pub struct Suspects<const STATES: usize> {
     onset: u16,
-    /// Duration of the segment before, s.
-    before_s: T,
-    duration_s: T,
+    duration_s: f32,
     /// What the axes have turned since the onset, rad.
-    turned: [T; 2],
-    suspects: heapless::Vec<Suspect<T, STATES>, SUSPECTS>,
+    turned: [f32; 2],
+    suspects: heapless::Vec<Suspect<STATES>, SUSPECTS>,
 }
 
-impl<T: Real, const STATES: usize> Suspects<T, STATES> {
-    /// Changes that begin with segment `onset`. `onset_is_stop`: which is the first stop.
-    pub fn new(onset: u16, onset_is_stop: bool) -> Self {
+impl<const STATES: usize> Suspects<STATES> {
+    /// The changes of sweep number `part`, from 0, that begin with segment `onset`; none when all have been tested.
+    /// `onset_is_stop`: which is the first stop.
+    pub fn new(onset: u16, onset_is_stop: bool, part: usize) -> Option<Self> {
         let attitude = block::ATTITUDE..PARAMETERS;
         let steps = (block::ACCEL_BIAS..block::NON_PERPENDICULARITY).chain(attitude.clone());
         let biases = (block::ACCEL_BIAS..block::ACCEL_SCALE).chain(block::GYRO_BIAS..block::GYRO_SCALE);
@@ -138,56 +137,43 @@ impl<T: Real, const STATES: usize> Suspects<T, STATES> {
             .chain((0..2).flat_map(|axis| [(Change::Slip(axis), onset), (Change::EncoderScale(axis), onset)]))
             .chain((0..6).map(|channel| (Change::Outlier(channel), stop)))
             .chain((3..6).map(|channel| (Change::Outlier(channel), turn)));
-        let suspect = |(change, segment)| Suspect {
-            change,
-            segment,
-            not_absorbed: Vector::zeros(),
-            score: T::zero(),
-            information: T::zero(),
-        };
-        Self {
-            onset,
-            before_s: T::zero(),
-            duration_s: T::zero(),
-            turned: [T::zero(); 2],
-            // As many as there is room for.
-            suspects: changes.map(suspect).take(SUSPECTS).collect(),
-        }
+        let suspect =
+            |(change, segment)| Suspect { change, segment, not_absorbed: zeros(), score: 0.0, information: 0.0 };
+        let suspects = changes.map(suspect).skip(part * SUSPECTS).take(SUSPECTS).collect();
+        let suspects = Self { onset, duration_s: 0.0, turned: [0.0; 2], suspects };
+        (!suspects.suspects.is_empty()).then_some(suspects)
     }
 
     /// Segment `number` begins. At a move, the filter has renewed its leading states, the encoder errors.
-    pub fn begin(&mut self, number: u16, segment: &Segment<T>) {
+    pub fn begin<T: Real>(&mut self, number: u16, segment: &Segment<T>) {
         if number < self.onset {
             return;
         }
-        let is_move = segment.kind == SegmentKind::Move;
-        let duration_s = segment.duration_s();
-        for (turned, increment) in self.turned.iter_mut().zip([segment.gimbals.outer, segment.gimbals.inner]) {
-            *turned += increment;
-        }
         let first = number == self.onset;
-        self.before_s = if first { T::zero() } else { self.duration_s };
+        let is_move = segment.kind == SegmentKind::Move;
+        let duration_s = segment.duration_s().widened() as f32;
+        // From the middle of the segment before to the middle of this one, or from the onset on.
+        let passed_s = (self.duration_s + duration_s) * 0.5;
         self.duration_s = duration_s;
-        let passed_s = (self.before_s + duration_s) * real(0.5);
+        for (turned, increment) in self.turned.iter_mut().zip([segment.gimbals.outer, segment.gimbals.inner]) {
+            *turned += increment.widened() as f32;
+        }
+        let turned = |axis: u8| self.turned.get(usize::from(axis)).copied();
         for suspect in &mut self.suspects {
-            let y = &mut suspect.not_absorbed;
+            let parameter = |parameter: u8| ENCODER_ERRORS + usize::from(parameter);
+            let encoder = |axis: u8| ENCODER_ERRORS / 2 + usize::from(axis);
             if is_move {
-                for state in 0..ENCODER_ERRORS / 2 {
-                    y.swap_rows(state, state + ENCODER_ERRORS / 2);
-                }
-                y.iter_mut().skip(ENCODER_ERRORS / 2).take(ENCODER_ERRORS / 2).for_each(|e| *e = T::zero());
+                suspect.renew();
             }
             let changed = match suspect.change {
-                Change::Step(parameter) if first => Some((ENCODER_ERRORS + usize::from(parameter), T::one())),
-                Change::Ramp(parameter) => Some((ENCODER_ERRORS + usize::from(parameter), passed_s)),
-                Change::Slip(axis) if is_move => Some((ENCODER_ERRORS / 2 + usize::from(axis), T::one())),
-                Change::EncoderScale(axis) if is_move => {
-                    self.turned.get(usize::from(axis)).map(|turned| (ENCODER_ERRORS / 2 + usize::from(axis), *turned))
-                }
+                Change::Step(of) if first => Some((parameter(of), 1.0)),
+                Change::Ramp(of) => Some((parameter(of), passed_s)),
+                Change::Slip(axis) if is_move => Some((encoder(axis), 1.0)),
+                Change::EncoderScale(axis) if is_move => turned(axis).map(|turned| (encoder(axis), turned)),
                 _ => None,
             };
             if let Some((state, by)) = changed
-                && let Some(state) = y.get_mut(state)
+                && let Some(state) = suspect.not_absorbed.iter_mut().nth(state)
             {
                 *state += by;
             }
@@ -195,20 +181,23 @@ impl<T: Real, const STATES: usize> Suspects<T, STATES> {
     }
 
     /// A measurement has been taken in.
-    pub fn see(&mut self, seen: &Seen<'_, T, STATES>) {
+    pub fn see<T: Real>(&mut self, seen: &Seen<'_, T, STATES>) {
         if seen.segment < self.onset {
             return;
         }
         for suspect in &mut self.suspects {
-            let direct = suspect.direct(seen, self.onset, self.duration_s);
-            let g = direct + seen.h.dot(&suspect.not_absorbed);
-            if g == T::zero() {
+            let absorbed = seen.h.iter().zip(suspect.not_absorbed.iter());
+            let through_states = absorbed.fold(0.0, |sum, (h, y)| sum + h.widened() * f64::from(*y));
+            let g = suspect.direct(seen, self.onset, self.duration_s) + through_states;
+            if g == 0.0 {
                 continue;
             }
-            let weighted = g / seen.variance;
-            suspect.score += weighted * seen.innovation;
+            let weighted = g / seen.variance.widened();
+            suspect.score += weighted * seen.innovation.widened();
             suspect.information += weighted * g;
-            suspect.not_absorbed.axpy(-weighted, seen.covariance_h, T::one());
+            for (y, covariance_h) in suspect.not_absorbed.iter_mut().zip(seen.covariance_h.iter()) {
+                *y -= (weighted * covariance_h.widened()) as f32;
+            }
         }
     }
 
@@ -220,30 +209,41 @@ impl<T: Real, const STATES: usize> Suspects<T, STATES> {
     }
 }
 
-impl<T: Real, const STATES: usize> Suspect<T, STATES> {
+impl<const STATES: usize> Suspect<STATES> {
+    /// The filter has renewed the encoder errors.
+    fn renew(&mut self) {
+        let mut moved = self.not_absorbed.iter().copied().skip(ENCODER_ERRORS / 2).take(ENCODER_ERRORS / 2);
+        let moved: [f32; ENCODER_ERRORS / 2] = core::array::from_fn(|_| moved.next().unwrap_or(0.0));
+        let renewed = moved.into_iter().chain([0.0; ENCODER_ERRORS / 2]);
+        for (y, renewed) in self.not_absorbed.iter_mut().zip(renewed) {
+            *y = renewed;
+        }
+    }
+
     fn suspicion(&self, sigmas: &[f64; PARAMETERS]) -> Suspicion {
-        let (score, information) = (self.score.widened(), self.information.widened());
-        let sigma = ComplexField::sqrt(information.max(f64::MIN_POSITIVE)).recip();
+        let sigma = ComplexField::sqrt(self.information.max(f64::MIN_POSITIVE)).recip();
         // Installation errors do not change, so what is not absorbed of them is what they are wrong by.
         let wrong = self.not_absorbed.iter().skip(ENCODER_ERRORS).take(block::ACCEL_BIAS).zip(sigmas);
         let harm = wrong.fold(0.0_f64, |harm, (wrong, parameter_sigma)| {
             let tolerance = (TOLERANCE_SIGMAS * parameter_sigma).max(TOLERANCE_RAD);
-            harm.max(wrong.widened().abs() * sigma / tolerance)
+            harm.max(f64::from(*wrong).abs() * sigma / tolerance)
         });
         let limit = (harm.max(f64::MIN_POSITIVE).recip() - RESERVE_SIGMAS).clamp(LOWEST_LIMIT, HIGHEST_LIMIT);
-        let size = score * sigma * sigma;
-        Suspicion { change: self.change, segment: self.segment, size, sigmas: score * sigma, limit }
+        let size = self.score * sigma * sigma;
+        Suspicion { change: self.change, segment: self.segment, size, sigmas: self.score * sigma, limit }
     }
 
     /// What the change does to a measurement other than through the states.
-    fn direct(&self, seen: &Seen<'_, T, STATES>, onset: u16, duration_s: T) -> T {
-        let rate = |parameter: u8| usize::from(parameter).checked_sub(block::ATTITUDE);
-        let by_rate = |parameter| rate(parameter).and_then(|axis| seen.by_attitude_rate.get(axis)).copied();
+    fn direct<T: Real>(&self, seen: &Seen<'_, T, STATES>, onset: u16, duration_s: f32) -> f64 {
+        let by_rate = |parameter: u8| {
+            let axis = usize::from(parameter).checked_sub(block::ATTITUDE);
+            axis.and_then(|axis| seen.by_attitude_rate.get(axis)).map_or(0.0, |by| by.widened())
+        };
         match self.change {
-            Change::Outlier(channel) if channel == seen.channel && self.segment == seen.segment => T::one(),
-            Change::Step(parameter) if seen.segment == onset => by_rate(parameter).unwrap_or(T::zero()) / duration_s,
-            Change::Ramp(parameter) => by_rate(parameter).unwrap_or(T::zero()),
-            _ => T::zero(),
+            Change::Outlier(channel) if channel == seen.channel && self.segment == seen.segment => 1.0,
+            Change::Step(parameter) if seen.segment == onset => by_rate(parameter) / f64::from(duration_s),
+            Change::Ramp(parameter) => by_rate(parameter),
+            _ => 0.0,
         }
     }
 }

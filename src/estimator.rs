@@ -338,7 +338,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         Solution { suspicion: self.most_significant_change(), ..solution }
     }
 
-    /// One more sweep for each segment with which a change may begin: the first stop and every move.
+    /// Two more sweeps for each segment with which a change may begin: the first stop and every move.
     fn most_significant_change(&mut self) -> Suspicion {
         let mut most = Suspicion::default();
         if self.config.method == Method::TwoStage {
@@ -350,15 +350,17 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             if is_stop && onset > 0 {
                 continue;
             }
-            let mut suspects = Suspects::new(onset as u16, is_stop);
-            self.sweep(None, Some(&mut suspects));
-            self.nominal = solved;
-            most = most.more_significant(suspects.most_significant(&sigmas(&self.filter, ENCODER_ERRORS)));
+            for part in 0.. {
+                let Some(mut suspects) = Suspects::new(onset as u16, is_stop, part) else { break };
+                self.sweep(None, Some(&mut suspects));
+                self.nominal = solved;
+                most = most.more_significant(suspects.most_significant(&sigmas(&self.filter, ENCODER_ERRORS)));
+            }
         }
         most
     }
 
-    fn sweep(&mut self, period_moves: Option<u16>, mut suspects: Option<&mut Suspects<T, STATES>>) {
+    fn sweep(&mut self, period_moves: Option<u16>, mut suspects: Option<&mut Suspects<STATES>>) {
         // A change under test may be large, and shall be seen.
         let gate_sigma = self.config.gate_sigma.filter(|_| suspects.is_none());
         restart_at_prior(&mut self.filter, &self.config, gate_sigma);
@@ -410,7 +412,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         number: usize,
         segment: &Segment<T>,
         usage: Use,
-        mut suspects: Option<&mut Suspects<T, STATES>>,
+        mut suspects: Option<&mut Suspects<STATES>>,
     ) -> bool {
         if segment.kind == SegmentKind::Move {
             let sigma: T = real(self.config.noise.encoder_sigma_rad);
@@ -492,7 +494,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         variance: T,
         usage: Use,
         (segment, first_channel): (usize, u8),
-        mut suspects: Option<&mut Suspects<T, STATES>>,
+        mut suspects: Option<&mut Suspects<STATES>>,
     ) {
         let residual = measured - prediction.value;
         let rounding = measured.norm() * real(ROUNDING_EPSILONS * T::EPSILON);
