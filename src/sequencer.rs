@@ -10,10 +10,12 @@
 //!                  +----(next leg)------+                         rejected|
 //!                                                                        v
 //!  any state before Store --(abort)------------------> Stopping --> Parking --> Parked
+//!                                                                     |
+//!                                                                     +--(fails)--> Stranded
 //! ```
 //! Time is an argument, in microseconds. Leg 0 is the way to the scheme's start at (0, 0) and the first stop there; leg
 //! k > 0 is the scheme's k-th move and the stop after it. A rejected or aborted run parks the gimbals at (0, 0) and
-//! leaves the stored calibration as it was.
+//! leaves the stored calibration as it was. Where they cannot be parked, the gimbals stand where they came to rest.
 
 use crate::scheme::{Leg, Scheme};
 use core::fmt;
@@ -45,17 +47,30 @@ pub enum AbortReason {
     InnerFollowing,
     /// Samples were missing or unusable for too long.
     SampleLoss,
+    /// The drive of the outer axis did not take commands.
+    OuterDrive,
+    /// The drive of the inner axis did not take commands.
+    InnerDrive,
+}
+
+impl AbortReason {
+    /// Whether something failed, rather than somebody asked.
+    fn is_fault(self) -> bool {
+        self != Self::Commanded
+    }
 }
 
 impl fmt::Display for AbortReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Commanded => write!(f, "given up on command, or a drive did not answer"),
+            Self::Commanded => write!(f, "given up on command"),
             Self::NotStill => write!(f, "the base was not still for 1 s within 60 s of power-up"),
             Self::TurnTimeout(leg) => write!(f, "leg {leg}: the axes did not arrive in time"),
             Self::OuterFollowing => write!(f, "the outer axis did not follow its profile"),
             Self::InnerFollowing => write!(f, "the inner axis did not follow its profile"),
-            Self::SampleLoss => write!(f, "no usable samples for 1 s"),
+            Self::SampleLoss => write!(f, "no usable samples for 1 s, or for 0.1 s while the axes turned"),
+            Self::OuterDrive => write!(f, "the drive of the outer axis does not take commands"),
+            Self::InnerDrive => write!(f, "the drive of the inner axis does not take commands"),
         }
     }
 }
@@ -87,6 +102,15 @@ pub enum State {
     Parking,
     /// Standing at (0, 0), not calibrated by this run.
     Parked,
+    /// Standing wherever the axes came to rest, since parking failed.
+    Stranded,
+}
+
+impl State {
+    /// Whether the axes are on their way, or coming to rest.
+    pub fn is_turning(self) -> bool {
+        matches!(self, Self::Turn(_) | Self::Stopping | Self::Parking)
+    }
 }
 
 /// What the sequencer must be told at each step.
@@ -98,6 +122,8 @@ pub struct Input {
     pub still: bool,
     /// Both axes have arrived where they were sent.
     pub arrived: bool,
+    /// Nominal duration of the move under way, us.
+    pub move_us: u64,
     /// The stop under way was not at rest.
     pub disturbed: bool,
     /// Something happened that ends the run.
@@ -175,10 +201,13 @@ impl Sequencer {
 
     /// One step; at most one edge is taken.
     pub fn step(&mut self, input: &Input) -> Command {
-        if let Some(reason) = input.abort
-            && self.can_abort()
-        {
-            return self.give_up(input, Some(reason));
+        // Where the clock went back, the time in this state begins anew.
+        self.since_us = self.since_us.min(input.now_us);
+        if let Some(reason) = input.abort {
+            let command = self.abort(input.now_us, reason);
+            if command != Command::Continue {
+                return command;
+            }
         }
         match self.state {
             State::PowerUp => self.power_up(input),
@@ -196,10 +225,30 @@ impl Sequencer {
             State::Stopping if self.elapsed_us(input) >= STOP_US => {
                 self.enter(input, State::Parking, Command::MoveTo { outer_rad: 0.0, inner_rad: 0.0 })
             }
-            State::Parking if input.arrived || self.elapsed_us(input) > self.turn_us(0) + TURN_TIMEOUT_US => {
-                self.enter(input, State::Parked, Command::Hold)
+            State::Parking if self.is_overdue(input) => self.enter(input, State::Stranded, Command::Hold),
+            State::Parking if input.arrived => self.enter(input, State::Parked, Command::Hold),
+            State::Store | State::Correcting | State::Stopping | State::Parking | State::Parked | State::Stranded => {
+                Command::Continue
             }
-            State::Store | State::Correcting | State::Stopping | State::Parking | State::Parked => Command::Continue,
+        }
+    }
+
+    /// Ends the run for a reason, if it is under way, or its parking, if something failed. Without usable samples this is
+    /// all that can be done.
+    pub fn abort(&mut self, now_us: u64, reason: AbortReason) -> Command {
+        let input = Input { now_us, ..Input::default() };
+        match self.state {
+            State::PowerUp
+            | State::AwaitStill
+            | State::Turn(_)
+            | State::Settle(_)
+            | State::Dwell(_)
+            | State::Compute
+            | State::Verdict => self.give_up(&input, Some(reason)),
+            State::Parking if reason.is_fault() => self.enter(&input, State::Stranded, Command::Hold),
+            State::Store | State::Correcting | State::Stopping | State::Parking | State::Parked | State::Stranded => {
+                Command::Continue
+            }
         }
     }
 
@@ -211,10 +260,6 @@ impl Sequencer {
 
     fn elapsed_us(&self, input: &Input) -> u64 {
         input.now_us.saturating_sub(self.since_us)
-    }
-
-    fn can_abort(&self) -> bool {
-        !matches!(self.state, State::Store | State::Correcting | State::Stopping | State::Parking | State::Parked)
     }
 
     fn give_up(&mut self, input: &Input, reason: Option<AbortReason>) -> Command {
@@ -247,7 +292,7 @@ impl Sequencer {
     }
 
     fn turn(&mut self, input: &Input, leg: u16) -> Command {
-        if self.elapsed_us(input) > self.turn_us(leg) + TURN_TIMEOUT_US {
+        if self.is_overdue(input) {
             self.give_up(input, Some(AbortReason::TurnTimeout(leg)))
         } else if input.arrived {
             self.enter(input, State::Settle(leg), Command::Continue)
@@ -289,13 +334,9 @@ impl Sequencer {
         usize::from(leg).checked_sub(1).and_then(|index| self.scheme.leg(index)).unwrap_or(start)
     }
 
-    /// Nominal duration of a leg's move; the way to the start may be a whole turn.
-    fn turn_us(&self, leg: u16) -> u64 {
-        let to = self.leg(leg);
-        let from = if leg > 0 { self.leg(leg - 1) } else { Leg { outer_rad: core::f64::consts::TAU, ..to } };
-        let outer_s = self.scheme.move_s(to.outer_rad - from.outer_rad);
-        let inner_s = self.scheme.move_s(to.inner_rad - from.inner_rad);
-        (outer_s.max(inner_s) * 1e6) as u64
+    /// Whether the move under way should long have ended.
+    fn is_overdue(&self, input: &Input) -> bool {
+        self.elapsed_us(input) > input.move_us + TURN_TIMEOUT_US
     }
 }
 
@@ -321,6 +362,7 @@ mod tests {
             now_us,
             still: true,
             arrived: true,
+            move_us: 5_500_000,
             disturbed: false,
             abort: None,
             accepted: (state == State::Verdict).then_some(true),
@@ -359,28 +401,84 @@ mod tests {
         assert!(!trace.iter().any(|(_, command)| matches!(command, Command::Save | Command::Correct)));
     }
 
+    /// Every state: those that a run can be aborted from, and the others.
+    const ABORTABLE: [State; 9] = [
+        State::PowerUp,
+        State::AwaitStill,
+        State::Turn(0),
+        State::Turn(18),
+        State::Settle(7),
+        State::Dwell(0),
+        State::Dwell(18),
+        State::Compute,
+        State::Verdict,
+    ];
+    const LATE: [State; 6] =
+        [State::Store, State::Correcting, State::Stopping, State::Parking, State::Parked, State::Stranded];
+
+    /// Tells the sequencer of an abort whenever it is in one state.
+    fn aborted_in(aborted: State, reason: AbortReason) -> (Sequencer, Vec<(State, Command)>) {
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+        let trace = run(&mut sequencer, |now_us, state| Input {
+            abort: (state == aborted).then_some(reason),
+            ..cooperative(now_us, state)
+        });
+        (sequencer, trace)
+    }
+
     #[test]
     fn abort_from_every_state_before_storing_parks_the_gimbals() {
-        let mut reached = Vec::new();
-        for abort_at in (0..320_000_000_u64).step_by(997_000) {
-            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
-            let mut aborted_from = None;
-            let trace = run(&mut sequencer, |now_us, state| {
-                let abort = (now_us / 5000 == abort_at / 5000).then_some(AbortReason::Commanded);
-                aborted_from = aborted_from.or(abort.map(|_| state));
-                Input { abort, ..cooperative(now_us, state) }
-            });
-            let from = aborted_from.expect("within the hour");
-            if matches!(from, State::Store | State::Correcting) {
-                continue;
+        for state in ABORTABLE {
+            for reason in [AbortReason::Commanded, AbortReason::SampleLoss] {
+                let (sequencer, trace) = aborted_in(state, reason);
+                assert_eq!(sequencer.state(), State::Parked, "from {state:?}");
+                let end = [
+                    (State::Stopping, Command::GiveUp(Some(reason))),
+                    (State::Parking, Command::MoveTo { outer_rad: 0.0, inner_rad: 0.0 }),
+                    (State::Parked, Command::Hold),
+                ];
+                assert_eq!(trace[trace.len() - 3..], end, "from {state:?}");
             }
-            reached.push(core::mem::discriminant(&from));
-            assert_eq!(sequencer.state(), State::Parked, "from {from:?}");
-            let last = trace.iter().rev().find(|(_, command)| matches!(command, Command::MoveTo { .. }));
-            assert_eq!(last.map(|(_, c)| *c), Some(Command::MoveTo { outer_rad: 0.0, inner_rad: 0.0 }));
         }
-        reached.dedup();
-        assert!(reached.len() > 3);
+    }
+
+    #[test]
+    fn an_abort_from_storing_on_changes_nothing() {
+        for state in LATE {
+            let (sequencer, trace) = aborted_in(state, AbortReason::SampleLoss);
+            assert_eq!(sequencer.state(), State::Correcting, "in {state:?}");
+            assert!(!trace.iter().any(|(_, command)| matches!(command, Command::GiveUp(_))));
+        }
+    }
+
+    #[test]
+    fn gimbals_that_cannot_be_parked_are_left_where_they_stand() {
+        let rejected = |now_us, state| Input { accepted: Some(false), ..cooperative(now_us, state) };
+        let faulty = |now_us, state: State| Input {
+            abort: (state == State::Parking).then_some(AbortReason::InnerFollowing),
+            ..rejected(now_us, state)
+        };
+        let slow = |now_us, state: State| Input { arrived: state != State::Parking, ..rejected(now_us, state) };
+        let asked = |now_us, state: State| Input {
+            abort: (state == State::Parking).then_some(AbortReason::Commanded),
+            ..rejected(now_us, state)
+        };
+        let sequencer = || Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+        let end = |trace: Vec<(State, Command)>| trace.last().copied();
+        assert_eq!(end(run(&mut sequencer(), faulty)), Some((State::Stranded, Command::Hold)));
+        assert_eq!(end(run(&mut sequencer(), slow)), Some((State::Stranded, Command::Hold)));
+        assert_eq!(end(run(&mut sequencer(), asked)), Some((State::Parked, Command::Hold)));
+    }
+
+    #[test]
+    fn a_clock_that_goes_back_does_not_hold_the_run_up() {
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+        let jump_us = 100_000_000;
+        let trace = run(&mut sequencer, |now_us, state| {
+            let now_us = if now_us < jump_us { now_us } else { now_us - jump_us };
+            Input { abort: (now_us == 0).then_some(AbortReason::SampleLoss), ..cooperative(now_us, state) }
+        });
+        assert_eq!(trace.last(), Some(&(State::Parked, Command::Hold)));
     }
 
     #[test]

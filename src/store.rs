@@ -289,22 +289,26 @@ mod tests {
     use super::*;
     use embedded_storage::ReadStorage;
 
-    /// Memory that loses power after a number of written bytes.
+    /// Memory that loses power after a number of written bytes, and cannot be read from an address on.
     #[derive(Clone)]
     struct Memory {
         bytes: Vec<u8>,
         writable: usize,
+        readable: usize,
     }
 
     impl Memory {
         fn blank() -> Self {
-            Self { bytes: vec![0xff; SLOTS * SLOT_BYTES], writable: usize::MAX }
+            Self { bytes: vec![0xff; SLOTS * SLOT_BYTES], writable: usize::MAX, readable: usize::MAX }
         }
     }
 
     impl ReadStorage for Memory {
         type Error = &'static str;
         fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
+            if offset as usize + bytes.len() > self.readable {
+                return Err("no answer");
+            }
             bytes.copy_from_slice(&self.bytes[offset as usize..][..bytes.len()]);
             Ok(())
         }
@@ -420,6 +424,36 @@ mod tests {
         }
     }
 
+    /// A cut in the middle of programming leaves a page that is neither old nor new.
+    #[test]
+    fn a_page_left_half_programmed_keeps_the_record_before() {
+        const PAGE_BYTES: usize = 32;
+        for page in 0..used() / PAGE_BYTES {
+            let cut = page * PAGE_BYTES;
+            let mut store = CalibrationStore::new(Memory { writable: cut, ..saved(0..2).release() });
+            assert!(store.save(&record(2)).is_err());
+            let mut memory = Memory { writable: usize::MAX, ..store.release() };
+            let torn = (0..PAGE_BYTES).map(|byte| 0x5a ^ (byte as u8).wrapping_mul(37));
+            memory.bytes[cut..][..PAGE_BYTES].iter_mut().zip(torn).for_each(|(byte, torn)| *byte = torn);
+            let mut store = CalibrationStore::new(memory);
+            assert!(matches!(store.load(), Ok(Loaded::Found { record: kept, .. }) if kept == record(1)), "page {page}");
+            store.save(&record(2)).unwrap();
+            assert_eq!(store.load(), Ok(found(2)));
+        }
+    }
+
+    #[test]
+    fn memory_that_does_not_answer_is_a_fault_and_is_not_written() {
+        for readable in [0, 100, SLOT_BYTES, SLOT_BYTES + 100] {
+            let memory = Memory { readable, ..saved(0..2).release() };
+            let before = memory.bytes.clone();
+            let mut store = CalibrationStore::new(memory);
+            assert_eq!(store.load(), Err(StoreError::Memory("no answer")));
+            assert_eq!(store.save(&record(2)), Err(StoreError::Memory("no answer")));
+            assert_eq!(store.release().bytes, before);
+        }
+    }
+
     #[test]
     fn the_sequence_number_wraps() {
         let mut memory = Memory::blank();
@@ -433,7 +467,7 @@ mod tests {
 
     #[test]
     fn a_small_memory_is_refused() {
-        let mut store = CalibrationStore::new(Memory { bytes: vec![0xff; 512], writable: 0 });
+        let mut store = CalibrationStore::new(Memory { bytes: vec![0xff; 512], ..Memory::blank() });
         assert_eq!(store.load(), Err(StoreError::Capacity(512)));
         assert_eq!(store.save(&record(0)), Err(StoreError::Capacity(512)));
     }

@@ -24,6 +24,8 @@ pub enum Message {
         found: bool,
         /// A slot is damaged.
         damaged: bool,
+        /// The memory does not answer, or is too small.
+        fault: bool,
     },
     /// The configuration is refused.
     Refused(ConfigError),

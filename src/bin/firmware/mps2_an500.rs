@@ -18,7 +18,8 @@ use core::panic::PanicInfo;
 use core::ptr;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use cortex_m::interrupt::InterruptNumber;
-use cortex_m::peripheral::{NVIC, SCB};
+use cortex_m::peripheral::syst::SystClkSource;
+use cortex_m::peripheral::{NVIC, SCB, SYST};
 use cortex_m_semihosting::{debug, nr, syscall};
 use critical_section::Mutex;
 use eeprom24x::{Eeprom24x, SlaveAddr, addr_size, page_size, unique_serial};
@@ -543,7 +544,7 @@ impl Board {
     }
 
     fn new() -> Option<Self> {
-        let core = cortex_m::Peripherals::take()?;
+        let mut core = cortex_m::Peripherals::take()?;
         guard_stack(&core.MPU);
         CLOCK_TIMER.reload().write(u32::MAX);
         CLOCK_TIMER.control().write(Timer::ENABLE);
@@ -560,6 +561,7 @@ impl Board {
             ACQUISITION.borrow(cs).try_borrow_mut().ok().map(|mut place| *place = Some(acquisition))
         })?;
         start_edges();
+        start_waking(&mut core.SYST);
         Some(Self {
             samples,
             drives: [RateDrive::new(spi(Chip::OuterDrive)), RateDrive::new(spi(Chip::InnerDrive))],
@@ -574,7 +576,12 @@ impl Board {
         POWERED.load(Ordering::Relaxed)
     }
 
-    /// Sleeps until there is something to do.
+    /// Time since power-up, us.
+    pub fn now_us(&self) -> u64 {
+        ticks() / u64::from(TICKS_PER_S / 1_000_000)
+    }
+
+    /// Sleeps until there is something to do, a tenth of a second at most.
     pub fn wait(&mut self) {
         // An interrupt between look and sleep stays pending and ends the sleep.
         critical_section::with(|_| {
@@ -612,6 +619,19 @@ impl Board {
         }
         exit(status)
     }
+}
+
+/// Wakes the main loop where no data-ready edge does.
+#[cortex_m_rt::exception]
+fn SysTick() {}
+
+/// Lets [`SysTick`] come ten times a second.
+fn start_waking(systick: &mut SYST) {
+    systick.set_clock_source(SystClkSource::Core);
+    systick.set_reload(TICKS_PER_S / 10 - 1);
+    systick.clear_current();
+    systick.enable_interrupt();
+    systick.enable_counter();
 }
 
 fn start_edges() {
