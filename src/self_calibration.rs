@@ -268,6 +268,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             arrived: self.axes.iter().all(|axis| axis.has_arrived(now_us)),
             disturbed: self.is_disturbed(),
             abort,
+            solved: self.solution.is_some(),
             accepted: self.accepted,
             saved: self.saved,
         }
@@ -318,9 +319,10 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         false
     }
 
+    /// One piece of it: the next samples do not wait for the whole.
     fn solve(&mut self, report: &mut impl FnMut(&Message)) {
         self.measuring = false;
-        self.solution = Some(self.calibrator.conclude(report));
+        self.solution = self.calibrator.conclude_piece(report);
     }
 
     fn judge(&mut self, report: &mut impl FnMut(&Message)) {
