@@ -90,19 +90,28 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
         self.segmenter.finish().and_then(|segment| self.add(&segment))
     }
 
-    /// Closes the last stop, at the end of the samples, processes all segments until the estimate stands, and reports
-    /// solution and covariance.
-    pub fn conclude(&mut self, report: &mut impl FnMut(&Message)) -> Solution {
+    /// One bounded piece of what is to be done at the end of the samples: closes the last stop, processes all segments
+    /// until the estimate stands, and reports solution and covariance. Returns the solution when done.
+    pub fn conclude_piece(&mut self, report: &mut impl FnMut(&Message)) -> Option<Solution> {
         if let Some(progress) = self.finish() {
             report(&Message::Segment(progress));
         }
-        let solution = self.estimator.solve();
+        let solution = self.estimator.solve_piece()?;
         report(&Message::Solved { solution, counts: self.counts() });
         for row in 0..PARAMETERS {
             let values = self.estimator.covariance_row(row).map(Real::widened).data.0[0];
             report(&Message::Covariance { row: row as u8, values });
         }
-        solution
+        Some(solution)
+    }
+
+    /// All pieces in one go, where no sample is waiting.
+    pub fn conclude(&mut self, report: &mut impl FnMut(&Message)) -> Solution {
+        loop {
+            if let Some(solution) = self.conclude_piece(report) {
+                return solution;
+            }
+        }
     }
 
     /// Judges a solution of this run's segments.

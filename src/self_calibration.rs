@@ -345,6 +345,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             move_us: self.axes.iter().map(Axis::move_us).max().unwrap_or(0),
             disturbed: self.is_disturbed(),
             abort,
+            solved: self.solution.is_some(),
             accepted: self.accepted,
             saved: self.saved,
         }
@@ -417,9 +418,10 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         false
     }
 
+    /// One piece of it: the next samples do not wait for the whole.
     fn solve(&mut self, report: &mut impl FnMut(&Message)) {
         self.measuring = false;
-        self.solution = Some(self.calibrator.conclude(report));
+        self.solution = self.calibrator.conclude_piece(report);
     }
 
     fn judge(&mut self, report: &mut impl FnMut(&Message)) {

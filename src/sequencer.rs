@@ -88,7 +88,7 @@ pub enum State {
     Settle(u16),
     /// Standing, measuring.
     Dwell(u16),
-    /// All segments are being processed.
+    /// All segments are being processed, piece by piece.
     Compute,
     /// The result is being judged.
     Verdict,
@@ -128,6 +128,8 @@ pub struct Input {
     pub disturbed: bool,
     /// Something happened that ends the run.
     pub abort: Option<AbortReason>,
+    /// Answer to `Solve`: all is done.
+    pub solved: bool,
     /// Answer to `Judge`: whether the result is accepted.
     pub accepted: Option<bool>,
     /// Answer to `Save`: writing has ended, well or not.
@@ -153,7 +155,7 @@ pub enum Command {
     Measure,
     /// Forget the stop so far and measure it again: it was disturbed.
     RepeatStop,
-    /// Close the last stop and process all segments.
+    /// Close the last stop and process all segments, one bounded piece at each of these commands.
     Solve,
     /// Judge the solution.
     Judge,
@@ -215,7 +217,8 @@ impl Sequencer {
             State::Turn(leg) => self.turn(input, leg),
             State::Settle(leg) => self.settle(input, leg),
             State::Dwell(leg) => self.dwell(input, leg),
-            State::Compute => self.enter(input, State::Verdict, Command::Judge),
+            State::Compute if input.solved => self.enter(input, State::Verdict, Command::Judge),
+            State::Compute => Command::Solve,
             State::Verdict => match input.accepted {
                 Some(true) => self.enter(input, State::Store, Command::Save),
                 Some(false) => self.give_up(input, None),
@@ -365,6 +368,7 @@ mod tests {
             move_us: 5_500_000,
             disturbed: false,
             abort: None,
+            solved: state == State::Compute,
             accepted: (state == State::Verdict).then_some(true),
             saved: state == State::Store,
         }
@@ -479,6 +483,23 @@ mod tests {
             Input { abort: (now_us == 0).then_some(AbortReason::SampleLoss), ..cooperative(now_us, state) }
         });
         assert_eq!(trace.last(), Some(&(State::Parked, Command::Hold)));
+    }
+
+    #[test]
+    fn computing_goes_on_until_it_is_done_and_can_be_aborted() {
+        for abort_at in [None, Some(7)] {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+            let mut computing = 0;
+            let trace = run(&mut sequencer, |now_us, state| {
+                computing += u32::from(state == State::Compute);
+                let abort = (Some(computing) == abort_at).then_some(AbortReason::Commanded);
+                Input { abort, solved: computing >= 10, ..cooperative(now_us, state) }
+            });
+            let solved = trace.iter().filter(|(_, command)| *command == Command::Solve).count();
+            assert_eq!(solved, if abort_at.is_some() { 7 } else { 10 }, "one on entering, one while it is not done");
+            let end = if abort_at.is_some() { State::Parked } else { State::Correcting };
+            assert_eq!(sequencer.state(), end);
+        }
     }
 
     #[test]
