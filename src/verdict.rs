@@ -3,15 +3,17 @@
 //! Bounds follow from the distribution of each number under white noise of the configured size, at probabilities that
 //! together reject fewer than one good calibration in a thousand.
 
-use crate::constancy::{Change, Suspicion};
-use crate::error_model::{PARAMETER_INFO, PARAMETERS, ParameterInfo, block};
+mod reason;
+
+pub use reason::{CHANNEL_NAMES, Reason, Unrest};
+
+use crate::error_model::{PARAMETERS, block};
 use crate::estimator::{Estimate, Noise, Solution};
 use crate::intake::IntakeCounts;
 use crate::linear::{ComplexField, Real};
 use crate::segment::{CHANNELS, Segment, SegmentKind};
-use crate::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM};
-use crate::wiring::{Wiring, mistake};
-use core::fmt;
+use crate::units::{DEG, DEG_H, MICRO_G, PPM};
+use crate::wiring::mistake;
 use core::ops::Range;
 use serde::{Deserialize, Serialize};
 
@@ -41,11 +43,6 @@ const OBSERVED_RATIO: f64 = 0.1;
 const CHANGE_LIMIT: f64 = 6.0;
 /// Reasons that fit; more are counted.
 const MAX_REASONS: usize = 12;
-
-const HOUR_S: f64 = 3600.0;
-
-/// Names of the channels as reasons give them.
-pub const CHANNEL_NAMES: [&str; CHANNELS] = ["accel x", "accel y", "accel z", "gyro x", "gyro y", "gyro z"];
 
 /// What a result must fulfil beyond statistics.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -82,61 +79,6 @@ impl Default for VerdictLimits {
             accept_change: false,
         }
     }
-}
-
-/// Why a stop does not look like an instrument at rest.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Unrest {
-    /// The variance of its block means is this many times that of white noise.
-    Variance(f32),
-    /// Its block means drift by this many sigmas.
-    Trend(f32),
-    /// The channel does not change.
-    Stuck,
-}
-
-/// One doubt. Parameters are given by index, segments counted from 0, channels as in [`CHANNEL_NAMES`].
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the text of a variant says what its fields are")]
-pub enum Reason {
-    /// There are too few segments to determine anything.
-    TooFewSegments(u16),
-    /// The estimate does not stand after this many sweeps.
-    NotConverged(u8),
-    /// A parameter or its sigma is not finite.
-    NotFinite { parameter: u8 },
-    /// A parameter is not observed: its sigma is this part of the prior.
-    Unobserved { parameter: u8, of_prior: f64 },
-    /// A sigma, SI, exceeds the required one.
-    Sigma { parameter: u8, sigma: f64, required: f64 },
-    /// A parameter, SI, is outside its plausible range.
-    Implausible { parameter: u8, value: f64, limit: f64 },
-    /// The residual chi-square is outside its bounds.
-    ChiSquare { chi_square: f64, degrees_of_freedom: u32, low: f64, high: f64 },
-    /// One measurement disagrees with all others.
-    Innovation { segment: u16, channel: u8, normalized: f64 },
-    /// A stop was not at rest.
-    Unrest { segment: u16, channel: u8, unrest: Unrest },
-    /// The noise of a channel, over all stops from a segment on, is this many times the configured one.
-    Noise { segment: u16, channel: u8, ratio: f64 },
-    /// A channel drifts during the stops: its trends are this many times those of white noise.
-    Trends { channel: u8, ratio: f64 },
-    /// A channel does not change over this many samples.
-    Held { segment: u16, channel: u8, samples: u16 },
-    /// This many samples of a segment repeat the one before.
-    Stale { segment: u16, samples: u16 },
-    /// Too many samples are missing, of so many.
-    Missing { missing: u32, of: u64 },
-    /// What should be constant changed.
-    Changing(Suspicion),
-    /// A channel or an encoder is not what it claims to be.
-    Wiring(Wiring),
-    /// Samples are missing in a segment for too long, us.
-    Gap { segment: u16, longest_us: u64 },
-    /// More segments than fit were left out.
-    LeftOut(u16),
-    /// Differs from the stored calibration by this many combined sigmas.
-    Changed { parameter: u8, sigmas: f64 },
 }
 
 /// Accepted, or rejected with reasons.
@@ -411,137 +353,18 @@ fn chi_square_quantile(degrees_of_freedom: u32, z: f64) -> f64 {
     n * root * root * root
 }
 
-fn info(parameter: u8) -> ParameterInfo {
-    const UNKNOWN: ParameterInfo = ParameterInfo { name: "?", unit: "", unit_si: 1.0 };
-    PARAMETER_INFO.get(usize::from(parameter)).copied().unwrap_or(UNKNOWN)
-}
-
-/// As [`info`], with the attitude's small changes in arcsec.
-fn change_info(parameter: u8) -> ParameterInfo {
-    let info = info(parameter);
-    if usize::from(parameter) < block::ATTITUDE {
-        info
-    } else {
-        ParameterInfo { unit: "arcsec", unit_si: ARCSEC, ..info }
-    }
-}
-
-fn channel_name(channel: u8) -> &'static str {
-    CHANNEL_NAMES.get(usize::from(channel)).copied().unwrap_or("?")
-}
-
-fn encoder_name(axis: u8) -> &'static str {
-    if axis == 0 { "outer encoder" } else { "inner encoder" }
-}
-
-fn write_suspicion(f: &mut fmt::Formatter<'_>, suspicion: &Suspicion) -> fmt::Result {
-    let Suspicion { change, segment, size, sigmas, limit } = *suspicion;
-    match change {
-        Change::Step(parameter) => {
-            let ParameterInfo { name, unit, unit_si } = change_info(parameter);
-            write!(f, "from segment {segment} on, {name} differs by {:.3} {unit}", size / unit_si)
-        }
-        Change::Ramp(parameter) => {
-            let ParameterInfo { name, unit, unit_si } = change_info(parameter);
-            write!(f, "from segment {segment} on, {name} drifts by {:.1} {unit} an hour", size * HOUR_S / unit_si)
-        }
-        Change::Slip(axis) => {
-            write!(f, "segment {segment}, {}: slip of {:.2} arcsec", encoder_name(axis), size / ARCSEC)
-        }
-        Change::EncoderScale(axis) => {
-            write!(f, "from segment {segment} on, {}: scale error of {:.2} ppm", encoder_name(axis), size / PPM)
-        }
-        Change::Outlier(channel) => {
-            let (size, unit) = if channel < 3 { (size / MICRO_G, "ug") } else { (size / ARCSEC, "arcsec") };
-            write!(f, "segment {segment}, {}: off by {size:.2} {unit}", channel_name(channel))
-        }
-    }?;
-    write!(f, ", {sigmas:.1} sigma, limit {limit:.1}")
-}
-
-fn write_wiring(f: &mut fmt::Formatter<'_>, wiring: Wiring) -> fmt::Result {
-    match wiring {
-        Wiring::Reversed(channel) => write!(f, "the sign of {} is wrong", channel_name(channel)),
-        Wiring::Swapped(channel) => {
-            let next = channel / 3 * 3 + (channel + 1) % 3;
-            write!(f, "{} and {} are swapped", channel_name(channel), channel_name(next))
-        }
-        Wiring::EncoderReversed(axis) => write!(f, "the sign of the {} is wrong", encoder_name(axis)),
-        Wiring::EncodersSwapped => write!(f, "the encoders are swapped, or an axis is wired wrongly"),
-    }
-}
-
-impl fmt::Display for Reason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self::TooFewSegments(count) => write!(f, "only {count} segments: no stop, move and stop to calibrate from"),
-            Self::NotConverged(sweeps) => write!(f, "the estimate does not stand after {sweeps} sweeps"),
-            Self::NotFinite { parameter } => write!(f, "{} is not finite", info(parameter).name),
-            Self::Unobserved { parameter, of_prior } => {
-                write!(f, "{} is not observed: its sigma is still {of_prior:.2} of the prior's", info(parameter).name)
-            }
-            Self::Sigma { parameter, sigma, required } => {
-                let info = info(parameter);
-                let (sigma, required) = (sigma / info.unit_si, required / info.unit_si);
-                write!(f, "sigma of {} is {sigma:.3} {}, required {required:.3}", info.name, info.unit)
-            }
-            Self::Implausible { parameter, value, limit } => {
-                let info = info(parameter);
-                let (value, limit) = (value / info.unit_si, limit / info.unit_si);
-                write!(f, "{} is {value:.1} {}, plausible up to {limit:.1}", info.name, info.unit)
-            }
-            Self::ChiSquare { chi_square, degrees_of_freedom, low, high } => write!(
-                f,
-                "chi-square {chi_square:.1} with {degrees_of_freedom} degrees of freedom is outside {low:.1} to {high:.1}"
-            ),
-            Self::Innovation { segment, channel, normalized } => {
-                write!(f, "segment {segment}, {}: innovation of {normalized:.1} sigma", channel_name(channel))
-            }
-            Self::Unrest { segment, channel, unrest } => {
-                write!(f, "segment {segment}, {}: ", channel_name(channel))?;
-                match unrest {
-                    Unrest::Variance(ratio) => write!(f, "variance {ratio:.1} times that of the configured noise"),
-                    Unrest::Trend(sigmas) => write!(f, "drift of {sigmas:.1} sigma during the stop"),
-                    Unrest::Stuck => write!(f, "the channel does not change"),
-                }
-            }
-            Self::Noise { segment, channel, ratio } => write!(
-                f,
-                "{} from segment {segment} on: {ratio:.2} times the variance of the configured noise",
-                channel_name(channel)
-            ),
-            Self::Trends { channel, ratio } => {
-                write!(f, "{}: drift during the stops, {ratio:.1} times that of white noise", channel_name(channel))
-            }
-            Self::Held { segment, channel, samples } => {
-                write!(f, "segment {segment}, {}: does not change over {samples} samples", channel_name(channel))
-            }
-            Self::Stale { segment, samples } => {
-                write!(f, "segment {segment}: {samples} samples repeat the one before")
-            }
-            Self::Missing { missing, of } => write!(f, "{missing} of {of} samples are missing"),
-            Self::Changing(suspicion) => write_suspicion(f, &suspicion),
-            Self::Wiring(wiring) => write_wiring(f, wiring),
-            Self::Gap { segment, longest_us } => {
-                write!(f, "segment {segment}: no samples for {} ms", longest_us / 1000)
-            }
-            Self::LeftOut(count) => write!(f, "{count} segments did not fit and were left out"),
-            Self::Changed { parameter, sigmas } => {
-                write!(f, "{} differs from the stored calibration by {sigmas:.1} combined sigma", info(parameter).name)
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::angle::Angle;
+    use crate::constancy::{Change, Suspicion};
     use crate::error_model::InstrumentErrors;
     use crate::estimator::{Fit, LargestInnovation};
     use crate::linear::Vector3;
     use crate::options::OptionalEstimate;
     use crate::segment::{GimbalSums, Held, Scatter};
+    use crate::units::ARCSEC;
+    use crate::wiring::Wiring;
     use std::string::ToString;
     use std::vec::Vec;
 
