@@ -1,5 +1,6 @@
 //! Doubts about a result, and their texts.
 
+use super::scale::WrongScale;
 use crate::constancy::{Change, Suspicion};
 use crate::error_model::{PARAMETER_INFO, ParameterInfo, block};
 use crate::segment::CHANNELS;
@@ -24,16 +25,33 @@ pub enum Unrest {
     Stuck,
 }
 
+/// One channel, or a triad of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Sensors {
+    /// One, as in [`CHANNEL_NAMES`].
+    Channel(u8),
+    /// All three.
+    Accelerometers,
+    /// All three.
+    Gyros,
+}
+
 /// One doubt. Parameters are given by index, segments counted from 0, channels as in [`CHANNEL_NAMES`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[expect(missing_docs, reason = "the text of a variant says what its fields are")]
 pub enum Reason {
+    /// Samples are not in the units they should be in.
+    Scale(WrongScale),
+    /// The noise at most stops is far from the configured one: this many times as large.
+    NoiseLevel { sensors: Sensors, ratio: f64 },
     /// There are too few segments to determine anything.
     TooFewSegments(u16),
     /// The estimate does not stand after this many sweeps.
     NotConverged(u8),
     /// A parameter or its sigma is not finite.
     NotFinite { parameter: u8 },
+    /// So many measurements were refused by the filter, because they are not finite.
+    Refused(u32),
     /// A parameter is not observed: its sigma is this part of the prior.
     Unobserved { parameter: u8, of_prior: f64 },
     /// A sigma, SI, exceeds the required one.
@@ -68,6 +86,16 @@ pub enum Reason {
     Changed { parameter: u8, sigmas: f64 },
 }
 
+/// A number with so many decimals, or in scientific notation where it is huge.
+struct Fixed(f64, usize);
+
+impl fmt::Display for Fixed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self(value, decimals) = *self;
+        if value.abs() < 1e6 { write!(f, "{value:.decimals$}") } else { write!(f, "{value:.3e}") }
+    }
+}
+
 fn info(parameter: u8) -> ParameterInfo {
     const UNKNOWN: ParameterInfo = ParameterInfo { name: "?", unit: "", unit_si: 1.0 };
     PARAMETER_INFO.get(usize::from(parameter)).copied().unwrap_or(UNKNOWN)
@@ -87,6 +115,14 @@ fn channel_name(channel: u8) -> &'static str {
     CHANNEL_NAMES.get(usize::from(channel)).copied().unwrap_or("?")
 }
 
+fn sensors_name(sensors: Sensors) -> &'static str {
+    match sensors {
+        Sensors::Channel(channel) => channel_name(channel),
+        Sensors::Accelerometers => "accelerometers",
+        Sensors::Gyros => "gyros",
+    }
+}
+
 fn encoder_name(axis: u8) -> &'static str {
     if axis == 0 { "outer encoder" } else { "inner encoder" }
 }
@@ -96,24 +132,28 @@ fn write_suspicion(f: &mut fmt::Formatter<'_>, suspicion: &Suspicion) -> fmt::Re
     match change {
         Change::Step(parameter) => {
             let ParameterInfo { name, unit, unit_si } = change_info(parameter);
-            write!(f, "from segment {segment} on, {name} differs by {:.3} {unit}", size / unit_si)
+            write!(f, "from segment {segment} on, {name} differs by {} {unit}", Fixed(size / unit_si, 3))
         }
         Change::Ramp(parameter) => {
             let ParameterInfo { name, unit, unit_si } = change_info(parameter);
-            write!(f, "from segment {segment} on, {name} drifts by {:.1} {unit} an hour", size * HOUR_S / unit_si)
+            write!(
+                f,
+                "from segment {segment} on, {name} drifts by {} {unit} an hour",
+                Fixed(size * HOUR_S / unit_si, 1)
+            )
         }
         Change::Slip(axis) => {
-            write!(f, "segment {segment}, {}: slip of {:.2} arcsec", encoder_name(axis), size / ARCSEC)
+            write!(f, "segment {segment}, {}: slip of {} arcsec", encoder_name(axis), Fixed(size / ARCSEC, 2))
         }
         Change::EncoderScale(axis) => {
-            write!(f, "from segment {segment} on, {}: scale error of {:.2} ppm", encoder_name(axis), size / PPM)
+            write!(f, "from segment {segment} on, {}: scale error of {} ppm", encoder_name(axis), Fixed(size / PPM, 2))
         }
         Change::Outlier(channel) => {
             let (size, unit) = if channel < 3 { (size / MICRO_G, "ug") } else { (size / ARCSEC, "arcsec") };
-            write!(f, "segment {segment}, {}: off by {size:.2} {unit}", channel_name(channel))
+            write!(f, "segment {segment}, {}: off by {} {unit}", channel_name(channel), Fixed(size, 2))
         }
     }?;
-    write!(f, ", {sigmas:.1} sigma, limit {limit:.1}")
+    write!(f, ", {} sigma, limit {}", Fixed(sigmas, 1), Fixed(limit, 1))
 }
 
 fn write_wiring(f: &mut fmt::Formatter<'_>, wiring: Wiring) -> fmt::Result {
@@ -131,44 +171,66 @@ fn write_wiring(f: &mut fmt::Formatter<'_>, wiring: Wiring) -> fmt::Result {
 impl fmt::Display for Reason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
+            Self::Scale(wrong) => wrong.fmt(f),
+            Self::NoiseLevel { sensors, ratio } => {
+                write!(f, "{}: noise is {} times the configured", sensors_name(sensors), Fixed(ratio, 2))
+            }
             Self::TooFewSegments(count) => write!(f, "only {count} segments: no stop, move and stop to calibrate from"),
             Self::NotConverged(sweeps) => write!(f, "the estimate does not stand after {sweeps} sweeps"),
             Self::NotFinite { parameter } => write!(f, "{} is not finite", info(parameter).name),
+            Self::Refused(1) => write!(f, "1 measurement is not finite"),
+            Self::Refused(count) => write!(f, "{count} measurements are not finite"),
             Self::Unobserved { parameter, of_prior } => {
                 write!(f, "{} is not observed: its sigma is still {of_prior:.2} of the prior's", info(parameter).name)
             }
             Self::Sigma { parameter, sigma, required } => {
                 let info = info(parameter);
                 let (sigma, required) = (sigma / info.unit_si, required / info.unit_si);
-                write!(f, "sigma of {} is {sigma:.3} {}, required {required:.3}", info.name, info.unit)
+                write!(
+                    f,
+                    "sigma of {} is {} {}, required {}",
+                    info.name,
+                    Fixed(sigma, 3),
+                    info.unit,
+                    Fixed(required, 3)
+                )
             }
             Self::Implausible { parameter, value, limit } => {
                 let info = info(parameter);
                 let (value, limit) = (value / info.unit_si, limit / info.unit_si);
-                write!(f, "{} is {value:.1} {}, plausible up to {limit:.1}", info.name, info.unit)
+                write!(f, "{} is {} {}, plausible up to {}", info.name, Fixed(value, 1), info.unit, Fixed(limit, 1))
             }
             Self::ChiSquare { chi_square, degrees_of_freedom, low, high } => write!(
                 f,
-                "chi-square {chi_square:.1} with {degrees_of_freedom} degrees of freedom is outside {low:.1} to {high:.1}"
+                "chi-square {} with {degrees_of_freedom} degrees of freedom is outside {low:.1} to {high:.1}",
+                Fixed(chi_square, 1)
             ),
             Self::Innovation { segment, channel, normalized } => {
-                write!(f, "segment {segment}, {}: innovation of {normalized:.1} sigma", channel_name(channel))
+                write!(f, "segment {segment}, {}: innovation of {} sigma", channel_name(channel), Fixed(normalized, 1))
             }
             Self::Unrest { segment, channel, unrest } => {
                 write!(f, "segment {segment}, {}: ", channel_name(channel))?;
                 match unrest {
-                    Unrest::Variance(ratio) => write!(f, "variance {ratio:.1} times that of the configured noise"),
-                    Unrest::Trend(sigmas) => write!(f, "drift of {sigmas:.1} sigma during the stop"),
+                    Unrest::Variance(ratio) => {
+                        write!(f, "variance {} times that of the configured noise", Fixed(ratio.into(), 1))
+                    }
+                    Unrest::Trend(sigmas) => write!(f, "drift of {} sigma during the stop", Fixed(sigmas.into(), 1)),
                     Unrest::Stuck => write!(f, "the channel does not change"),
                 }
             }
             Self::Noise { segment, channel, ratio } => write!(
                 f,
-                "{} from segment {segment} on: {ratio:.2} times the variance of the configured noise",
-                channel_name(channel)
+                "{} from segment {segment} on: {} times the variance of the configured noise",
+                channel_name(channel),
+                Fixed(ratio, 2)
             ),
             Self::Trends { channel, ratio } => {
-                write!(f, "{}: drift during the stops, {ratio:.1} times that of white noise", channel_name(channel))
+                write!(
+                    f,
+                    "{}: drift during the stops, {} times that of white noise",
+                    channel_name(channel),
+                    Fixed(ratio, 1)
+                )
             }
             Self::Held { segment, channel, samples } => {
                 write!(f, "segment {segment}, {}: does not change over {samples} samples", channel_name(channel))
@@ -184,7 +246,12 @@ impl fmt::Display for Reason {
             }
             Self::LeftOut(count) => write!(f, "{count} segments did not fit and were left out"),
             Self::Changed { parameter, sigmas } => {
-                write!(f, "{} differs from the stored calibration by {sigmas:.1} combined sigma", info(parameter).name)
+                write!(
+                    f,
+                    "{} differs from the stored calibration by {} combined sigma",
+                    info(parameter).name,
+                    Fixed(sigmas, 1)
+                )
             }
         }
     }
