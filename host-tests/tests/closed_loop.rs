@@ -1,16 +1,14 @@
 //! The core calibrates the virtual RINS in closed loop: its own rate commands turn the gimbals.
 
+use host_tests::calibration::raw_sample;
 use host_tests::drive::move_durations_s;
-use host_tests::plant::{Plant, Reading};
+use host_tests::plant::Plant;
 use host_tests::presets;
 use host_tests::unit::Noise;
 use host_tests::virtual_rins::{VirtualRins, VirtualUnit};
-use rins_selfcal::angle::Angle;
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
 use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS};
-use rins_selfcal::linear::{Real, Vector3, real};
 use rins_selfcal::method::Method;
-use rins_selfcal::sample::RawSample;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
 use rins_selfcal::sequencer::State;
@@ -18,17 +16,6 @@ use rins_selfcal::telemetry::Message;
 
 fn config(unit: &VirtualUnit, scheme: Scheme) -> SelfCalibrationConfig {
     SelfCalibrationConfig::new(CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz), scheme)
-}
-
-fn sample<T: Real>(reading: &Reading) -> RawSample<T> {
-    RawSample {
-        time_us: reading.time_us,
-        omega_g: Vector3::from(reading.omega_g.map(real)),
-        force_a: Vector3::from(reading.force_a.map(real)),
-        outer: Angle::from_rad(reading.outer_rad),
-        inner: Angle::from_rad(reading.inner_rad),
-        temperature_c: reading.temperature_c,
-    }
 }
 
 #[test]
@@ -43,7 +30,7 @@ fn power_up_ends_correcting_with_the_truth() {
     let mut seconds_left = 600.0;
     while run.state() != State::Correcting && seconds_left > 0.0 {
         let reading = rins.next_reading().expect("it never ends");
-        let step = run.step(&sample(&reading), &mut |message: &Message| messages.push(message.clone()));
+        let step = run.step(&raw_sample(&reading), &mut |message: &Message| messages.push(message.clone()));
         if step.save {
             run.saved();
         }

@@ -100,6 +100,7 @@ struct Significant(f64);
 impl fmt::Display for Significant {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0.abs() {
+            0.01..0.1 => write!(f, "{:.4}", self.0),
             0.1..10.0 => write!(f, "{:.3}", self.0),
             10.0..1e3 => write!(f, "{:.1}", self.0),
             1e3..1e6 => write!(f, "{:.0}", self.0),
