@@ -121,6 +121,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
             prior_sigmas: &self.estimator.config().prior_sigmas(),
             segments: self.estimator.segments(),
             noise: &self.estimator.config().noise,
+            site: &self.estimator.config().site,
             counts: self.intake.counts(),
             stored,
         };

@@ -114,6 +114,7 @@ struct InnovationReport {
 pub struct CalibrationReport {
     verdict: &'static str,
     reasons: Vec<String>,
+    stored: Option<bool>,
     method: &'static str,
     duration_s: f64,
     segments: u16,
@@ -147,6 +148,7 @@ impl From<&Outcome> for CalibrationReport {
         Self {
             verdict: outcome.verdict_name(),
             reasons: outcome.reasons(),
+            stored: outcome.stored,
             method: method_name(outcome.setup.method),
             duration_s: solution.duration_s,
             segments: solution.segments,

@@ -107,7 +107,7 @@ pub fn write_scheme(path: &Path, scheme: &Scheme) -> Result<(), TomlFileError> {
         periods: scheme.periods,
         legs: legs.collect(),
     };
-    let io = |source| TomlFileError::Io { path: path.into(), source };
+    let io = |cause| TomlFileError::Io { path: path.into(), cause };
     let text = toml::to_string(&table).map_err(|error| io(std::io::Error::other(error)))?;
     std::fs::write(path, text).map_err(io)
 }
