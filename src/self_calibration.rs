@@ -9,6 +9,7 @@ use crate::calibrator::{Calibrator, CalibratorConfig};
 use crate::error_model::Calibration;
 use crate::estimator::{BASIC_STATES, Estimate, FULL_STATES, HeadingSource, MAX_SEGMENTS, Solution};
 use crate::linear::{Real, real};
+use crate::policy::{Cause, Decision, Moment, PowerUpPolicy};
 use crate::sample::{CorrectedSample, RawSample};
 use crate::scheme::{Scheme, SchemeError};
 use crate::segment::LONGEST_GAP_US;
@@ -17,6 +18,7 @@ use crate::store::StoredCalibration;
 use crate::telemetry::Message;
 use crate::units::DEG;
 use crate::verdict::{Verdict, VerdictLimits, unrest};
+use core::mem;
 use core::ops::RangeInclusive;
 use heapless::String;
 use serde::{Deserialize, Serialize};
@@ -47,9 +49,13 @@ pub struct SelfCalibrationConfig {
     pub limits: VerdictLimits,
     /// How often a disturbed stop may be repeated.
     pub stop_repeats: u8,
-    /// Whether a calibration in store is used as it is, without a new run.
-    pub use_stored: bool,
+    /// When a run begins at power-up.
+    pub policy: PowerUpPolicy,
+    /// Time of power-up, seconds since 1970-01-01 UTC; `None` where there is no clock.
+    pub utc_s: Option<u64>,
 }
+
+const COMMANDED: Decision = Decision::Calibrate(Cause::Commanded);
 
 /// Why a configuration is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -64,6 +70,8 @@ pub enum ConfigError {
     Stillness,
     /// A limit of this axis (0 outer, 1 inner) is not positive and finite, or its travel is empty.
     Axis(u8),
+    /// A limit of the power-up policy is not finite, or negative.
+    Policy,
     /// A limit of the verdict is not positive and finite.
     Limits,
     /// A walk of an option is not finite, or a state is asked for that the filter of this build does not have.
@@ -120,6 +128,9 @@ impl SelfCalibrationConfig {
         if !(-90.1 * DEG..=90.1 * DEG).contains(&site.latitude_rad) || !positive(&site.gravity_m_s2()) {
             return Err(ConfigError::Site);
         }
+        if !self.policy.is_valid() {
+            return Err(ConfigError::Policy);
+        }
         if !self.limits.are_positive() {
             return Err(ConfigError::Limits);
         }
@@ -128,6 +139,15 @@ impl SelfCalibrationConfig {
             return Err(ConfigError::Segments);
         }
         self.check_travel()
+    }
+
+    /// What the calibrator must know for a run of the scheme.
+    fn run(&self) -> CalibratorConfig {
+        let mut calibrator = self.calibrator;
+        if self.scheme.periods > 1 {
+            calibrator.estimator.period_moves = Some(self.scheme.legs.len() as u16);
+        }
+        calibrator
     }
 
     fn check_travel(&self) -> Result<(), ConfigError> {
@@ -176,7 +196,9 @@ struct Heard {
 #[derive(Debug)]
 pub struct SelfCalibration<'c, T: Real, const STATES: usize = BASIC_STATES> {
     config: SelfCalibrationConfig,
-    stored: Option<Estimate>,
+    stored: Option<(Estimate, Moment)>,
+    decision: Option<Decision>,
+    start: bool,
     sequencer: Sequencer,
     calibrator: &'c mut Calibrator<T, MAX_SEGMENTS, STATES>,
     measuring: bool,
@@ -206,16 +228,11 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         if config.calibrator.estimator.options.needs_states() && STATES < FULL_STATES {
             return Err(ConfigError::Options);
         }
-        let use_stored = config.use_stored && stored.is_some();
-        let stored = stored.map(|record| Estimate { errors: record.errors, sigmas: record.sigmas });
-        let mut calibrator_config = config.calibrator;
-        if config.scheme.periods > 1 {
-            calibrator_config.estimator.period_moves = Some(config.scheme.legs.len() as u16);
-        }
-        calibrator.restart(&calibrator_config);
-        let interval_s = real(calibrator_config.rate_hz.recip());
+        let stored = stored.map(|record| (record.estimate(), record.moment()));
+        calibrator.restart(&config.run());
+        let interval_s = real(config.calibrator.rate_hz.recip());
         Ok(Self {
-            sequencer: Sequencer::new(config.scheme.clone(), use_stored, config.stop_repeats),
+            sequencer: Sequencer::new(config.scheme.clone(), config.stop_repeats),
             calibrator,
             measuring: false,
             axes: config.axes.each_ref().map(|limits| Axis::new(limits, interval_s)),
@@ -226,7 +243,9 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             accepted: None,
             saved: false,
             abort: None,
-            calibration: stored.as_ref().map(calibration),
+            calibration: stored.as_ref().map(|(estimate, _)| calibration(estimate)),
+            decision: None,
+            start: false,
             corrected_report_us: None,
             stored,
             config,
@@ -287,6 +306,16 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         }
     }
 
+    /// Starts a run, where none is under way. Returns whether the policy lets it.
+    pub fn start(&mut self) -> bool {
+        if self.config.policy == PowerUpPolicy::Never {
+            return false;
+        }
+        self.start = true;
+        self.decision = Some(COMMANDED);
+        true
+    }
+
     /// Gives the run up; the gimbals are parked and the stored calibration stays as it was.
     pub fn abort(&mut self) {
         self.abort = Some(AbortReason::Commanded);
@@ -310,12 +339,14 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     /// The solution, as it is to be stored.
     pub fn record(&self) -> Option<StoredCalibration> {
         let estimator = &self.config.calibrator.estimator;
+        let now_us = self.previous.map_or(0, |sample| sample.time_us);
         self.solution.map(|solution| StoredCalibration {
             errors: solution.estimate.errors,
             sigmas: solution.estimate.sigmas,
             method: estimator.method,
             scheme: self.config.scheme.name.clone(),
             site: estimator.site,
+            utc_s: self.config.utc_s.map(|utc_s| utc_s.saturating_add(now_us / 1_000_000)),
             temperature_c: solution.temperature_c,
             chi_square: solution.fit.chi_square,
             degrees_of_freedom: solution.degrees_of_freedom,
@@ -340,6 +371,8 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         let abort = self.abort.take().or(fault);
         Input {
             now_us,
+            decision: self.decision,
+            start: mem::take(&mut self.start),
             still: previous.is_some_and(|previous| self.is_still(sample, previous)),
             arrived: self.axes.iter().all(|axis| axis.has_arrived(now_us)),
             move_us: self.axes.iter().map(Axis::move_us).max().unwrap_or(0),
@@ -391,6 +424,8 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     fn act(&mut self, command: Command, now_us: u64, report: &mut impl FnMut(&Message)) -> bool {
         match command {
             Command::Continue => {}
+            Command::Decide => self.decide(report),
+            Command::Begin => self.begin(report),
             Command::Hold => self.axes.iter_mut().for_each(Axis::hold),
             Command::MoveTo { outer_rad, inner_rad } => {
                 let Scheme { rate_rad_s, acceleration_rad_s2, .. } = *self.sequencer.scheme();
@@ -406,7 +441,11 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             Command::Solve => self.solve(report),
             Command::Judge => self.judge(report),
             Command::Save => return true,
-            Command::Correct => {}
+            Command::Correct => {
+                if let Some(record) = self.record() {
+                    self.stored = Some((record.estimate(), record.moment()));
+                }
+            }
             Command::GiveUp(reason) => {
                 self.measuring = false;
                 self.axes.iter_mut().for_each(Axis::hold);
@@ -418,6 +457,24 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         false
     }
 
+    fn decide(&mut self, report: &mut impl FnMut(&Message)) {
+        let temperature_c = self.previous.map_or(f32::NAN, |sample| sample.temperature_c);
+        let now = Moment { utc_s: self.config.utc_s, temperature_c };
+        let decision = self.config.policy.decide(self.stored.as_ref().map(|(_, moment)| *moment), now);
+        self.decision = Some(decision);
+        report(&Message::Decided(decision));
+    }
+
+    /// Begins a run as if there had been none before.
+    fn begin(&mut self, report: &mut impl FnMut(&Message)) {
+        if self.decision == Some(COMMANDED) {
+            report(&Message::Decided(COMMANDED));
+        }
+        self.calibrator.restart(&self.config.run());
+        (self.measuring, self.solution, self.accepted, self.saved) = (false, None, None, false);
+        self.axes.iter_mut().for_each(Axis::hold);
+    }
+
     /// One piece of it: the next samples do not wait for the whole.
     fn solve(&mut self, report: &mut impl FnMut(&Message)) {
         self.measuring = false;
@@ -426,7 +483,8 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
 
     fn judge(&mut self, report: &mut impl FnMut(&Message)) {
         let verdict = self.solution.as_ref().map_or_else(Verdict::default, |solution| {
-            self.calibrator.judge(solution, self.stored.as_ref(), &self.config.limits)
+            let stored = self.stored.as_ref().map(|(estimate, _)| estimate);
+            self.calibrator.judge(solution, stored, &self.config.limits)
         });
         let accepted = self.solution.is_some() && verdict.accepted();
         if accepted {
@@ -474,7 +532,8 @@ mod tests {
     #[test]
     fn every_wrong_number_of_a_configuration_is_refused() {
         type Spoil = fn(&mut SelfCalibrationConfig);
-        let wrong: [(Spoil, ConfigError); 21] = [
+        let wrong: [(Spoil, ConfigError); 22] = [
+            (|config| config.policy = too_cold(), ConfigError::Policy),
             (|config| config.calibrator.rate_hz = f64::INFINITY, ConfigError::Rate),
             (|config| config.calibrator.rate_hz = 0.0, ConfigError::Rate),
             (|config| config.calibrator.estimator.noise.accel_psd_sqrt = 0.0, ConfigError::Noise),
@@ -503,6 +562,10 @@ mod tests {
             spoil(&mut config);
             assert_eq!(config.check(), Err(error), "number {number}");
         }
+    }
+
+    fn too_cold() -> PowerUpPolicy {
+        PowerUpPolicy::WhenDue { age_s: None, temperature_k: Some(-1.0) }
     }
 
     fn heading(heading_rad: f64, sigma_rad: f64) -> HeadingSource {

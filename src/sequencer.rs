@@ -1,8 +1,8 @@
 //! Self-calibration as a state machine. It decides; others act.
 //!
 //! ```text
-//!             stored calibration, and it may be used
-//!  PowerUp ------------------------------------------------------------> Correcting
+//!             the stored calibration is used
+//!  PowerUp ------------------------------------------------------------> Correcting     StandBy (nothing to use)
 //!     |                                                                      ^  ^
 //!     v                                                                      |  |
 //!  AwaitStill --> Turn --> Settle --> Dwell --(last leg)--> Compute --> Verdict --> Store
@@ -15,8 +15,10 @@
 //! ```
 //! Time is an argument, in microseconds. Leg 0 is the way to the scheme's start at (0, 0) and the first stop there; leg
 //! k > 0 is the scheme's k-th move and the stop after it. A rejected or aborted run parks the gimbals at (0, 0) and
-//! leaves the stored calibration as it was. Where they cannot be parked, the gimbals stand where they came to rest.
+//! leaves the stored calibration as it was. Where they cannot be parked, the gimbals stand where they came to rest. From
+//! Correcting, StandBy, Parked and Stranded a command starts a run: AwaitStill.
 
+use crate::policy::Decision;
 use crate::scheme::{Leg, Scheme};
 use core::fmt;
 use serde::{Deserialize, Serialize};
@@ -96,6 +98,8 @@ pub enum State {
     Store,
     /// Samples are being corrected.
     Correcting,
+    /// There is no calibration, and no run without a command.
+    StandBy,
     /// Bringing the axes to rest after a run that was aborted or rejected.
     Stopping,
     /// Turning back to (0, 0).
@@ -118,6 +122,10 @@ impl State {
 pub struct Input {
     /// Time, us.
     pub now_us: u64,
+    /// Answer to `Decide`: what to do at power-up.
+    pub decision: Option<Decision>,
+    /// A run is asked for.
+    pub start: bool,
     /// The gyros and encoders show neither base nor axes moving.
     pub still: bool,
     /// Both axes have arrived where they were sent.
@@ -142,6 +150,10 @@ pub struct Input {
 pub enum Command {
     /// Nothing new.
     Continue,
+    /// Decide what to do after power-up.
+    Decide,
+    /// A run begins: forget the one before. Both axes shall stand where they are.
+    Begin,
     /// Both axes shall stand where they are.
     Hold,
     /// Both axes shall move to these angles, rad, counted over whole turns.
@@ -174,16 +186,15 @@ pub struct Sequencer {
     state: State,
     since_us: u64,
     still_since_us: Option<u64>,
-    use_stored: bool,
-    /// Times that a stop may still be repeated.
+    /// Times that stops may be repeated, in a run, and in what is left of this one.
+    repeats: u8,
     repeats_left: u8,
 }
 
 impl Sequencer {
-    /// A sequencer at power-up. With `use_stored` it goes straight to correcting. Over the run, disturbed stops are
-    /// repeated up to `repeats` times.
-    pub fn new(scheme: Scheme, use_stored: bool, repeats: u8) -> Self {
-        Self { scheme, state: State::PowerUp, since_us: 0, still_since_us: None, use_stored, repeats_left: repeats }
+    /// A sequencer at power-up. Over a run, disturbed stops are repeated up to `repeats` times.
+    pub fn new(scheme: Scheme, repeats: u8) -> Self {
+        Self { scheme, state: State::PowerUp, since_us: 0, still_since_us: None, repeats, repeats_left: repeats }
     }
 
     /// Where the run is.
@@ -230,9 +241,14 @@ impl Sequencer {
             }
             State::Parking if self.is_overdue(input) => self.enter(input, State::Stranded, Command::Hold),
             State::Parking if input.arrived => self.enter(input, State::Parked, Command::Hold),
-            State::Store | State::Correcting | State::Stopping | State::Parking | State::Parked | State::Stranded => {
-                Command::Continue
-            }
+            State::Correcting | State::StandBy | State::Parked | State::Stranded if input.start => self.begin(input),
+            State::Store
+            | State::Correcting
+            | State::StandBy
+            | State::Stopping
+            | State::Parking
+            | State::Parked
+            | State::Stranded => Command::Continue,
         }
     }
 
@@ -249,9 +265,13 @@ impl Sequencer {
             | State::Compute
             | State::Verdict => self.give_up(&input, Some(reason)),
             State::Parking if reason.is_fault() => self.enter(&input, State::Stranded, Command::Hold),
-            State::Store | State::Correcting | State::Stopping | State::Parking | State::Parked | State::Stranded => {
-                Command::Continue
-            }
+            State::Store
+            | State::Correcting
+            | State::StandBy
+            | State::Stopping
+            | State::Parking
+            | State::Parked
+            | State::Stranded => Command::Continue,
         }
     }
 
@@ -270,11 +290,18 @@ impl Sequencer {
     }
 
     fn power_up(&mut self, input: &Input) -> Command {
-        if self.use_stored {
-            self.enter(input, State::Correcting, Command::Correct)
-        } else {
-            self.enter(input, State::AwaitStill, Command::Hold)
+        match input.decision {
+            None => Command::Decide,
+            Some(Decision::Calibrate(_)) => self.begin(input),
+            Some(Decision::UseStored(_)) => self.enter(input, State::Correcting, Command::Correct),
+            Some(Decision::StandBy(_)) => self.enter(input, State::StandBy, Command::Hold),
         }
+    }
+
+    fn begin(&mut self, input: &Input) -> Command {
+        self.still_since_us = None;
+        self.repeats_left = self.repeats;
+        self.enter(input, State::AwaitStill, Command::Begin)
     }
 
     fn await_still(&mut self, input: &Input) -> Command {
@@ -346,6 +373,7 @@ impl Sequencer {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::policy::Cause;
     use std::vec::Vec;
 
     /// Steps at 200 Hz with `input` made of the time and the state, until the state stays or an hour has passed.
@@ -363,6 +391,8 @@ mod tests {
     fn cooperative(now_us: u64, state: State) -> Input {
         Input {
             now_us,
+            decision: Some(Decision::Calibrate(Cause::NothingStored)),
+            start: false,
             still: true,
             arrived: true,
             move_us: 5_500_000,
@@ -377,7 +407,7 @@ mod tests {
     #[test]
     fn a_good_run_visits_every_leg_and_ends_correcting() {
         let scheme = Scheme::bai(10.0, 2);
-        let mut sequencer = Sequencer::new(scheme, false, 3);
+        let mut sequencer = Sequencer::new(scheme, 3);
         let trace = run(&mut sequencer, cooperative);
         let dwells = trace.iter().filter(|(state, _)| matches!(state, State::Dwell(_))).count();
         assert_eq!(dwells, 37);
@@ -389,15 +419,59 @@ mod tests {
     }
 
     #[test]
-    fn a_stored_calibration_goes_straight_to_correcting() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), true, 3);
-        assert_eq!(sequencer.step(&cooperative(0, State::PowerUp)), Command::Correct);
-        assert_eq!(sequencer.state(), State::Correcting);
+    fn a_decision_leads_to_its_state() {
+        let decisions = [
+            (Decision::UseStored(Cause::WithinLimits), Command::Correct, State::Correcting),
+            (Decision::StandBy(Cause::Policy), Command::Hold, State::StandBy),
+            (Decision::Calibrate(Cause::Policy), Command::Begin, State::AwaitStill),
+        ];
+        for (decision, command, state) in decisions {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
+            assert_eq!(sequencer.step(&Input::default()), Command::Decide);
+            let input = Input { decision: Some(decision), ..Input::default() };
+            assert_eq!((sequencer.step(&input), sequencer.state()), (command, state));
+        }
+    }
+
+    #[test]
+    fn a_run_may_be_started_where_none_is_under_way() {
+        let cases = [
+            (State::Correcting, cooperative as fn(u64, State) -> Input),
+            (State::StandBy, |now_us, state| Input {
+                decision: Some(Decision::StandBy(Cause::Policy)),
+                ..cooperative(now_us, state)
+            }),
+            (State::Parked, |now_us, state| Input { accepted: Some(false), ..cooperative(now_us, state) }),
+            (State::Stranded, |now_us, state| Input {
+                accepted: Some(false),
+                arrived: state != State::Parking,
+                ..cooperative(now_us, state)
+            }),
+        ];
+        for (state, input) in cases {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
+            run(&mut sequencer, input);
+            assert_eq!(sequencer.state(), state);
+            let now_us = 4_000_000_000;
+            let started = sequencer.step(&Input { start: true, ..cooperative(now_us, state) });
+            assert_eq!((started, sequencer.state()), (Command::Begin, State::AwaitStill));
+            assert_eq!(
+                sequencer.step(&cooperative(now_us, State::AwaitStill)),
+                Command::Continue,
+                "stillness counts anew"
+            );
+        }
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
+        let eager = run(&mut sequencer, |now_us, state| Input {
+            start: state != State::Correcting,
+            ..cooperative(now_us, state)
+        });
+        assert_eq!(eager.iter().filter(|(_, command)| *command == Command::Begin).count(), 1);
     }
 
     #[test]
     fn a_rejected_run_is_parked_and_nothing_is_saved() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
         let reject = |now_us, state| Input { accepted: Some(false), saved: false, ..cooperative(now_us, state) };
         let trace = run(&mut sequencer, reject);
         assert_eq!(sequencer.state(), State::Parked);
@@ -417,12 +491,19 @@ mod tests {
         State::Compute,
         State::Verdict,
     ];
-    const LATE: [State; 6] =
-        [State::Store, State::Correcting, State::Stopping, State::Parking, State::Parked, State::Stranded];
+    const LATE: [State; 7] = [
+        State::Store,
+        State::Correcting,
+        State::StandBy,
+        State::Stopping,
+        State::Parking,
+        State::Parked,
+        State::Stranded,
+    ];
 
     /// Tells the sequencer of an abort whenever it is in one state.
     fn aborted_in(aborted: State, reason: AbortReason) -> (Sequencer, Vec<(State, Command)>) {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
         let trace = run(&mut sequencer, |now_us, state| Input {
             abort: (state == aborted).then_some(reason),
             ..cooperative(now_us, state)
@@ -467,7 +548,7 @@ mod tests {
             abort: (state == State::Parking).then_some(AbortReason::Commanded),
             ..rejected(now_us, state)
         };
-        let sequencer = || Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+        let sequencer = || Sequencer::new(Scheme::bai(10.0, 1), 3);
         let end = |trace: Vec<(State, Command)>| trace.last().copied();
         assert_eq!(end(run(&mut sequencer(), faulty)), Some((State::Stranded, Command::Hold)));
         assert_eq!(end(run(&mut sequencer(), slow)), Some((State::Stranded, Command::Hold)));
@@ -476,7 +557,7 @@ mod tests {
 
     #[test]
     fn a_clock_that_goes_back_does_not_hold_the_run_up() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
         let jump_us = 100_000_000;
         let trace = run(&mut sequencer, |now_us, state| {
             let now_us = if now_us < jump_us { now_us } else { now_us - jump_us };
@@ -488,7 +569,7 @@ mod tests {
     #[test]
     fn computing_goes_on_until_it_is_done_and_can_be_aborted() {
         for abort_at in [None, Some(7)] {
-            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
             let mut computing = 0;
             let trace = run(&mut sequencer, |now_us, state| {
                 computing += u32::from(state == State::Compute);
@@ -504,7 +585,7 @@ mod tests {
 
     #[test]
     fn a_disturbed_stop_is_repeated_up_to_the_limit() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
         let disturbed = |now_us, state| Input { disturbed: state == State::Dwell(5), ..cooperative(now_us, state) };
         let trace = run(&mut sequencer, disturbed);
         assert_eq!(trace.iter().filter(|(_, command)| *command == Command::RepeatStop).count(), 3);
@@ -513,10 +594,10 @@ mod tests {
 
     #[test]
     fn an_unquiet_base_and_a_stuck_axis_end_the_run() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
         let trace = run(&mut sequencer, |now_us, state| Input { still: false, ..cooperative(now_us, state) });
         assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(Some(AbortReason::NotStill))));
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
         let stuck = |now_us, state| Input { arrived: state != State::Turn(3), ..cooperative(now_us, state) };
         let trace = run(&mut sequencer, stuck);
         assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(Some(AbortReason::TurnTimeout(3)))));

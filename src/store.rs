@@ -1,7 +1,7 @@
 //! The calibration store: two slots of non-volatile memory, written in turn.
 //!
 //! ```text
-//! slot, little-endian   0-3          magic "RSC1"; its last character is the version of the format
+//! slot, little-endian   0-3          magic "RSC2"; its last character is the version of the format
 //!                       4-7          sequence number, wraps; the newer record is the one ahead
 //!                       8-11         length n of the payload, bytes
 //!                       12..12+n     payload: postcard of StoredCalibration
@@ -11,7 +11,9 @@
 //! before stays. Memory never written, all ones, is empty, not damaged.
 
 use crate::error_model::{InstrumentErrors, PARAMETERS};
+use crate::estimator::Estimate;
 use crate::method::Method;
+use crate::policy::Moment;
 use crate::site::Site;
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 use embedded_storage::Storage;
@@ -24,7 +26,7 @@ pub const SLOT_BYTES: usize = 1024;
 pub const SLOTS: usize = 2;
 
 const MAGIC: [u8; 3] = *b"RSC";
-const FORMAT_VERSION: u8 = b'1';
+const FORMAT_VERSION: u8 = b'2';
 const HEADER_BYTES: usize = 12;
 const CRC_BYTES: usize = 4;
 const PAYLOAD_BYTES: usize = SLOT_BYTES - HEADER_BYTES - CRC_BYTES;
@@ -43,6 +45,8 @@ pub struct StoredCalibration {
     pub scheme: String<32>,
     /// Where it was done.
     pub site: Site,
+    /// When it was done, seconds since 1970-01-01 UTC; `None` where there is no clock.
+    pub utc_s: Option<u64>,
     /// Mean IMU temperature, deg C; not a number where there is no sensor.
     pub temperature_c: f32,
     /// Chi-square of the residuals.
@@ -112,6 +116,18 @@ enum Slot {
 #[derive(Debug)]
 pub struct CalibrationStore<S> {
     memory: S,
+}
+
+impl StoredCalibration {
+    /// Parameters with their uncertainty.
+    pub fn estimate(&self) -> Estimate {
+        Estimate { errors: self.errors, sigmas: self.sigmas }
+    }
+
+    /// When it was done and how warm.
+    pub fn moment(&self) -> Moment {
+        Moment { utc_s: self.utc_s, temperature_c: self.temperature_c }
+    }
 }
 
 impl<S: Storage> CalibrationStore<S> {
@@ -333,6 +349,7 @@ mod tests {
             method: Method::TwoStage,
             scheme: String::try_from("bai").unwrap(),
             site: Site::default(),
+            utc_s: Some(1_790_000_000),
             temperature_c: 35.5,
             chi_square: 81.2,
             degrees_of_freedom: number,
@@ -401,8 +418,8 @@ mod tests {
         memory.bytes[40] ^= 1;
         let corrupt = Loaded::Corrupt { damage: [Some(Damage::Crc), None] };
         assert_eq!(CalibrationStore::new(memory.clone()).load(), Ok(corrupt));
-        memory.bytes[3] = b'2';
-        let other_version = Loaded::Corrupt { damage: [Some(Damage::Version(b'2')), None] };
+        memory.bytes[3] = b'1';
+        let other_version = Loaded::Corrupt { damage: [Some(Damage::Version(b'1')), None] };
         assert_eq!(CalibrationStore::new(memory).load(), Ok(other_version));
     }
 

@@ -2,19 +2,21 @@
 //! when something fails.
 
 use host_tests::bench::{Bench, Chip};
+use host_tests::calibration::raw_sample;
 use host_tests::drive::move_durations_s;
 use host_tests::plant::{Plant, Reading};
 use host_tests::power_up::{in_process, shared};
 use host_tests::presets;
 use host_tests::virtual_rins::{VirtualRins, VirtualUnit};
 use rins_selfcal::assignment::Assignment;
-use rins_selfcal::calibrator::CalibratorConfig;
+use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
 use rins_selfcal::device::STATUS_POWERED_OFF;
 use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS};
 use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::method::Method;
+use rins_selfcal::policy::{Cause, Decision, PowerUpPolicy};
 use rins_selfcal::scheme::Scheme;
-use rins_selfcal::self_calibration::SelfCalibrationConfig;
+use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
 use rins_selfcal::sequencer::{AbortReason, State};
 use rins_selfcal::store::StoredCalibration;
 use rins_selfcal::telemetry::Message;
@@ -227,4 +229,38 @@ fn a_drive_is_commanded_again_and_given_up_after_ten_failures() {
     assert_eq!(forever.aborted(), [AbortReason::InnerDrive]);
     assert_eq!(forever.last_state(), Some(State::Stranded));
     assert_eq!(forever.rins.true_rates_rad_s(), [0.0; 2]);
+}
+
+#[test]
+fn a_run_is_started_on_command_and_judged_against_the_one_before() {
+    let unit = unit();
+    let calibrator_config = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
+    let mut config = SelfCalibrationConfig::new(calibrator_config, Scheme::bai(2.0, 1));
+    (config.policy, config.utc_s) = (PowerUpPolicy::OnCommand, Some(1_790_000_000));
+    let mut rins = VirtualRins::new(&unit, 1);
+    rins.expect_moves(&move_durations_s(&config.scheme, unit.rate_hz));
+    let mut calibrator = Calibrator::<f64>::UNCONFIGURED;
+    let mut run = SelfCalibration::new(config, None, &mut calibrator).expect("a good configuration");
+    let (mut decisions, mut verdicts, mut records) = (Vec::new(), Vec::new(), Vec::new());
+    for edge in 0..400 * 200 {
+        let reading = rins.next_reading().expect("it never ends");
+        let step = run.step(&raw_sample(&reading), &mut |message| match message {
+            Message::Decided(decision) => decisions.push(*decision),
+            Message::Judged(verdict) => verdicts.push(verdict.accepted()),
+            _ => {}
+        });
+        if step.save {
+            records.push(run.record().expect("a record"));
+            run.saved();
+        }
+        if edge % (200 * 200) == 200 {
+            assert!(run.start());
+        }
+        rins.command_rates(step.rates_rad_s);
+    }
+    let commanded = Decision::Calibrate(Cause::Commanded);
+    assert_eq!(decisions, [Decision::StandBy(Cause::Policy), commanded, commanded]);
+    assert_eq!(verdicts, [true, true]);
+    assert!(records[0].utc_s.zip(records[1].utc_s).is_some_and(|(first, second)| second - first == 200));
+    assert!(records[0].errors != records[1].errors);
 }

@@ -12,6 +12,7 @@ use mps2_an500::{Board, Telemetry};
 use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
 use rins_selfcal::device::command_rates;
+use rins_selfcal::policy::Decision;
 use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
 use rins_selfcal::store::{Loaded, StoredCalibration};
 use rins_selfcal::telemetry::{MAX_FRAME_BYTES, Message, encode};
@@ -148,6 +149,9 @@ fn log(message: &Message) {
         Message::State { time_us, legs, .. } => {
             defmt::debug!("{=u64} us: next state, {=u16} legs in all", *time_us, *legs);
         }
+        Message::Decided(Decision::Calibrate(_)) => defmt::info!("a calibration begins"),
+        Message::Decided(Decision::UseStored(_)) => defmt::info!("the stored calibration corrects"),
+        Message::Decided(Decision::StandBy(_)) => defmt::info!("standing by without a calibration"),
         Message::Solved { solution, .. } => defmt::info!(
             "solved: chi-square {=f64} with {=u32} degrees of freedom",
             solution.fit.chi_square,
