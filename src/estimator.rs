@@ -241,6 +241,7 @@ struct Sweep {
 
 /// Where the final pass is.
 #[derive(Clone, Copy, Debug)]
+#[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
 enum Pass<T: Real> {
     /// Not begun, or done.
     Idle,
