@@ -10,6 +10,7 @@ use crate::policy::PowerUpPolicy;
 use crate::scheme::Scheme;
 use crate::segment::Stillness;
 use crate::self_calibration::SelfCalibrationConfig;
+use crate::sequencer::Pace;
 use crate::site::Site;
 use crate::units::{ARCSEC, DEG_SQRT_H, MICRO_G};
 use crate::verdict::VerdictLimits;
@@ -59,15 +60,15 @@ impl CalibratorConfig {
 }
 
 impl SelfCalibrationConfig {
-    /// The usual configuration of a run: default axes and limits, three repeated stops, a run where
-    /// nothing is stored.
+    /// The usual configuration of a run: default axes, limits and pace, a run where nothing is
+    /// stored.
     pub fn new(calibrator: CalibratorConfig, scheme: Scheme) -> Self {
         Self {
             calibrator,
             scheme,
             axes: [AxisLimits::default(); 2],
             limits: VerdictLimits::default(),
-            stop_repeats: 3,
+            pace: Pace::default(),
             policy: PowerUpPolicy::default(),
             utc_s: None,
         }

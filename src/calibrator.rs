@@ -7,7 +7,7 @@ use crate::linear::Real;
 use crate::sample::RawSample;
 use crate::segment::{Segment, SegmentKind, Segmenter, Stillness};
 use crate::telemetry::Message;
-use crate::verdict::{Assessment, Verdict, VerdictLimits, judge};
+use crate::verdict::{Assessment, Verdict, VerdictLimits, is_good_fit, judge};
 use serde::{Deserialize, Serialize};
 
 /// What the chain from samples to parameters must know.
@@ -88,6 +88,23 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
 
     fn finish(&mut self) -> Option<Progress> {
         self.segmenter.finish().and_then(|segment| self.add(&segment))
+    }
+
+    /// One bounded piece of the look whether the run may end with the stop under way: closes it, and tells whether every
+    /// required sigma is met and the fit is good; `None` while it is not known yet.
+    pub fn weigh_piece(&mut self, limits: &VerdictLimits, report: &mut impl FnMut(&Message)) -> Option<bool> {
+        if let Some(progress) = self.finish() {
+            report(&Message::Segment(progress));
+        }
+        if !self.estimator.is_refreshing() && !self.meets(limits) {
+            return Some(false);
+        }
+        let (chi_square, degrees_of_freedom) = self.estimator.refresh_piece()?;
+        Some(self.meets(limits) && is_good_fit(chi_square, degrees_of_freedom))
+    }
+
+    fn meets(&self, limits: &VerdictLimits) -> bool {
+        limits.required_sigmas.is_some() && limits.unmet(&self.estimator.estimate().sigmas).next().is_none()
     }
 
     /// One bounded piece of what is to be done at the end of the samples: closes the last stop, processes all segments

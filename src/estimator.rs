@@ -247,6 +247,8 @@ enum Pass<T: Real> {
     Idle,
     /// Sweeping until the estimate stands: `made` sweeps so far, and the estimate before the one under way.
     Iterating { sweep: Sweep, made: u8, before: Vector<T, PARAMETERS> },
+    /// One sweep that leaves the live estimate better linearized.
+    Refreshing { sweep: Sweep },
     /// Testing for changes that begin with segment `onset`, in several sweeps, about the solution.
     Testing { sweep: Sweep, onset: usize, part: usize, solution: Solution },
 }
@@ -359,7 +361,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     /// changes. Returns the solution when done; a further call begins anew.
     pub fn solve_piece(&mut self) -> Option<Solution> {
         match self.pass {
-            Pass::Idle => {
+            Pass::Idle | Pass::Refreshing { .. } => {
                 self.begin_pass();
                 None
             }
@@ -374,6 +376,23 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
                 if swept { self.tested(onset, part, solution) } else { None }
             }
         }
+    }
+
+    /// One piece of a sweep over all segments so far: it leaves the live estimate linearized about where it was, and the
+    /// chi-square that of one model. Returns chi-square and degrees of freedom when done.
+    pub fn refresh_piece(&mut self) -> Option<(f64, u32)> {
+        let mut sweep = match self.pass {
+            Pass::Refreshing { sweep } => sweep,
+            _ => self.begin_sweep(self.config.period_moves),
+        };
+        let swept = self.sweep_piece(&mut sweep);
+        self.pass = if swept { Pass::Idle } else { Pass::Refreshing { sweep } };
+        swept.then(|| (self.fit.chi_square, self.degrees_of_freedom(&self.estimate())))
+    }
+
+    /// Whether such a sweep is under way, and the live estimate not whole.
+    pub fn is_refreshing(&self) -> bool {
+        matches!(self.pass, Pass::Refreshing { .. })
     }
 
     fn begin_pass(&mut self) {
@@ -639,7 +658,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         Solution {
             estimate,
             fit: Fit { gated: self.filter.gated(), refused: self.filter.refused(), ..self.fit },
-            degrees_of_freedom: self.fit.measurements.saturating_sub(self.determined(&estimate)),
+            degrees_of_freedom: self.degrees_of_freedom(&estimate),
             sweeps,
             converged,
             segments: self.segments.len() as u16,
@@ -659,6 +678,10 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             *value = state.widened();
         }
         OptionalEstimate { values, sigmas: sigmas(&self.filter, BASIC_STATES) }
+    }
+
+    fn degrees_of_freedom(&self, estimate: &Estimate) -> u32 {
+        self.fit.measurements.saturating_sub(self.determined(estimate))
     }
 
     /// How many parameters the measurements, not the prior, determine.

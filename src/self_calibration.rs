@@ -13,7 +13,7 @@ use crate::policy::{Cause, Decision, Moment, PowerUpPolicy};
 use crate::sample::{CorrectedSample, RawSample};
 use crate::scheme::{Scheme, SchemeError};
 use crate::segment::LONGEST_GAP_US;
-use crate::sequencer::{AbortReason, Command, Input, Sequencer, State};
+use crate::sequencer::{AbortReason, Command, Input, Pace, Sequencer, State};
 use crate::store::StoredCalibration;
 use crate::telemetry::Message;
 use crate::units::DEG;
@@ -47,8 +47,8 @@ pub struct SelfCalibrationConfig {
     pub axes: [AxisLimits; 2],
     /// What a result must fulfil.
     pub limits: VerdictLimits,
-    /// How often a disturbed stop may be repeated.
-    pub stop_repeats: u8,
+    /// How long a run takes.
+    pub pace: Pace,
     /// When a run begins at power-up.
     pub policy: PowerUpPolicy,
     /// Time of power-up, seconds since 1970-01-01 UTC; `None` where there is no clock.
@@ -70,6 +70,8 @@ pub enum ConfigError {
     Stillness,
     /// A limit of this axis (0 outer, 1 inner) is not positive and finite, or its travel is empty.
     Axis(u8),
+    /// The pace's limits are not finite and positive, or a stop would be shortened.
+    Pace,
     /// A limit of the power-up policy is not finite, or negative.
     Policy,
     /// A limit of the verdict is not positive and finite.
@@ -127,6 +129,9 @@ impl SelfCalibrationConfig {
         }
         if !(-90.1 * DEG..=90.1 * DEG).contains(&site.latitude_rad) || !positive(&site.gravity_m_s2()) {
             return Err(ConfigError::Site);
+        }
+        if !self.pace.is_valid() {
+            return Err(ConfigError::Pace);
         }
         if !self.policy.is_valid() {
             return Err(ConfigError::Policy);
@@ -206,6 +211,7 @@ pub struct SelfCalibration<'c, T: Real, const STATES: usize = BASIC_STATES> {
     previous: Option<RawSample<T>>,
     heard: Option<Heard>,
     drive_failures: [u8; 2],
+    enough: Option<bool>,
     solution: Option<Solution>,
     accepted: Option<bool>,
     saved: bool,
@@ -232,13 +238,14 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         calibrator.restart(&config.run());
         let interval_s = real(config.calibrator.rate_hz.recip());
         Ok(Self {
-            sequencer: Sequencer::new(config.scheme.clone(), config.stop_repeats),
+            sequencer: Sequencer::new(config.scheme.clone(), config.pace),
             calibrator,
             measuring: false,
             axes: config.axes.each_ref().map(|limits| Axis::new(limits, interval_s)),
             previous: None,
             heard: None,
             drive_failures: [0; 2],
+            enough: None,
             solution: None,
             accepted: None,
             saved: false,
@@ -378,6 +385,8 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             move_us: self.axes.iter().map(Axis::move_us).max().unwrap_or(0),
             disturbed: self.is_disturbed(),
             abort,
+            extension: 1.0,
+            enough: self.enough.take(),
             solved: self.solution.is_some(),
             accepted: self.accepted,
             saved: self.saved,
@@ -438,6 +447,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
                 self.measuring = true;
             }
             Command::RepeatStop => self.calibrator.restart_stop(),
+            Command::Weigh => self.enough = self.calibrator.weigh_piece(&self.config.limits, report),
             Command::Solve => self.solve(report),
             Command::Judge => self.judge(report),
             Command::Save => return true,
@@ -471,7 +481,8 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             report(&Message::Decided(COMMANDED));
         }
         self.calibrator.restart(&self.config.run());
-        (self.measuring, self.solution, self.accepted, self.saved) = (false, None, None, false);
+        (self.measuring, self.enough, self.solution) = (false, None, None);
+        (self.accepted, self.saved) = (None, false);
         self.axes.iter_mut().for_each(Axis::hold);
     }
 
@@ -532,7 +543,9 @@ mod tests {
     #[test]
     fn every_wrong_number_of_a_configuration_is_refused() {
         type Spoil = fn(&mut SelfCalibrationConfig);
-        let wrong: [(Spoil, ConfigError); 22] = [
+        let wrong: [(Spoil, ConfigError); 24] = [
+            (|config| config.pace.longest_stop = 0.5, ConfigError::Pace),
+            (|config| config.pace.longest_s = Some(f64::NAN), ConfigError::Pace),
             (|config| config.policy = too_cold(), ConfigError::Policy),
             (|config| config.calibrator.rate_hz = f64::INFINITY, ConfigError::Rate),
             (|config| config.calibrator.rate_hz = 0.0, ConfigError::Rate),
@@ -546,7 +559,7 @@ mod tests {
             (|config| config.calibrator.estimator.site.latitude_rad = f64::NAN, ConfigError::Site),
             (|config| config.calibrator.estimator.site.measured_gravity_m_s2 = Some(0.0), ConfigError::Site),
             (|config| config.limits.scale = f64::NAN, ConfigError::Limits),
-            (|config| config.limits.required_sigma_rad = Some(0.0), ConfigError::Limits),
+            (|config| config.limits = config.limits.requiring(0.0), ConfigError::Limits),
             (|config| config.scheme.first_stop_s = 0.0, ConfigError::Scheme(SchemeError::Stop(0))),
             (|config| config.scheme.periods = 3, ConfigError::Segments),
             (|config| config.axes[0].arrived_rad = f64::NAN, ConfigError::Axis(0)),

@@ -6,7 +6,11 @@
 //!     |                                                                      ^  ^
 //!     v                                                                      |  |
 //!  AwaitStill --> Turn --> Settle --> Dwell --(last leg)--> Compute --> Verdict --> Store
-//!                  ^                    |                                |
+//!                  ^                    |         ^                      |
+//!                  |        (early finish allowed) | enough               |
+//!                  |                    v         |                      |
+//!                  |                  Weigh ------+                      |
+//!                  |                    |                                |
 //!                  +----(next leg)------+                         rejected|
 //!                                                                        v
 //!  any state before Store --(abort)------------------> Stopping --> Parking --> Parked
@@ -33,6 +37,34 @@ const SETTLE_US: u64 = 300_000;
 const STOP_US: u64 = 1_000_000;
 /// Longest time beyond its nominal duration that a move may take, us.
 const TURN_TIMEOUT_US: u64 = 10_000_000;
+
+/// How long a run takes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Pace {
+    /// How often disturbed stops may be repeated, in all.
+    pub stop_repeats: u8,
+    /// Whether the run ends at the first stop at whose end every required sigma is met and the fit is good.
+    pub early_finish: bool,
+    /// How many times as long as the scheme says a stop may last whose noise is larger than assumed; 1 for no longer.
+    pub longest_stop: f64,
+    /// Time after which no further move begins, s; `None` for any.
+    pub longest_s: Option<f64>,
+}
+
+impl Default for Pace {
+    /// Three repeated stops; the whole scheme, as it says.
+    fn default() -> Self {
+        Self { stop_repeats: 3, early_finish: false, longest_stop: 1.0, longest_s: None }
+    }
+}
+
+impl Pace {
+    /// Whether every number makes sense.
+    pub fn is_valid(&self) -> bool {
+        let longest = self.longest_s.is_none_or(|longest_s| longest_s.is_finite() && longest_s > 0.0);
+        longest && self.longest_stop.is_finite() && self.longest_stop >= 1.0
+    }
+}
 
 /// Why a run was given up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -90,6 +122,8 @@ pub enum State {
     Settle(u16),
     /// Standing, measuring.
     Dwell(u16),
+    /// Looking whether what has been measured is enough.
+    Weigh(u16),
     /// All segments are being processed, piece by piece.
     Compute,
     /// The result is being judged.
@@ -136,6 +170,10 @@ pub struct Input {
     pub disturbed: bool,
     /// Something happened that ends the run.
     pub abort: Option<AbortReason>,
+    /// The dwell shall last this many times as long as the scheme says, if more than 1: the noise is larger than assumed.
+    pub extension: f64,
+    /// Answer to `Weigh`: whether every requirement is met.
+    pub enough: Option<bool>,
     /// Answer to `Solve`: all is done.
     pub solved: bool,
     /// Answer to `Judge`: whether the result is accepted.
@@ -167,6 +205,8 @@ pub enum Command {
     Measure,
     /// Forget the stop so far and measure it again: it was disturbed.
     RepeatStop,
+    /// Close the stop, and see whether every requirement is met, one bounded piece at each of these commands.
+    Weigh,
     /// Close the last stop and process all segments, one bounded piece at each of these commands.
     Solve,
     /// Judge the solution.
@@ -186,15 +226,24 @@ pub struct Sequencer {
     state: State,
     since_us: u64,
     still_since_us: Option<u64>,
-    /// Times that stops may be repeated, in a run, and in what is left of this one.
-    repeats: u8,
+    measuring_since_us: u64,
+    pace: Pace,
+    /// Times that stops may still be repeated.
     repeats_left: u8,
 }
 
 impl Sequencer {
-    /// A sequencer at power-up. Over a run, disturbed stops are repeated up to `repeats` times.
-    pub fn new(scheme: Scheme, repeats: u8) -> Self {
-        Self { scheme, state: State::PowerUp, since_us: 0, still_since_us: None, repeats, repeats_left: repeats }
+    /// A sequencer at power-up.
+    pub fn new(scheme: Scheme, pace: Pace) -> Self {
+        Self {
+            scheme,
+            state: State::PowerUp,
+            since_us: 0,
+            still_since_us: None,
+            measuring_since_us: 0,
+            pace,
+            repeats_left: pace.stop_repeats,
+        }
     }
 
     /// Where the run is.
@@ -228,6 +277,11 @@ impl Sequencer {
             State::Turn(leg) => self.turn(input, leg),
             State::Settle(leg) => self.settle(input, leg),
             State::Dwell(leg) => self.dwell(input, leg),
+            State::Weigh(leg) => match input.enough {
+                None => Command::Weigh,
+                Some(true) => self.enter(input, State::Compute, Command::Solve),
+                Some(false) => self.next_leg(input, leg),
+            },
             State::Compute if input.solved => self.enter(input, State::Verdict, Command::Judge),
             State::Compute => Command::Solve,
             State::Verdict => match input.accepted {
@@ -262,6 +316,7 @@ impl Sequencer {
             | State::Turn(_)
             | State::Settle(_)
             | State::Dwell(_)
+            | State::Weigh(_)
             | State::Compute
             | State::Verdict => self.give_up(&input, Some(reason)),
             State::Parking if reason.is_fault() => self.enter(&input, State::Stranded, Command::Hold),
@@ -300,7 +355,7 @@ impl Sequencer {
 
     fn begin(&mut self, input: &Input) -> Command {
         self.still_since_us = None;
-        self.repeats_left = self.repeats;
+        self.repeats_left = self.pace.stop_repeats;
         self.enter(input, State::AwaitStill, Command::Begin)
     }
 
@@ -335,8 +390,11 @@ impl Sequencer {
         if self.elapsed_us(input) < SETTLE_US {
             return Command::Continue;
         }
-        let command = if leg == 0 { Command::Measure } else { Command::Continue };
-        self.enter(input, State::Dwell(leg), command)
+        if leg > 0 {
+            return self.enter(input, State::Dwell(leg), Command::Continue);
+        }
+        self.measuring_since_us = input.now_us;
+        self.enter(input, State::Dwell(leg), Command::Measure)
     }
 
     /// Whether a stop has lasted as long as it shall.
@@ -346,16 +404,33 @@ impl Sequencer {
     }
 
     fn dwell(&mut self, input: &Input, leg: u16) -> Command {
+        let stop_us = self.leg(leg).stop_s * 1e6;
         if !self.is_dwell_over(input.now_us) {
             Command::Continue
         } else if input.disturbed && self.repeats_left > 0 {
             self.repeats_left -= 1;
             self.enter(input, State::Dwell(leg), Command::RepeatStop)
-        } else if leg + 1 < self.legs() {
+        } else if (self.elapsed_us(input) as f64) < stop_us * input.extension && !self.is_late(input.now_us) {
+            Command::Continue
+        } else if self.pace.early_finish && leg + 1 < self.legs() {
+            self.enter(input, State::Weigh(leg), Command::Weigh)
+        } else {
+            self.next_leg(input, leg)
+        }
+    }
+
+    fn next_leg(&mut self, input: &Input, leg: u16) -> Command {
+        if leg + 1 < self.legs() && !self.is_late(input.now_us) {
             self.turn_to(input, leg + 1)
         } else {
             self.enter(input, State::Compute, Command::Solve)
         }
+    }
+
+    /// Whether the time for measuring is over.
+    fn is_late(&self, now_us: u64) -> bool {
+        let measured_us = now_us.saturating_sub(self.measuring_since_us);
+        self.pace.longest_s.is_some_and(|longest_s| measured_us as f64 >= longest_s * 1e6)
     }
 
     /// Leg 0 is the start at (0, 0).
@@ -397,6 +472,8 @@ mod tests {
             arrived: true,
             move_us: 5_500_000,
             disturbed: false,
+            extension: 1.0,
+            enough: None,
             abort: None,
             solved: state == State::Compute,
             accepted: (state == State::Verdict).then_some(true),
@@ -407,7 +484,7 @@ mod tests {
     #[test]
     fn a_good_run_visits_every_leg_and_ends_correcting() {
         let scheme = Scheme::bai(10.0, 2);
-        let mut sequencer = Sequencer::new(scheme, 3);
+        let mut sequencer = Sequencer::new(scheme, Pace::default());
         let trace = run(&mut sequencer, cooperative);
         let dwells = trace.iter().filter(|(state, _)| matches!(state, State::Dwell(_))).count();
         assert_eq!(dwells, 37);
@@ -426,7 +503,7 @@ mod tests {
             (Decision::Calibrate(Cause::Policy), Command::Begin, State::AwaitStill),
         ];
         for (decision, command, state) in decisions {
-            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
             assert_eq!(sequencer.step(&Input::default()), Command::Decide);
             let input = Input { decision: Some(decision), ..Input::default() };
             assert_eq!((sequencer.step(&input), sequencer.state()), (command, state));
@@ -449,7 +526,7 @@ mod tests {
             }),
         ];
         for (state, input) in cases {
-            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
             run(&mut sequencer, input);
             assert_eq!(sequencer.state(), state);
             let now_us = 4_000_000_000;
@@ -461,7 +538,7 @@ mod tests {
                 "stillness counts anew"
             );
         }
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         let eager = run(&mut sequencer, |now_us, state| Input {
             start: state != State::Correcting,
             ..cooperative(now_us, state)
@@ -471,7 +548,7 @@ mod tests {
 
     #[test]
     fn a_rejected_run_is_parked_and_nothing_is_saved() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         let reject = |now_us, state| Input { accepted: Some(false), saved: false, ..cooperative(now_us, state) };
         let trace = run(&mut sequencer, reject);
         assert_eq!(sequencer.state(), State::Parked);
@@ -480,7 +557,7 @@ mod tests {
     }
 
     /// Every state: those that a run can be aborted from, and the others.
-    const ABORTABLE: [State; 9] = [
+    const ABORTABLE: [State; 10] = [
         State::PowerUp,
         State::AwaitStill,
         State::Turn(0),
@@ -488,6 +565,7 @@ mod tests {
         State::Settle(7),
         State::Dwell(0),
         State::Dwell(18),
+        State::Weigh(3),
         State::Compute,
         State::Verdict,
     ];
@@ -503,8 +581,10 @@ mod tests {
 
     /// Tells the sequencer of an abort whenever it is in one state.
     fn aborted_in(aborted: State, reason: AbortReason) -> (Sequencer, Vec<(State, Command)>) {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
+        let pace = Pace { early_finish: true, ..Pace::default() };
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), pace);
         let trace = run(&mut sequencer, |now_us, state| Input {
+            enough: Some(false),
             abort: (state == aborted).then_some(reason),
             ..cooperative(now_us, state)
         });
@@ -537,6 +617,39 @@ mod tests {
     }
 
     #[test]
+    fn a_run_ends_where_it_is_enough_if_it_may() {
+        for (early_finish, dwells) in [(true, 6), (false, 19)] {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace { early_finish, ..Pace::default() });
+            let mut looks = 0;
+            let trace = run(&mut sequencer, |now_us, state| {
+                looks += u32::from(matches!(state, State::Weigh(_)));
+                // It takes three looks each.
+                let enough = looks.is_multiple_of(3).then_some(state == State::Weigh(5));
+                Input { enough, ..cooperative(now_us, state) }
+            });
+            assert_eq!(trace.iter().filter(|(state, _)| matches!(state, State::Dwell(_))).count(), dwells);
+            assert_eq!(sequencer.state(), State::Correcting);
+        }
+    }
+
+    #[test]
+    fn a_stop_lasts_longer_where_there_is_noise_and_time() {
+        let dwell_us = |extension, longest_s| {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace { longest_s, ..Pace::default() });
+            let mut dwells_us = 0;
+            run(&mut sequencer, |now_us, state| {
+                dwells_us += if matches!(state, State::Dwell(_)) { 5000 } else { 0 };
+                Input { extension, ..cooperative(now_us, state) }
+            });
+            dwells_us
+        };
+        assert_eq!(dwell_us(1.0, None), 19 * 10_000_000);
+        assert_eq!(dwell_us(1.5, None), 19 * 15_000_000);
+        // The third stop is cut, but not below what the scheme says.
+        assert_eq!(dwell_us(1.5, Some(33.0)) / 1_000_000, 15 + 15 + 10);
+    }
+
+    #[test]
     fn gimbals_that_cannot_be_parked_are_left_where_they_stand() {
         let rejected = |now_us, state| Input { accepted: Some(false), ..cooperative(now_us, state) };
         let faulty = |now_us, state: State| Input {
@@ -548,7 +661,7 @@ mod tests {
             abort: (state == State::Parking).then_some(AbortReason::Commanded),
             ..rejected(now_us, state)
         };
-        let sequencer = || Sequencer::new(Scheme::bai(10.0, 1), 3);
+        let sequencer = || Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         let end = |trace: Vec<(State, Command)>| trace.last().copied();
         assert_eq!(end(run(&mut sequencer(), faulty)), Some((State::Stranded, Command::Hold)));
         assert_eq!(end(run(&mut sequencer(), slow)), Some((State::Stranded, Command::Hold)));
@@ -557,7 +670,7 @@ mod tests {
 
     #[test]
     fn a_clock_that_goes_back_does_not_hold_the_run_up() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         let jump_us = 100_000_000;
         let trace = run(&mut sequencer, |now_us, state| {
             let now_us = if now_us < jump_us { now_us } else { now_us - jump_us };
@@ -569,7 +682,7 @@ mod tests {
     #[test]
     fn computing_goes_on_until_it_is_done_and_can_be_aborted() {
         for abort_at in [None, Some(7)] {
-            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
             let mut computing = 0;
             let trace = run(&mut sequencer, |now_us, state| {
                 computing += u32::from(state == State::Compute);
@@ -585,7 +698,7 @@ mod tests {
 
     #[test]
     fn a_disturbed_stop_is_repeated_up_to_the_limit() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         let disturbed = |now_us, state| Input { disturbed: state == State::Dwell(5), ..cooperative(now_us, state) };
         let trace = run(&mut sequencer, disturbed);
         assert_eq!(trace.iter().filter(|(_, command)| *command == Command::RepeatStop).count(), 3);
@@ -594,10 +707,10 @@ mod tests {
 
     #[test]
     fn an_unquiet_base_and_a_stuck_axis_end_the_run() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         let trace = run(&mut sequencer, |now_us, state| Input { still: false, ..cooperative(now_us, state) });
         assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(Some(AbortReason::NotStill))));
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         let stuck = |now_us, state| Input { arrived: state != State::Turn(3), ..cooperative(now_us, state) };
         let trace = run(&mut sequencer, stuck);
         assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(Some(AbortReason::TurnTimeout(3)))));

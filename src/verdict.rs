@@ -65,8 +65,8 @@ pub struct VerdictLimits {
     pub non_perpendicularity_rad: f64,
     /// Largest plausible tilt of the base, rad.
     pub base_tilt_rad: f64,
-    /// Required sigma of the twelve installation errors, rad.
-    pub required_sigma_rad: Option<f64>,
+    /// Greatest sigmas, in the order of the parameter vector, SI; infinite where there is no requirement.
+    pub required_sigmas: Option<[f64; PARAMETERS]>,
     /// Whether a result that differs from the stored calibration may replace it.
     pub accept_change: bool,
 }
@@ -82,7 +82,25 @@ impl VerdictLimits {
             self.non_perpendicularity_rad,
             self.base_tilt_rad,
         ];
-        limits.iter().chain(&self.required_sigma_rad).all(|limit| limit.is_finite() && *limit > 0.0)
+        let required = self.required_sigmas.iter().flatten();
+        limits.iter().all(|limit| limit.is_finite() && *limit > 0.0) && required.into_iter().all(|limit| *limit > 0.0)
+    }
+
+    /// With a greatest sigma of the twelve installation errors, rad.
+    #[must_use]
+    pub fn requiring(self, sigma_rad: f64) -> Self {
+        let mut required = [f64::INFINITY; PARAMETERS];
+        required.iter_mut().take(INSTALLATION.end).for_each(|required| *required = sigma_rad);
+        Self { required_sigmas: Some(required), ..self }
+    }
+
+    /// Parameters whose sigma, SI, exceeds the required one: index, sigma, required.
+    pub fn unmet<'a>(&'a self, sigmas: &'a [f64; PARAMETERS]) -> impl Iterator<Item = (u8, f64, f64)> + 'a {
+        let required = self.required_sigmas.iter().flatten();
+        let pairs = (0_u8..).zip(sigmas.iter().zip(required));
+        pairs
+            .filter(|(_, (sigma, required))| sigma > required)
+            .map(|(parameter, (sigma, required))| (parameter, *sigma, *required))
     }
 }
 
@@ -96,7 +114,7 @@ impl Default for VerdictLimits {
             scale: 5000.0 * PPM,
             non_perpendicularity_rad: 0.5 * DEG,
             base_tilt_rad: 15.0 * DEG,
-            required_sigma_rad: None,
+            required_sigmas: None,
             accept_change: false,
         }
     }
@@ -323,6 +341,12 @@ fn judge_fit(verdict: &mut Verdict, solution: &Solution) {
     }
 }
 
+/// Whether a residual chi-square is within its bounds.
+pub fn is_good_fit(chi_square: f64, degrees_of_freedom: u32) -> bool {
+    let [low, high] = chi_square_bounds(degrees_of_freedom);
+    (low..=high).contains(&chi_square)
+}
+
 fn chi_square_bounds(degrees_of_freedom: u32) -> [f64; 2] {
     [CHI_SQUARE_LOWER_Z, CHI_SQUARE_UPPER_Z].map(|z| chi_square_quantile(degrees_of_freedom, z))
 }
@@ -344,12 +368,9 @@ fn judge_parameters<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, 
         if usize::from(parameter) != HEADING && *sigma > OBSERVED_RATIO * prior {
             verdict.doubt(Reason::Unobserved { parameter, of_prior: sigma / prior });
         }
-        if let Some(required) = limits.required_sigma_rad
-            && INSTALLATION.contains(&usize::from(parameter))
-            && *sigma > required
-        {
-            verdict.doubt(Reason::Sigma { parameter, sigma: *sigma, required });
-        }
+    }
+    for (parameter, sigma, required) in limits.unmet(&estimate.sigmas) {
+        verdict.doubt(Reason::Sigma { parameter, sigma, required });
     }
 }
 
@@ -646,7 +667,7 @@ mod tests {
         assert_eq!(far, ["beta is 21600.0 arcsec, plausible up to 18000.0"]);
         let unobserved = reasons(|case| case.solution.estimate.sigmas[0] = 0.025);
         assert_eq!(unobserved, ["Sgxy is not observed: its sigma is still 0.50 of the prior's"]);
-        let sigma = reasons(|case| case.limits.required_sigma_rad = Some(0.2 * ARCSEC));
+        let sigma = reasons(|case| case.limits = case.limits.requiring(0.2 * ARCSEC));
         assert_eq!((sigma.len(), sigma[0].as_str()), (12, "sigma of Sgxy is 0.300 arcsec, required 0.200"));
         let heading = reasons(|case| case.solution.estimate.sigmas[HEADING] = 0.05);
         assert_eq!(heading.len(), 0, "a heading that is not known says so by its sigma");
@@ -751,7 +772,7 @@ mod tests {
     #[test]
     fn reasons_that_do_not_fit_are_counted() {
         let mut case = good();
-        case.limits.required_sigma_rad = Some(0.0);
+        case.limits = case.limits.requiring(0.0);
         case.solution.converged = false;
         assert_eq!((verdict(&case).reasons.len(), verdict(&case).more), (MAX_REASONS, 1));
     }

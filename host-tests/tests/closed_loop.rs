@@ -12,15 +12,16 @@ use rins_selfcal::assignment::Assignment;
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
 use rins_selfcal::device::STATUS_POWERED_OFF;
 use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS};
-use rins_selfcal::estimator::BASIC_STATES;
+use rins_selfcal::estimator::{BASIC_STATES, Solution};
 use rins_selfcal::method::Method;
 use rins_selfcal::policy::{Cause, Decision, PowerUpPolicy};
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
-use rins_selfcal::sequencer::{AbortReason, State};
+use rins_selfcal::sequencer::{AbortReason, Pace, State};
 use rins_selfcal::store::StoredCalibration;
 use rins_selfcal::telemetry::Message;
 use rins_selfcal::units::{ARCSEC, DEG};
+use rins_selfcal::verdict::{Reason, Verdict, VerdictLimits};
 
 /// Longer than the scheme and the way back.
 const RUN_S: f64 = 400.0;
@@ -229,6 +230,60 @@ fn a_drive_is_commanded_again_and_given_up_after_ten_failures() {
     assert_eq!(forever.aborted(), [AbortReason::InnerDrive]);
     assert_eq!(forever.last_state(), Some(State::Stranded));
     assert_eq!(forever.rins.true_rates_rad_s(), [0.0; 2]);
+}
+
+/// Runs a sound unit to its end with these limits and this pace.
+fn paced(limits: VerdictLimits, pace: Pace) -> Vec<Message> {
+    let unit = unit();
+    let calibrator = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
+    let config = SelfCalibrationConfig { limits, pace, ..SelfCalibrationConfig::new(calibrator, Scheme::bai(10.0, 1)) };
+    let mut rins = VirtualRins::new(&unit, 2);
+    rins.expect_moves(&move_durations_s(&config.scheme, unit.rate_hz));
+    let bench = shared(Faulty { rins, left: (RUN_S * unit.rate_hz) as u32, fault: sound });
+    let mut messages = Vec::new();
+    let note = |message: &Message| messages.push(message.clone());
+    in_process::<f64, BASIC_STATES, _>(&Assignment::SelfCalibrate(config), None, &bench, note).expect("it runs");
+    messages
+}
+
+fn solution(messages: &[Message]) -> &Solution {
+    let solved = |message| if let &Message::Solved { ref solution, .. } = message { Some(solution) } else { None };
+    messages.iter().find_map(solved).expect("a solution")
+}
+
+fn verdict(messages: &[Message]) -> &Verdict {
+    let judged = |message| if let &Message::Judged(ref verdict) = message { Some(verdict) } else { None };
+    messages.iter().find_map(judged).expect("a verdict")
+}
+
+#[test]
+fn a_run_ends_as_soon_as_it_is_good_enough() {
+    let required_rad = 1.0 * ARCSEC;
+    let early = Pace { early_finish: true, ..Pace::default() };
+    let whole = paced(VerdictLimits::default(), early);
+    assert_eq!(solution(&whole).segments, 37, "without a requirement it is never enough");
+    let messages = paced(VerdictLimits::default().requiring(required_rad), early);
+    assert!(verdict(&messages).accepted());
+    let solution = solution(&messages);
+    assert!(solution.segments < 37, "{} segments", solution.segments);
+    assert!(solution.estimate.sigmas[..12].iter().all(|sigma| *sigma <= required_rad));
+    // At the stop before it was not.
+    let before = messages.iter().filter_map(|message| match message {
+        Message::Segment(progress) if progress.segments + 2 == solution.segments => Some(progress.estimate.sigmas),
+        _ => None,
+    });
+    assert!(before.last().is_some_and(|sigmas| sigmas[..12].iter().any(|sigma| *sigma > required_rad)));
+}
+
+#[test]
+fn a_run_ends_when_its_time_is_over_and_says_what_is_missing() {
+    let pace = Pace { early_finish: true, longest_s: Some(120.0), ..Pace::default() };
+    let messages = paced(VerdictLimits::default().requiring(0.1 * ARCSEC), pace);
+    let measured_s = solution(&messages).duration_s;
+    // The stop under way at 120 s is finished.
+    assert!((120.0..140.0).contains(&measured_s), "{measured_s}");
+    let reasons = &verdict(&messages).reasons;
+    assert!(reasons.iter().any(|reason| matches!(reason, Reason::Sigma { .. })), "{reasons:?}");
 }
 
 #[test]
