@@ -15,6 +15,7 @@ use crate::store::StoredCalibration;
 use crate::telemetry::Message;
 use crate::units::DEG;
 use crate::verdict::{Verdict, VerdictLimits, unrest};
+use core::fmt;
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
@@ -54,8 +55,10 @@ pub enum ConfigError {
     Rate,
     /// A noise is not finite, or negative.
     Noise,
-    /// A walk of an option is not finite, or a state is asked for that the filter of this build does not have.
+    /// A walk of an option is not finite, or negative.
     Options,
+    /// A state is asked for that the filter of this build does not have.
+    States,
     /// The scheme has more segments than fit.
     Segments,
     /// The latitude is not within a quarter turn, or height or gravity are not finite.
@@ -71,6 +74,28 @@ pub enum ConfigError {
         /// Axis: 0 outer, 1 inner.
         axis: u8,
     },
+}
+
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = |axis: &u8| if *axis == 0 { "outer" } else { "inner" };
+        match self {
+            Self::Rate => f.write_str("the sample rate must be finite and positive"),
+            Self::Noise => f.write_str("every noise must be finite and not negative"),
+            Self::Options => f.write_str("random walks of the biases must be finite and not negative"),
+            Self::States => f.write_str(
+                "this build has no room for bias ramps, encoder harmonics or tilt drift; build with feature \
+                 optional-states, or leave them out",
+            ),
+            Self::Segments => write!(f, "the scheme has more than the {MAX_SEGMENTS} stops and moves that fit"),
+            Self::Site => f.write_str("the latitude must be within 90 deg, height and gravity finite"),
+            Self::Scheme(error) => write!(f, "the scheme: {error}"),
+            Self::TooFast(axis) => {
+                write!(f, "the scheme turns or accelerates faster than the {} axis may", name(axis))
+            }
+            Self::Travel { leg, axis } => write!(f, "leg {leg} leaves the travel of the {} axis", name(axis)),
+        }
+    }
 }
 
 impl SelfCalibrationConfig {
@@ -162,7 +187,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     ) -> Result<Self, ConfigError> {
         config.check()?;
         if config.calibrator.estimator.options.needs_states() && STATES < FULL_STATES {
-            return Err(ConfigError::Options);
+            return Err(ConfigError::States);
         }
         let use_stored = config.use_stored && stored.is_some();
         let stored = stored.map(|record| Estimate { errors: record.errors, sigmas: record.sigmas });

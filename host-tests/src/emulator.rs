@@ -49,30 +49,60 @@ impl Scalar {
     }
 }
 
+/// What an image is built for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Variant {
+    /// Its arithmetic.
+    pub scalar: Scalar,
+    /// Whether its filter has room for the optional states.
+    pub optional_states: bool,
+}
+
+impl Variant {
+    /// Name of its directory and in reports.
+    pub const fn name(self) -> &'static str {
+        match (self.scalar, self.optional_states) {
+            (scalar, false) => scalar.name(),
+            (Scalar::F64, true) => "f64-optional-states",
+            (Scalar::F32, true) => "f32-optional-states",
+        }
+    }
+
+    fn features(self) -> String {
+        let scalar = if self.scalar == Scalar::F32 { ",single-precision" } else { "" };
+        let states = if self.optional_states { ",optional-states" } else { "" };
+        format!("firmware{scalar}{states}")
+    }
+}
+
+impl From<Scalar> for Variant {
+    /// Without optional states.
+    fn from(scalar: Scalar) -> Self {
+        Self { scalar, optional_states: false }
+    }
+}
+
 // ------------------------------------------------------------------------------------------------------------- set-up
 
 /// Builds the firmware and returns its image. Installs the target if the toolchain lacks it.
 ///
 /// # Errors
 /// One line that says what is missing and the command that installs it, or cargo's own output.
-pub fn build(scalar: Scalar) -> Result<PathBuf> {
+pub fn build(variant: impl Into<Variant>) -> Result<PathBuf> {
+    let variant = variant.into();
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("host-tests has no parent")?;
     let targets = env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |dir| root.join(dir));
     // Directories of their own: a running `cargo test` holds the lock of the usual one, and the images differ.
-    let directory = targets.join(format!("firmware-{}", scalar.name()));
+    let directory = targets.join(format!("firmware-{}", variant.name()));
     fs::create_dir_all(&directory).with_context(|| format!("cannot make {}", directory.display()))?;
     // One build and one installation at a time, whichever process asks.
     let lock = File::create(directory.join(".lock"))?;
     lock.lock()?;
     ensure_target(root)?;
-    let features = match scalar {
-        Scalar::F64 => "firmware",
-        Scalar::F32 => "firmware,single-precision",
-    };
     let output = cargo()
         .current_dir(root)
         .args(["build", "--release", "--quiet", "--package", "rins-selfcal", "--bin", "firmware"])
-        .args(["--features", features, "--target", TARGET, "--target-dir"])
+        .args(["--features", &variant.features(), "--target", TARGET, "--target-dir"])
         .arg(&directory)
         .output()
         .context("cannot run cargo")?;

@@ -12,8 +12,10 @@ use mps2_an500::{Board, Telemetry};
 use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
 use rins_selfcal::device::rate_nrad_s;
-
-use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
+#[cfg(not(feature = "optional-states"))]
+use rins_selfcal::estimator::BASIC_STATES;
+use rins_selfcal::estimator::{FULL_STATES, MAX_SEGMENTS};
+use rins_selfcal::self_calibration::{ConfigError, SelfCalibration, SelfCalibrationConfig};
 use rins_selfcal::store::{Loaded, StoredCalibration};
 use rins_selfcal::telemetry::{MAX_FRAME_BYTES, Message, encode};
 use rins_selfcal::verdict::VerdictLimits;
@@ -25,17 +27,26 @@ pub type Scalar = f64;
 #[cfg(feature = "single-precision")]
 pub type Scalar = f32;
 
+/// States of the filter of this image.
+#[cfg(not(feature = "optional-states"))]
+const STATES: usize = BASIC_STATES;
+/// States of the filter of this image.
+#[cfg(feature = "optional-states")]
+const STATES: usize = FULL_STATES;
+
+type ImageCalibrator = Calibrator<Scalar, MAX_SEGMENTS, STATES>;
+
 #[entry]
 fn main() -> ! {
     let mut board = Board::start();
-    let status = match singleton!(: Calibrator<Scalar> = Calibrator::UNCONFIGURED) {
+    let status = match singleton!(: ImageCalibrator = Calibrator::UNCONFIGURED) {
         Some(calibrator) => run(&mut board, calibrator),
         None => Err(()),
     };
     board.finish(status)
 }
 
-fn run(board: &mut Board, calibrator: &mut Calibrator<Scalar>) -> Result<(), ()> {
+fn run(board: &mut Board, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
     match assignment(board) {
         Assignment::SelfCalibrate(config) => self_calibrate(board, config, calibrator),
         Assignment::Replay(config) => replay(board, &config, calibrator),
@@ -59,16 +70,12 @@ fn assignment(board: &mut Board) -> Assignment {
 fn self_calibrate(
     board: &mut Board,
     config: SelfCalibrationConfig,
-    calibrator: &mut Calibrator<Scalar>,
+    calibrator: &mut ImageCalibrator,
 ) -> Result<(), ()> {
     let stored = load(board);
     let mut run = match SelfCalibration::new(config, stored.as_ref(), calibrator) {
         Ok(run) => run,
-        Err(error) => {
-            defmt::error!("the configuration is refused");
-            send(&mut board.telemetry, &Message::Refused(error));
-            return Err(());
-        }
+        Err(error) => return refuse(board, error),
     };
     let mut samples = 0;
     while board.powered() {
@@ -94,7 +101,16 @@ fn self_calibrate(
     Ok(())
 }
 
-fn replay(board: &mut Board, config: &CalibratorConfig, calibrator: &mut Calibrator<Scalar>) -> Result<(), ()> {
+fn refuse(board: &mut Board, error: ConfigError) -> Result<(), ()> {
+    defmt::error!("the configuration is refused: {}", defmt::Display2Format(&error));
+    send(&mut board.telemetry, &Message::Refused(error));
+    Err(())
+}
+
+fn replay(board: &mut Board, config: &CalibratorConfig, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
+    if config.estimator.options.needs_states() && STATES < FULL_STATES {
+        return refuse(board, ConfigError::States);
+    }
     calibrator.restart(config);
     let mut samples = 0;
     while board.powered() {
