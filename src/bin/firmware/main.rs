@@ -8,7 +8,7 @@ mod mps2_an500;
 
 use cortex_m::singleton;
 use cortex_m_rt::entry;
-use mps2_an500::{Board, Telemetry};
+use mps2_an500::{Board, Span, Telemetry, Work, count};
 use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
 use rins_selfcal::device::rate_nrad_s;
@@ -16,6 +16,7 @@ use rins_selfcal::device::rate_nrad_s;
 use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::estimator::{FULL_STATES, MAX_SEGMENTS};
 use rins_selfcal::self_calibration::{ConfigError, SelfCalibration, SelfCalibrationConfig};
+use rins_selfcal::sequencer::State;
 use rins_selfcal::store::{Loaded, StoredCalibration};
 use rins_selfcal::telemetry::{MAX_FRAME_BYTES, Message, encode};
 use rins_selfcal::verdict::VerdictLimits;
@@ -81,7 +82,11 @@ fn self_calibrate(
     while board.powered() {
         while let Some(sample) = board.samples.pop() {
             samples += 1;
-            let step = run.step(&sample, &mut |message| send(&mut board.telemetry, message));
+            let (span, mut work) = (Span::start(), work_in(run.state()));
+            let step = run.step(&sample, &mut |message| {
+                work = if matches!(message, Message::Segment(_)) { Work::Segment } else { Work::Other };
+                send(&mut board.telemetry, message);
+            });
             let mut commanded = true;
             for (drive, rate) in board.drives.iter_mut().zip(step.rates_rad_s) {
                 commanded &= drive.command(rate_nrad_s(rate)).is_ok();
@@ -89,6 +94,7 @@ fn self_calibrate(
             if !commanded && board.powered() {
                 run.abort();
             }
+            count(work, &span);
             if step.save {
                 let saved = run.record().is_some_and(|record| board.store.save(&record).is_ok());
                 run.saved();
@@ -105,6 +111,17 @@ fn refuse(board: &mut Board, error: ConfigError) -> Result<(), ()> {
     defmt::error!("the configuration is refused: {}", defmt::Display2Format(&error));
     send(&mut board.telemetry, &Message::Refused(error));
     Err(())
+}
+
+/// What a sample is for in this state, unless there is something to tell.
+fn work_in(state: State) -> Work {
+    match state {
+        State::Dwell(_) => Work::Stop,
+        State::Turn(_) => Work::Move,
+        State::Compute => Work::Solve,
+        State::Correcting => Work::Correct,
+        _ => Work::Other,
+    }
 }
 
 fn replay(board: &mut Board, config: &CalibratorConfig, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
@@ -149,11 +166,13 @@ fn report_queue(board: &mut Board, samples: u64) {
 }
 
 fn send(telemetry: &mut Telemetry, message: &Message) {
+    let span = Span::start();
     log(message);
     let mut buffer = [0; MAX_FRAME_BYTES];
     if let Some(frame) = encode(message, &mut buffer) {
         telemetry.send(frame);
     }
+    span.put_aside();
 }
 
 /// The milestones of a run, for whoever reads the log and not the telemetry.
