@@ -86,8 +86,8 @@ impl Default for Suspicion {
 pub struct Seen<'a, T: Real, const STATES: usize> {
     /// Row of the measurement matrix.
     pub h: &'a Vector<T, STATES>,
-    /// Covariance times that row: the gain times the innovation's variance.
-    pub covariance_h: &'a Vector<T, STATES>,
+    /// Gain.
+    pub gain: &'a Vector<T, STATES>,
     /// Innovation.
     pub innovation: T,
     /// Its variance.
@@ -212,8 +212,8 @@ impl<const STATES: usize> Suspects<STATES> {
             let weighted = g / seen.variance.widened();
             suspect.score += weighted * seen.innovation.widened();
             suspect.information += weighted * g;
-            for (y, covariance_h) in suspect.not_absorbed.iter_mut().zip(seen.covariance_h.iter()) {
-                *y -= (weighted * covariance_h.widened()) as f32;
+            for (y, gain) in suspect.not_absorbed.iter_mut().zip(seen.gain.iter()) {
+                *y -= (g * gain.widened()) as f32;
             }
         }
     }

@@ -32,6 +32,7 @@ use crate::options::{
 use crate::segment::{Segment, SegmentKind};
 use crate::site::Site;
 use crate::units::{DEG, DEG_H};
+use crate::weighting::Weights;
 use core::ops::Range;
 use serde::{Deserialize, Serialize};
 
@@ -222,6 +223,7 @@ pub struct Solution {
 struct Use {
     force: bool,
     rotation: bool,
+    /// The states of stage 1 are considered only.
     considered: bool,
 }
 
@@ -264,6 +266,8 @@ pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATES
     /// The point that the filter's state deviates from.
     nominal: Vector<T, PARAMETERS>,
     filter: UdFilter<T, STATES>,
+    /// Of the two-stage method.
+    weights: Weights<T>,
     fit: Fit,
     /// Time that biases, attitude and optional rates refer to, us.
     reference_us: u64,
@@ -290,6 +294,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             start: zeros(),
             nominal: zeros(),
             filter: UdFilter::CERTAIN,
+            weights: Weights::NONE,
             fit: Fit::NONE,
             reference_us: 0,
             last_stop: [Angle::from_ticks(0); 2],
@@ -305,7 +310,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.left_out = 0;
         self.start.fill(T::zero());
         self.nominal.fill(T::zero());
-        restart_at_prior(&mut self.filter, config, config.gate_sigma);
+        self.restart_filters(config.gate_sigma);
         self.fit = Fit::NONE;
         self.last_stop = [Angle::default(); 2];
         self.pass = Pass::Idle;
@@ -455,7 +460,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     fn begin_sweep(&mut self, period_moves: Option<u16>) -> Sweep {
         // A change under test may be large, and shall be seen.
         let gate_sigma = self.config.gate_sigma.filter(|_| self.suspects.is_empty());
-        restart_at_prior(&mut self.filter, &self.config, gate_sigma);
+        self.restart_filters(gate_sigma);
         self.fit = Fit::NONE;
         self.last_stop = [Angle::default(); 2];
         let deviation = self.start - self.nominal;
@@ -477,6 +482,17 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             self.absorb();
         }
         ended
+    }
+
+    /// Sets the filters to what is known before any segment.
+    fn restart_filters(&mut self, gate_sigma: Option<f64>) {
+        let prior = prior_sigmas(&self.config);
+        self.filter.restart(&prior, gate_sigma.map(real));
+        if self.config.method == Method::TwoStage {
+            let scale = common_accel_scale();
+            self.filter.inflate(&scale, T::one());
+            self.weights.restart(&(prior + scale));
+        }
     }
 
     /// Moves the linearization point to the estimate.
@@ -584,7 +600,9 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         let residual = measured - prediction.value;
         let rounding = measured.norm() * real(ROUNDING_EPSILONS * T::EPSILON);
         let r = variance + rounding * rounding;
-        let considered: [bool; STATES] = core::array::from_fn(|state| usage.considered && STAGE_ONE.contains(&state));
+        let weighted = self.config.method == Method::TwoStage && first_channel == 0;
+        let floor = measured.norm() * real(self.config.noise.encoder_sigma_rad);
+        let zero = |gain: &mut T| *gain = T::zero();
         for ((z, channel), row) in residual.iter().zip(first_channel..).zip(0..3) {
             let mut h = Vector::<T, STATES>::zeros();
             let by_encoder_errors = prediction.by_encoder_errors.row(row);
@@ -593,16 +611,21 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             for (h, column) in h.iter_mut().zip(columns) {
                 *h = *column;
             }
-            let covariance_h = (!self.suspects.is_empty()).then(|| self.filter.covariance_times(&h));
-            let update = self.filter.update(&Measurement { z: *z, h, r }, &considered);
+            let chosen = weighted.then(|| self.weights.gain(&h, r + floor * floor));
+            let choose = |gain: &mut Vector<T, STATES>| match &chosen {
+                Some(chosen) => gain.copy_from(chosen),
+                None if usage.considered => gain.iter_mut().take(STAGE_ONE.end).skip(STAGE_ONE.start).for_each(zero),
+                None => {}
+            };
+            let (update, gain) = self.filter.update(&Measurement { z: *z, h, r }, choose);
             self.fit.note(&update, segment, channel);
-            if let (Some(covariance_h), Update::Applied(innovation)) = (&covariance_h, &update) {
+            if let Update::Applied(innovation) = &update {
                 let by_attitude_rate = prediction.by_attitude_rate.row(row).transpose().into();
                 let Innovation { value: innovation, variance } = *innovation;
                 let segment = segment as u16;
                 self.suspects.see(&Seen {
                     h: &h,
-                    covariance_h,
+                    gain: &gain,
                     innovation,
                     variance,
                     segment,
@@ -756,18 +779,6 @@ fn prior_sigmas<T: Real, const STATES: usize>(config: &EstimatorConfig) -> Vecto
         *heading = real(sigma_rad);
     }
     sigmas
-}
-
-/// Sets the filter to what is known before any segment.
-fn restart_at_prior<T: Real, const STATES: usize>(
-    filter: &mut UdFilter<T, STATES>,
-    config: &EstimatorConfig,
-    gate_sigma: Option<f64>,
-) {
-    filter.restart(&prior_sigmas(config), gate_sigma.map(real));
-    if config.method == Method::TwoStage {
-        filter.inflate(&common_accel_scale(), T::one());
-    }
 }
 
 /// One scale error common to the three accelerometers, with its prior sigma: it stands for the magnitude of the specific

@@ -47,4 +47,5 @@ pub mod store;
 pub mod telemetry;
 pub mod units;
 pub mod verdict;
+pub mod weighting;
 pub mod wiring;

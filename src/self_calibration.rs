@@ -18,6 +18,7 @@ use crate::store::StoredCalibration;
 use crate::telemetry::Message;
 use crate::units::DEG;
 use crate::verdict::{Verdict, VerdictLimits, unrest};
+use core::fmt;
 use core::mem;
 use core::ops::RangeInclusive;
 use heapless::String;
@@ -76,8 +77,10 @@ pub enum ConfigError {
     Policy,
     /// A limit of the verdict is not positive and finite.
     Limits,
-    /// A walk of an option is not finite, or a state is asked for that the filter of this build does not have.
+    /// A walk of an option is not finite, or negative.
     Options,
+    /// A state is asked for that the filter of this build does not have.
+    States,
     /// The scheme has more segments than fit.
     Segments,
     /// The latitude is not within a quarter turn, or height or gravity are not finite.
@@ -93,6 +96,36 @@ pub enum ConfigError {
         /// Axis: 0 outer, 1 inner.
         axis: u8,
     },
+}
+
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = |axis: &u8| if *axis == 0 { "outer" } else { "inner" };
+        match self {
+            Self::Rate => f.write_str("the sample rate must be from 10 to 10 000 Hz"),
+            Self::Noise => f.write_str("every noise must be finite and positive"),
+            Self::Heading => f.write_str("a configured heading must be finite, and its sigma positive"),
+            Self::Stillness => f.write_str("the range of an axis at rest, and the gate, must be finite and positive"),
+            Self::Axis(axis) => {
+                write!(f, "the limits of the {} axis must be finite and positive, and its travel not empty", name(axis))
+            }
+            Self::Pace => f.write_str("the longest run must be finite and positive, the longest stop at least 1"),
+            Self::Policy => f.write_str("the temperature limit of the policy must be finite and not negative"),
+            Self::Limits => f.write_str("every limit of the verdict must be finite and positive"),
+            Self::Options => f.write_str("random walks of the biases must be finite and not negative"),
+            Self::States => f.write_str(
+                "this build has no room for bias ramps, encoder harmonics or tilt drift; build with feature \
+                 optional-states, or leave them out",
+            ),
+            Self::Segments => write!(f, "the scheme has more than the {MAX_SEGMENTS} stops and moves that fit"),
+            Self::Site => f.write_str("the latitude must be within 90 deg, height and gravity finite"),
+            Self::Scheme(error) => write!(f, "the scheme: {error}"),
+            Self::TooFast(axis) => {
+                write!(f, "the scheme turns or accelerates faster than the {} axis may", name(axis))
+            }
+            Self::Travel { leg, axis } => write!(f, "leg {leg} leaves the travel of the {} axis", name(axis)),
+        }
+    }
 }
 
 /// Sample rates with enough samples in a segmenter's block, and whole microseconds between them.
@@ -232,7 +265,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     ) -> Result<Self, ConfigError> {
         config.check()?;
         if config.calibrator.estimator.options.needs_states() && STATES < FULL_STATES {
-            return Err(ConfigError::Options);
+            return Err(ConfigError::States);
         }
         let stored = stored.map(|record| (record.estimate(), record.moment()));
         calibrator.restart(&config.run());

@@ -247,13 +247,19 @@ fn paced(limits: VerdictLimits, pace: Pace) -> Vec<Message> {
 }
 
 fn solution(messages: &[Message]) -> &Solution {
-    let solved = |message| if let &Message::Solved { ref solution, .. } = message { Some(solution) } else { None };
-    messages.iter().find_map(solved).expect("a solution")
+    let solved = messages.iter().find_map(|message| match message {
+        Message::Solved { solution, .. } => Some(solution),
+        _ => None,
+    });
+    solved.expect("a solution")
 }
 
 fn verdict(messages: &[Message]) -> &Verdict {
-    let judged = |message| if let &Message::Judged(ref verdict) = message { Some(verdict) } else { None };
-    messages.iter().find_map(judged).expect("a verdict")
+    let judged = messages.iter().find_map(|message| match message {
+        Message::Judged(verdict) => Some(verdict),
+        _ => None,
+    });
+    judged.expect("a verdict")
 }
 
 #[test]
@@ -267,12 +273,11 @@ fn a_run_ends_as_soon_as_it_is_good_enough() {
     let solution = solution(&messages);
     assert!(solution.segments < 37, "{} segments", solution.segments);
     assert!(solution.estimate.sigmas[..12].iter().all(|sigma| *sigma <= required_rad));
-    // At the stop before it was not.
-    let before = messages.iter().filter_map(|message| match message {
+    let at_the_stop_before = messages.iter().find_map(|message| match message {
         Message::Segment(progress) if progress.segments + 2 == solution.segments => Some(progress.estimate.sigmas),
         _ => None,
     });
-    assert!(before.last().is_some_and(|sigmas| sigmas[..12].iter().any(|sigma| *sigma > required_rad)));
+    assert!(at_the_stop_before.is_some_and(|sigmas| sigmas[..12].iter().any(|sigma| *sigma > required_rad)));
 }
 
 #[test]

@@ -8,12 +8,16 @@ mod mps2_an500;
 
 use cortex_m::singleton;
 use cortex_m_rt::entry;
-use mps2_an500::{Board, Telemetry};
+use mps2_an500::{Board, Span, Telemetry, Work, count};
 use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
 use rins_selfcal::device::command_rates;
+#[cfg(not(feature = "optional-states"))]
+use rins_selfcal::estimator::BASIC_STATES;
+use rins_selfcal::estimator::{FULL_STATES, MAX_SEGMENTS};
 use rins_selfcal::policy::Decision;
-use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
+use rins_selfcal::self_calibration::{ConfigError, SelfCalibration, SelfCalibrationConfig};
+use rins_selfcal::sequencer::State;
 use rins_selfcal::store::{Loaded, StoredCalibration};
 use rins_selfcal::telemetry::{MAX_FRAME_BYTES, Message, encode};
 use rins_selfcal::verdict::VerdictLimits;
@@ -25,17 +29,26 @@ pub type Scalar = f64;
 #[cfg(feature = "single-precision")]
 pub type Scalar = f32;
 
+/// States of the filter of this image.
+#[cfg(not(feature = "optional-states"))]
+const STATES: usize = BASIC_STATES;
+/// States of the filter of this image.
+#[cfg(feature = "optional-states")]
+const STATES: usize = FULL_STATES;
+
+type ImageCalibrator = Calibrator<Scalar, MAX_SEGMENTS, STATES>;
+
 #[entry]
 fn main() -> ! {
     let mut board = Board::start();
-    let status = match singleton!(: Calibrator<Scalar> = Calibrator::UNCONFIGURED) {
+    let status = match singleton!(: ImageCalibrator = Calibrator::UNCONFIGURED) {
         Some(calibrator) => run(&mut board, calibrator),
         None => Err(()),
     };
     board.finish(status)
 }
 
-fn run(board: &mut Board, calibrator: &mut Calibrator<Scalar>) -> Result<(), ()> {
+fn run(board: &mut Board, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
     match assignment(board) {
         Assignment::SelfCalibrate(config) => self_calibrate(board, config, calibrator),
         Assignment::Replay(config) => replay(board, &config, calibrator),
@@ -59,23 +72,24 @@ fn assignment(board: &mut Board) -> Assignment {
 fn self_calibrate(
     board: &mut Board,
     config: SelfCalibrationConfig,
-    calibrator: &mut Calibrator<Scalar>,
+    calibrator: &mut ImageCalibrator,
 ) -> Result<(), ()> {
     let stored = load(board);
     let mut run = match SelfCalibration::new(config, stored.as_ref(), calibrator) {
         Ok(run) => run,
-        Err(error) => {
-            defmt::error!("the configuration is refused");
-            send(&mut board.telemetry, &Message::Refused(error));
-            return Err(());
-        }
+        Err(error) => return refuse(board, error),
     };
     let mut samples = 0;
     while board.powered() {
         while let Some(sample) = board.samples.pop() {
             samples += 1;
-            let step = run.step(&sample, &mut |message| send(&mut board.telemetry, message));
+            let (span, mut work) = (Span::start(), work_in(run.state()));
+            let step = run.step(&sample, &mut |message| {
+                work = if matches!(message, Message::Segment(_)) { Work::Segment } else { Work::Other };
+                send(&mut board.telemetry, message);
+            });
             run.drives_answered(command_rates(&mut board.drives, step.rates_rad_s));
+            count(work, &span);
             if step.save {
                 let saved = run.record().is_some_and(|record| board.store.save(&record).is_ok());
                 run.saved();
@@ -91,7 +105,27 @@ fn self_calibrate(
     Ok(())
 }
 
-fn replay(board: &mut Board, config: &CalibratorConfig, calibrator: &mut Calibrator<Scalar>) -> Result<(), ()> {
+fn refuse(board: &mut Board, error: ConfigError) -> Result<(), ()> {
+    defmt::error!("the configuration is refused: {}", defmt::Display2Format(&error));
+    send(&mut board.telemetry, &Message::Refused(error));
+    Err(())
+}
+
+/// What a sample is for in this state, unless there is something to tell.
+fn work_in(state: State) -> Work {
+    match state {
+        State::Dwell(_) => Work::Stop,
+        State::Turn(_) => Work::Move,
+        State::Compute => Work::Solve,
+        State::Correcting => Work::Correct,
+        _ => Work::Other,
+    }
+}
+
+fn replay(board: &mut Board, config: &CalibratorConfig, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
+    if config.estimator.options.needs_states() && STATES < FULL_STATES {
+        return refuse(board, ConfigError::States);
+    }
     calibrator.restart(config);
     let mut samples = 0;
     while board.powered() {
@@ -136,11 +170,13 @@ fn report_queue(board: &mut Board, samples: u64) {
 }
 
 fn send(telemetry: &mut Telemetry, message: &Message) {
+    let span = Span::start();
     log(message);
     let mut buffer = [0; MAX_FRAME_BYTES];
     if let Some(frame) = encode(message, &mut buffer) {
         telemetry.send(frame);
     }
+    span.put_aside();
 }
 
 /// The milestones of a run, for whoever reads the log and not the telemetry.

@@ -131,6 +131,83 @@ impl DelayNs for Delay {
     }
 }
 
+// -------------------------------------------------------------------------------------------------------------- work
+
+/// Ticks that are nobody's own work: transfers, telemetry, and the interrupt, which may come into any other span. Written
+/// by the interrupt and the main loop; spans nest, so each knows what came into it.
+static ASIDE: AtomicU32 = AtomicU32::new(0);
+
+/// Time from here on.
+pub struct Span {
+    start: u32,
+    aside: u32,
+}
+
+impl Span {
+    /// Begins now.
+    pub fn start() -> Self {
+        Self { start: timer_ticks(), aside: ASIDE.load(Ordering::Relaxed) }
+    }
+
+    fn ticks(&self) -> u32 {
+        timer_ticks().wrapping_sub(self.start)
+    }
+
+    /// Ticks so far, without what is put aside.
+    fn own_ticks(&self) -> u32 {
+        critical_section::with(|_| self.ticks().wrapping_sub(ASIDE.load(Ordering::Relaxed).wrapping_sub(self.aside)))
+    }
+
+    /// Puts all of it aside.
+    pub fn put_aside(self) {
+        critical_section::with(|_| ASIDE.store(self.aside.wrapping_add(self.ticks()), Ordering::Relaxed));
+    }
+}
+
+/// What a span was for. The order is that of the file `run`.
+#[derive(Clone, Copy)]
+pub enum Work {
+    /// The interrupt.
+    Interrupt,
+    /// A sample while the axes stand.
+    Stop,
+    /// A sample while they turn.
+    Move,
+    /// A sample that ends a segment.
+    Segment,
+    /// A piece of the final pass.
+    Solve,
+    /// A sample that is corrected.
+    Correct,
+    /// Everything else.
+    Other,
+}
+
+/// Spans of one kind of work.
+#[derive(Clone, Copy)]
+struct Load {
+    spans: u32,
+    ticks: u64,
+    longest: u32,
+}
+
+static LOADS: Mutex<Cell<[Load; Work::Other as usize + 1]>> =
+    Mutex::new(Cell::new([Load { spans: 0, ticks: 0, longest: 0 }; Work::Other as usize + 1]));
+
+/// Counts a span, which ends here.
+pub fn count(work: Work, span: &Span) {
+    let ticks = span.own_ticks();
+    critical_section::with(|cs| {
+        let mut loads = LOADS.borrow(cs).get();
+        if let Some(load) = loads.get_mut(work as usize) {
+            load.spans = load.spans.wrapping_add(1);
+            load.ticks += u64::from(ticks);
+            load.longest = load.longest.max(ticks);
+        }
+        LOADS.borrow(cs).set(loads);
+    });
+}
+
 // -------------------------------------------------------------------------------------------------------- semihosting
 
 /// A file of the host.
@@ -230,7 +307,12 @@ impl SpiDevice for PipeSpi {
     fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), PipeFault> {
         let [Operation::TransferInPlace(frame)] = operations else { return Err(PipeFault::Unsupported) };
         // The interrupt and the main loop share the bus.
-        critical_section::with(|_| self.bus.transfer(self.chip, frame))
+        critical_section::with(|_| {
+            let span = Span::start();
+            let done = self.bus.transfer(self.chip, frame);
+            span.put_aside();
+            done
+        })
     }
 }
 
@@ -274,6 +356,13 @@ fn arm_next_edge() {
 }
 
 fn on_data_ready() {
+    let span = Span::start();
+    acquire();
+    count(Work::Interrupt, &span);
+    span.put_aside();
+}
+
+fn acquire() {
     EDGE_TIMER.interrupt_clear().write(1);
     if !POWERED.load(Ordering::Relaxed) {
         return;
@@ -619,6 +708,11 @@ impl Board {
             file.write(&u64::from(LATE_EDGES.load(Ordering::Relaxed)).to_le_bytes());
             file.write(&u64::from(self.samples.deepest()).to_le_bytes());
             file.write(&(QUEUE_LENGTH as u64 - 1).to_le_bytes());
+            for load in critical_section::with(|cs| LOADS.borrow(cs).get()) {
+                file.write(&u64::from(load.spans).to_le_bytes());
+                file.write(&load.ticks.to_le_bytes());
+                file.write(&u64::from(load.longest).to_le_bytes());
+            }
         }
         exit(status)
     }
