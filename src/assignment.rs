@@ -6,6 +6,7 @@ use crate::calibrator::CalibratorConfig;
 use crate::estimator::{EstimatorConfig, HeadingSource, Noise};
 use crate::method::Method;
 use crate::options::Options;
+use crate::policy::PowerUpPolicy;
 use crate::scheme::Scheme;
 use crate::segment::Stillness;
 use crate::self_calibration::SelfCalibrationConfig;
@@ -58,7 +59,8 @@ impl CalibratorConfig {
 }
 
 impl SelfCalibrationConfig {
-    /// The usual configuration of a run: default axes and limits, three repeated stops, a stored calibration is used.
+    /// The usual configuration of a run: default axes and limits, three repeated stops, a run where
+    /// nothing is stored.
     pub fn new(calibrator: CalibratorConfig, scheme: Scheme) -> Self {
         Self {
             calibrator,
@@ -66,7 +68,8 @@ impl SelfCalibrationConfig {
             axes: [AxisLimits::default(); 2],
             limits: VerdictLimits::default(),
             stop_repeats: 3,
-            use_stored: true,
+            policy: PowerUpPolicy::default(),
+            utc_s: None,
         }
     }
 }

@@ -63,29 +63,55 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
 
     /// Takes in one sample. Most return nothing; the one that completes a segment returns the live estimate.
     pub fn step(&mut self, sample: &RawSample<T>) -> Option<Progress> {
-        match self.intake.admit(sample) {
-            Admission::Admitted { .. } => self.segmenter.step(sample).and_then(|segment| self.add(&segment)),
-            Admission::Repeated | Admission::OutOfOrder | Admission::NonFinite => None,
-        }
+        if self.admit(sample) { self.measure(sample) } else { None }
+    }
+
+    /// Whether a sample may be used at all; counts those that may not.
+    pub fn admit(&mut self, sample: &RawSample<T>) -> bool {
+        matches!(self.intake.admit(sample), Admission::Admitted { .. })
+    }
+
+    /// Takes in an admitted sample, as [`Self::step`].
+    pub fn measure(&mut self, sample: &RawSample<T>) -> Option<Progress> {
+        self.segmenter.step(sample).and_then(|segment| self.add(&segment))
+    }
+
+    /// Counts samples anew from here on: the measurement begins.
+    pub fn restart_counts(&mut self) {
+        self.intake.restart_counts();
+    }
+
+    /// Admits the next sample whatever its time: the samples begin anew after a loss.
+    pub fn resume(&mut self) {
+        self.intake.resume();
     }
 
     fn finish(&mut self) -> Option<Progress> {
         self.segmenter.finish().and_then(|segment| self.add(&segment))
     }
 
-    /// Closes the last stop, at the end of the samples, processes all segments until the estimate stands, and reports
-    /// solution and covariance.
-    pub fn conclude(&mut self, report: &mut impl FnMut(&Message)) -> Solution {
+    /// One bounded piece of what is to be done at the end of the samples: closes the last stop, processes all segments
+    /// until the estimate stands, and reports solution and covariance. Returns the solution when done.
+    pub fn conclude_piece(&mut self, report: &mut impl FnMut(&Message)) -> Option<Solution> {
         if let Some(progress) = self.finish() {
             report(&Message::Segment(progress));
         }
-        let solution = self.estimator.solve();
+        let solution = self.estimator.solve_piece()?;
         report(&Message::Solved { solution, counts: self.counts() });
         for row in 0..PARAMETERS {
             let values = self.estimator.covariance_row(row).map(Real::widened).data.0[0];
             report(&Message::Covariance { row: row as u8, values });
         }
-        solution
+        Some(solution)
+    }
+
+    /// All pieces in one go, where no sample is waiting.
+    pub fn conclude(&mut self, report: &mut impl FnMut(&Message)) -> Solution {
+        loop {
+            if let Some(solution) = self.conclude_piece(report) {
+                return solution;
+            }
+        }
     }
 
     /// Judges a solution of this run's segments.
@@ -105,6 +131,11 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
     /// The stop under way, for a look at its quality.
     pub fn stop_so_far(&self) -> Option<Segment<T>> {
         self.segmenter.stop_so_far()
+    }
+
+    /// Longest interval between two samples at the stop under way, us, up to the last sample.
+    pub fn longest_interval_us(&self) -> u64 {
+        self.segmenter.longest_interval_us()
     }
 
     /// Forgets what was summed at the stop under way.

@@ -182,6 +182,13 @@ impl<S: SpiDevice> RateDrive<S> {
     }
 }
 
+/// Commands both drives (outer, inner), rad/s. Returns which of them took the command.
+pub fn command_rates<T: Real, S: SpiDevice>(drives: &mut [RateDrive<S>; 2], rates_rad_s: [T; 2]) -> [bool; 2] {
+    let [outer, inner] = drives;
+    let [outer_rad_s, inner_rad_s] = rates_rad_s.map(rate_nrad_s);
+    [outer.command(outer_rad_s).is_ok(), inner.command(inner_rad_s).is_ok()]
+}
+
 /// A rate in rad/s as a drive takes it, nrad/s; saturates at 2.147 rad/s, not-a-number gives 0.
 pub fn rate_nrad_s<T: Real>(rate_rad_s: T) -> i32 {
     use crate::linear::ComplexField;

@@ -1,8 +1,8 @@
 //! Self-calibration as a state machine. It decides; others act.
 //!
 //! ```text
-//!             stored calibration, and it may be used
-//!  PowerUp ------------------------------------------------------------> Correcting
+//!             the stored calibration is used
+//!  PowerUp ------------------------------------------------------------> Correcting     StandBy (nothing to use)
 //!     |                                                                      ^  ^
 //!     v                                                                      |  |
 //!  AwaitStill --> Turn --> Settle --> Dwell --(last leg)--> Compute --> Verdict --> Store
@@ -10,11 +10,15 @@
 //!                  +----(next leg)------+                         rejected|
 //!                                                                        v
 //!  any state before Store --(abort)------------------> Stopping --> Parking --> Parked
+//!                                                                     |
+//!                                                                     +--(fails)--> Stranded
 //! ```
 //! Time is an argument, in microseconds. Leg 0 is the way to the scheme's start at (0, 0) and the first stop there; leg
 //! k > 0 is the scheme's k-th move and the stop after it. A rejected or aborted run parks the gimbals at (0, 0) and
-//! leaves the stored calibration as it was.
+//! leaves the stored calibration as it was. Where they cannot be parked, the gimbals stand where they came to rest. From
+//! Correcting, StandBy, Parked and Stranded a command starts a run: AwaitStill.
 
+use crate::policy::Decision;
 use crate::scheme::{Leg, Scheme};
 use core::fmt;
 use serde::{Deserialize, Serialize};
@@ -45,17 +49,30 @@ pub enum AbortReason {
     InnerFollowing,
     /// Samples were missing or unusable for too long.
     SampleLoss,
+    /// The drive of the outer axis did not take commands.
+    OuterDrive,
+    /// The drive of the inner axis did not take commands.
+    InnerDrive,
+}
+
+impl AbortReason {
+    /// Whether something failed, rather than somebody asked.
+    fn is_fault(self) -> bool {
+        self != Self::Commanded
+    }
 }
 
 impl fmt::Display for AbortReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Commanded => write!(f, "given up on command, or a drive did not answer"),
+            Self::Commanded => write!(f, "given up on command"),
             Self::NotStill => write!(f, "the base was not still for 1 s within 60 s of power-up"),
             Self::TurnTimeout(leg) => write!(f, "leg {leg}: the axes did not arrive in time"),
             Self::OuterFollowing => write!(f, "the outer axis did not follow its profile"),
             Self::InnerFollowing => write!(f, "the inner axis did not follow its profile"),
-            Self::SampleLoss => write!(f, "no usable samples for 1 s"),
+            Self::SampleLoss => write!(f, "no usable samples for 1 s, or for 0.1 s while the axes turned"),
+            Self::OuterDrive => write!(f, "the drive of the outer axis does not take commands"),
+            Self::InnerDrive => write!(f, "the drive of the inner axis does not take commands"),
         }
     }
 }
@@ -73,7 +90,7 @@ pub enum State {
     Settle(u16),
     /// Standing, measuring.
     Dwell(u16),
-    /// All segments are being processed.
+    /// All segments are being processed, piece by piece.
     Compute,
     /// The result is being judged.
     Verdict,
@@ -81,12 +98,23 @@ pub enum State {
     Store,
     /// Samples are being corrected.
     Correcting,
+    /// There is no calibration, and no run without a command.
+    StandBy,
     /// Bringing the axes to rest after a run that was aborted or rejected.
     Stopping,
     /// Turning back to (0, 0).
     Parking,
     /// Standing at (0, 0), not calibrated by this run.
     Parked,
+    /// Standing wherever the axes came to rest, since parking failed.
+    Stranded,
+}
+
+impl State {
+    /// Whether the axes are on their way, or coming to rest.
+    pub fn is_turning(self) -> bool {
+        matches!(self, Self::Turn(_) | Self::Stopping | Self::Parking)
+    }
 }
 
 /// What the sequencer must be told at each step.
@@ -94,14 +122,22 @@ pub enum State {
 pub struct Input {
     /// Time, us.
     pub now_us: u64,
+    /// Answer to `Decide`: what to do at power-up.
+    pub decision: Option<Decision>,
+    /// A run is asked for.
+    pub start: bool,
     /// The gyros and encoders show neither base nor axes moving.
     pub still: bool,
     /// Both axes have arrived where they were sent.
     pub arrived: bool,
+    /// Nominal duration of the move under way, us.
+    pub move_us: u64,
     /// The stop under way was not at rest.
     pub disturbed: bool,
     /// Something happened that ends the run.
     pub abort: Option<AbortReason>,
+    /// Answer to `Solve`: all is done.
+    pub solved: bool,
     /// Answer to `Judge`: whether the result is accepted.
     pub accepted: Option<bool>,
     /// Answer to `Save`: writing has ended, well or not.
@@ -114,6 +150,10 @@ pub struct Input {
 pub enum Command {
     /// Nothing new.
     Continue,
+    /// Decide what to do after power-up.
+    Decide,
+    /// A run begins: forget the one before. Both axes shall stand where they are.
+    Begin,
     /// Both axes shall stand where they are.
     Hold,
     /// Both axes shall move to these angles, rad, counted over whole turns.
@@ -127,7 +167,7 @@ pub enum Command {
     Measure,
     /// Forget the stop so far and measure it again: it was disturbed.
     RepeatStop,
-    /// Close the last stop and process all segments.
+    /// Close the last stop and process all segments, one bounded piece at each of these commands.
     Solve,
     /// Judge the solution.
     Judge,
@@ -146,16 +186,15 @@ pub struct Sequencer {
     state: State,
     since_us: u64,
     still_since_us: Option<u64>,
-    use_stored: bool,
-    /// Times that a stop may still be repeated.
+    /// Times that stops may be repeated, in a run, and in what is left of this one.
+    repeats: u8,
     repeats_left: u8,
 }
 
 impl Sequencer {
-    /// A sequencer at power-up. With `use_stored` it goes straight to correcting. Over the run, disturbed stops are
-    /// repeated up to `repeats` times.
-    pub fn new(scheme: Scheme, use_stored: bool, repeats: u8) -> Self {
-        Self { scheme, state: State::PowerUp, since_us: 0, still_since_us: None, use_stored, repeats_left: repeats }
+    /// A sequencer at power-up. Over a run, disturbed stops are repeated up to `repeats` times.
+    pub fn new(scheme: Scheme, repeats: u8) -> Self {
+        Self { scheme, state: State::PowerUp, since_us: 0, still_since_us: None, repeats, repeats_left: repeats }
     }
 
     /// Where the run is.
@@ -175,10 +214,13 @@ impl Sequencer {
 
     /// One step; at most one edge is taken.
     pub fn step(&mut self, input: &Input) -> Command {
-        if let Some(reason) = input.abort
-            && self.can_abort()
-        {
-            return self.give_up(input, Some(reason));
+        // Where the clock went back, the time in this state begins anew.
+        self.since_us = self.since_us.min(input.now_us);
+        if let Some(reason) = input.abort {
+            let command = self.abort(input.now_us, reason);
+            if command != Command::Continue {
+                return command;
+            }
         }
         match self.state {
             State::PowerUp => self.power_up(input),
@@ -186,7 +228,8 @@ impl Sequencer {
             State::Turn(leg) => self.turn(input, leg),
             State::Settle(leg) => self.settle(input, leg),
             State::Dwell(leg) => self.dwell(input, leg),
-            State::Compute => self.enter(input, State::Verdict, Command::Judge),
+            State::Compute if input.solved => self.enter(input, State::Verdict, Command::Judge),
+            State::Compute => Command::Solve,
             State::Verdict => match input.accepted {
                 Some(true) => self.enter(input, State::Store, Command::Save),
                 Some(false) => self.give_up(input, None),
@@ -196,10 +239,39 @@ impl Sequencer {
             State::Stopping if self.elapsed_us(input) >= STOP_US => {
                 self.enter(input, State::Parking, Command::MoveTo { outer_rad: 0.0, inner_rad: 0.0 })
             }
-            State::Parking if input.arrived || self.elapsed_us(input) > self.turn_us(0) + TURN_TIMEOUT_US => {
-                self.enter(input, State::Parked, Command::Hold)
-            }
-            State::Store | State::Correcting | State::Stopping | State::Parking | State::Parked => Command::Continue,
+            State::Parking if self.is_overdue(input) => self.enter(input, State::Stranded, Command::Hold),
+            State::Parking if input.arrived => self.enter(input, State::Parked, Command::Hold),
+            State::Correcting | State::StandBy | State::Parked | State::Stranded if input.start => self.begin(input),
+            State::Store
+            | State::Correcting
+            | State::StandBy
+            | State::Stopping
+            | State::Parking
+            | State::Parked
+            | State::Stranded => Command::Continue,
+        }
+    }
+
+    /// Ends the run for a reason, if it is under way, or its parking, if something failed. Without usable samples this is
+    /// all that can be done.
+    pub fn abort(&mut self, now_us: u64, reason: AbortReason) -> Command {
+        let input = Input { now_us, ..Input::default() };
+        match self.state {
+            State::PowerUp
+            | State::AwaitStill
+            | State::Turn(_)
+            | State::Settle(_)
+            | State::Dwell(_)
+            | State::Compute
+            | State::Verdict => self.give_up(&input, Some(reason)),
+            State::Parking if reason.is_fault() => self.enter(&input, State::Stranded, Command::Hold),
+            State::Store
+            | State::Correcting
+            | State::StandBy
+            | State::Stopping
+            | State::Parking
+            | State::Parked
+            | State::Stranded => Command::Continue,
         }
     }
 
@@ -213,20 +285,23 @@ impl Sequencer {
         input.now_us.saturating_sub(self.since_us)
     }
 
-    fn can_abort(&self) -> bool {
-        !matches!(self.state, State::Store | State::Correcting | State::Stopping | State::Parking | State::Parked)
-    }
-
     fn give_up(&mut self, input: &Input, reason: Option<AbortReason>) -> Command {
         self.enter(input, State::Stopping, Command::GiveUp(reason))
     }
 
     fn power_up(&mut self, input: &Input) -> Command {
-        if self.use_stored {
-            self.enter(input, State::Correcting, Command::Correct)
-        } else {
-            self.enter(input, State::AwaitStill, Command::Hold)
+        match input.decision {
+            None => Command::Decide,
+            Some(Decision::Calibrate(_)) => self.begin(input),
+            Some(Decision::UseStored(_)) => self.enter(input, State::Correcting, Command::Correct),
+            Some(Decision::StandBy(_)) => self.enter(input, State::StandBy, Command::Hold),
         }
+    }
+
+    fn begin(&mut self, input: &Input) -> Command {
+        self.still_since_us = None;
+        self.repeats_left = self.repeats;
+        self.enter(input, State::AwaitStill, Command::Begin)
     }
 
     fn await_still(&mut self, input: &Input) -> Command {
@@ -247,7 +322,7 @@ impl Sequencer {
     }
 
     fn turn(&mut self, input: &Input, leg: u16) -> Command {
-        if self.elapsed_us(input) > self.turn_us(leg) + TURN_TIMEOUT_US {
+        if self.is_overdue(input) {
             self.give_up(input, Some(AbortReason::TurnTimeout(leg)))
         } else if input.arrived {
             self.enter(input, State::Settle(leg), Command::Continue)
@@ -289,19 +364,16 @@ impl Sequencer {
         usize::from(leg).checked_sub(1).and_then(|index| self.scheme.leg(index)).unwrap_or(start)
     }
 
-    /// Nominal duration of a leg's move; the way to the start may be a whole turn.
-    fn turn_us(&self, leg: u16) -> u64 {
-        let to = self.leg(leg);
-        let from = if leg > 0 { self.leg(leg - 1) } else { Leg { outer_rad: core::f64::consts::TAU, ..to } };
-        let outer_s = self.scheme.move_s(to.outer_rad - from.outer_rad);
-        let inner_s = self.scheme.move_s(to.inner_rad - from.inner_rad);
-        (outer_s.max(inner_s) * 1e6) as u64
+    /// Whether the move under way should long have ended.
+    fn is_overdue(&self, input: &Input) -> bool {
+        self.elapsed_us(input) > input.move_us + TURN_TIMEOUT_US
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::policy::Cause;
     use std::vec::Vec;
 
     /// Steps at 200 Hz with `input` made of the time and the state, until the state stays or an hour has passed.
@@ -319,10 +391,14 @@ mod tests {
     fn cooperative(now_us: u64, state: State) -> Input {
         Input {
             now_us,
+            decision: Some(Decision::Calibrate(Cause::NothingStored)),
+            start: false,
             still: true,
             arrived: true,
+            move_us: 5_500_000,
             disturbed: false,
             abort: None,
+            solved: state == State::Compute,
             accepted: (state == State::Verdict).then_some(true),
             saved: state == State::Store,
         }
@@ -331,7 +407,7 @@ mod tests {
     #[test]
     fn a_good_run_visits_every_leg_and_ends_correcting() {
         let scheme = Scheme::bai(10.0, 2);
-        let mut sequencer = Sequencer::new(scheme, false, 3);
+        let mut sequencer = Sequencer::new(scheme, 3);
         let trace = run(&mut sequencer, cooperative);
         let dwells = trace.iter().filter(|(state, _)| matches!(state, State::Dwell(_))).count();
         assert_eq!(dwells, 37);
@@ -343,15 +419,59 @@ mod tests {
     }
 
     #[test]
-    fn a_stored_calibration_goes_straight_to_correcting() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), true, 3);
-        assert_eq!(sequencer.step(&cooperative(0, State::PowerUp)), Command::Correct);
-        assert_eq!(sequencer.state(), State::Correcting);
+    fn a_decision_leads_to_its_state() {
+        let decisions = [
+            (Decision::UseStored(Cause::WithinLimits), Command::Correct, State::Correcting),
+            (Decision::StandBy(Cause::Policy), Command::Hold, State::StandBy),
+            (Decision::Calibrate(Cause::Policy), Command::Begin, State::AwaitStill),
+        ];
+        for (decision, command, state) in decisions {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
+            assert_eq!(sequencer.step(&Input::default()), Command::Decide);
+            let input = Input { decision: Some(decision), ..Input::default() };
+            assert_eq!((sequencer.step(&input), sequencer.state()), (command, state));
+        }
+    }
+
+    #[test]
+    fn a_run_may_be_started_where_none_is_under_way() {
+        let cases = [
+            (State::Correcting, cooperative as fn(u64, State) -> Input),
+            (State::StandBy, |now_us, state| Input {
+                decision: Some(Decision::StandBy(Cause::Policy)),
+                ..cooperative(now_us, state)
+            }),
+            (State::Parked, |now_us, state| Input { accepted: Some(false), ..cooperative(now_us, state) }),
+            (State::Stranded, |now_us, state| Input {
+                accepted: Some(false),
+                arrived: state != State::Parking,
+                ..cooperative(now_us, state)
+            }),
+        ];
+        for (state, input) in cases {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
+            run(&mut sequencer, input);
+            assert_eq!(sequencer.state(), state);
+            let now_us = 4_000_000_000;
+            let started = sequencer.step(&Input { start: true, ..cooperative(now_us, state) });
+            assert_eq!((started, sequencer.state()), (Command::Begin, State::AwaitStill));
+            assert_eq!(
+                sequencer.step(&cooperative(now_us, State::AwaitStill)),
+                Command::Continue,
+                "stillness counts anew"
+            );
+        }
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
+        let eager = run(&mut sequencer, |now_us, state| Input {
+            start: state != State::Correcting,
+            ..cooperative(now_us, state)
+        });
+        assert_eq!(eager.iter().filter(|(_, command)| *command == Command::Begin).count(), 1);
     }
 
     #[test]
     fn a_rejected_run_is_parked_and_nothing_is_saved() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
         let reject = |now_us, state| Input { accepted: Some(false), saved: false, ..cooperative(now_us, state) };
         let trace = run(&mut sequencer, reject);
         assert_eq!(sequencer.state(), State::Parked);
@@ -359,33 +479,113 @@ mod tests {
         assert!(!trace.iter().any(|(_, command)| matches!(command, Command::Save | Command::Correct)));
     }
 
+    /// Every state: those that a run can be aborted from, and the others.
+    const ABORTABLE: [State; 9] = [
+        State::PowerUp,
+        State::AwaitStill,
+        State::Turn(0),
+        State::Turn(18),
+        State::Settle(7),
+        State::Dwell(0),
+        State::Dwell(18),
+        State::Compute,
+        State::Verdict,
+    ];
+    const LATE: [State; 7] = [
+        State::Store,
+        State::Correcting,
+        State::StandBy,
+        State::Stopping,
+        State::Parking,
+        State::Parked,
+        State::Stranded,
+    ];
+
+    /// Tells the sequencer of an abort whenever it is in one state.
+    fn aborted_in(aborted: State, reason: AbortReason) -> (Sequencer, Vec<(State, Command)>) {
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
+        let trace = run(&mut sequencer, |now_us, state| Input {
+            abort: (state == aborted).then_some(reason),
+            ..cooperative(now_us, state)
+        });
+        (sequencer, trace)
+    }
+
     #[test]
     fn abort_from_every_state_before_storing_parks_the_gimbals() {
-        let mut reached = Vec::new();
-        for abort_at in (0..320_000_000_u64).step_by(997_000) {
-            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
-            let mut aborted_from = None;
-            let trace = run(&mut sequencer, |now_us, state| {
-                let abort = (now_us / 5000 == abort_at / 5000).then_some(AbortReason::Commanded);
-                aborted_from = aborted_from.or(abort.map(|_| state));
-                Input { abort, ..cooperative(now_us, state) }
-            });
-            let from = aborted_from.expect("within the hour");
-            if matches!(from, State::Store | State::Correcting) {
-                continue;
+        for state in ABORTABLE {
+            for reason in [AbortReason::Commanded, AbortReason::SampleLoss] {
+                let (sequencer, trace) = aborted_in(state, reason);
+                assert_eq!(sequencer.state(), State::Parked, "from {state:?}");
+                let end = [
+                    (State::Stopping, Command::GiveUp(Some(reason))),
+                    (State::Parking, Command::MoveTo { outer_rad: 0.0, inner_rad: 0.0 }),
+                    (State::Parked, Command::Hold),
+                ];
+                assert_eq!(trace[trace.len() - 3..], end, "from {state:?}");
             }
-            reached.push(core::mem::discriminant(&from));
-            assert_eq!(sequencer.state(), State::Parked, "from {from:?}");
-            let last = trace.iter().rev().find(|(_, command)| matches!(command, Command::MoveTo { .. }));
-            assert_eq!(last.map(|(_, c)| *c), Some(Command::MoveTo { outer_rad: 0.0, inner_rad: 0.0 }));
         }
-        reached.dedup();
-        assert!(reached.len() > 3);
+    }
+
+    #[test]
+    fn an_abort_from_storing_on_changes_nothing() {
+        for state in LATE {
+            let (sequencer, trace) = aborted_in(state, AbortReason::SampleLoss);
+            assert_eq!(sequencer.state(), State::Correcting, "in {state:?}");
+            assert!(!trace.iter().any(|(_, command)| matches!(command, Command::GiveUp(_))));
+        }
+    }
+
+    #[test]
+    fn gimbals_that_cannot_be_parked_are_left_where_they_stand() {
+        let rejected = |now_us, state| Input { accepted: Some(false), ..cooperative(now_us, state) };
+        let faulty = |now_us, state: State| Input {
+            abort: (state == State::Parking).then_some(AbortReason::InnerFollowing),
+            ..rejected(now_us, state)
+        };
+        let slow = |now_us, state: State| Input { arrived: state != State::Parking, ..rejected(now_us, state) };
+        let asked = |now_us, state: State| Input {
+            abort: (state == State::Parking).then_some(AbortReason::Commanded),
+            ..rejected(now_us, state)
+        };
+        let sequencer = || Sequencer::new(Scheme::bai(10.0, 1), 3);
+        let end = |trace: Vec<(State, Command)>| trace.last().copied();
+        assert_eq!(end(run(&mut sequencer(), faulty)), Some((State::Stranded, Command::Hold)));
+        assert_eq!(end(run(&mut sequencer(), slow)), Some((State::Stranded, Command::Hold)));
+        assert_eq!(end(run(&mut sequencer(), asked)), Some((State::Parked, Command::Hold)));
+    }
+
+    #[test]
+    fn a_clock_that_goes_back_does_not_hold_the_run_up() {
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
+        let jump_us = 100_000_000;
+        let trace = run(&mut sequencer, |now_us, state| {
+            let now_us = if now_us < jump_us { now_us } else { now_us - jump_us };
+            Input { abort: (now_us == 0).then_some(AbortReason::SampleLoss), ..cooperative(now_us, state) }
+        });
+        assert_eq!(trace.last(), Some(&(State::Parked, Command::Hold)));
+    }
+
+    #[test]
+    fn computing_goes_on_until_it_is_done_and_can_be_aborted() {
+        for abort_at in [None, Some(7)] {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
+            let mut computing = 0;
+            let trace = run(&mut sequencer, |now_us, state| {
+                computing += u32::from(state == State::Compute);
+                let abort = (Some(computing) == abort_at).then_some(AbortReason::Commanded);
+                Input { abort, solved: computing >= 10, ..cooperative(now_us, state) }
+            });
+            let solved = trace.iter().filter(|(_, command)| *command == Command::Solve).count();
+            assert_eq!(solved, if abort_at.is_some() { 7 } else { 10 }, "one on entering, one while it is not done");
+            let end = if abort_at.is_some() { State::Parked } else { State::Correcting };
+            assert_eq!(sequencer.state(), end);
+        }
     }
 
     #[test]
     fn a_disturbed_stop_is_repeated_up_to_the_limit() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
         let disturbed = |now_us, state| Input { disturbed: state == State::Dwell(5), ..cooperative(now_us, state) };
         let trace = run(&mut sequencer, disturbed);
         assert_eq!(trace.iter().filter(|(_, command)| *command == Command::RepeatStop).count(), 3);
@@ -394,10 +594,10 @@ mod tests {
 
     #[test]
     fn an_unquiet_base_and_a_stuck_axis_end_the_run() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
         let trace = run(&mut sequencer, |now_us, state| Input { still: false, ..cooperative(now_us, state) });
         assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(Some(AbortReason::NotStill))));
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), 3);
         let stuck = |now_us, state| Input { arrived: state != State::Turn(3), ..cooperative(now_us, state) };
         let trace = run(&mut sequencer, stuck);
         assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(Some(AbortReason::TurnTimeout(3)))));

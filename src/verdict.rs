@@ -71,6 +71,21 @@ pub struct VerdictLimits {
     pub accept_change: bool,
 }
 
+impl VerdictLimits {
+    /// Whether every limit is positive and finite.
+    pub fn are_positive(&self) -> bool {
+        let limits = [
+            self.installation_rad,
+            self.accel_bias_m_s2,
+            self.gyro_bias_rad_s,
+            self.scale,
+            self.non_perpendicularity_rad,
+            self.base_tilt_rad,
+        ];
+        limits.iter().chain(&self.required_sigma_rad).all(|limit| limit.is_finite() && *limit > 0.0)
+    }
+}
+
 impl Default for VerdictLimits {
     /// 5 deg; 20 mg; 20 deg/h; 5000 ppm; 0.5 deg; 15 deg; no requirement; a change is not accepted.
     fn default() -> Self {

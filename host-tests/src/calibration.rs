@@ -10,6 +10,7 @@ use rins_selfcal::intake::IntakeCounts;
 use rins_selfcal::linear::{Matrix, Real, Vector3, real};
 use rins_selfcal::method::Method;
 use rins_selfcal::options::{OPTIONAL_INFO, Options};
+use rins_selfcal::queue::Losses;
 use rins_selfcal::sample::RawSample;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::SegmentKind;
@@ -190,6 +191,8 @@ pub struct Outcome {
     pub prior_sigmas: [f64; PARAMETERS],
     /// What became of the samples.
     pub counts: IntakeCounts,
+    /// Samples lost between the IMU and the core; unknown of a log.
+    pub losses: Option<Losses>,
     /// Stops found.
     pub stops: usize,
     /// Moves found.
@@ -204,6 +207,7 @@ pub struct Record {
     verdict: Option<Verdict>,
     stored: Option<bool>,
     aborted: Option<AbortReason>,
+    losses: Option<Losses>,
     stops: usize,
     moves: usize,
 }
@@ -220,6 +224,7 @@ impl Record {
             Message::Judged(verdict) => self.verdict = Some(verdict.clone()),
             Message::Saved(stored) => self.stored = Some(*stored),
             Message::Aborted(reason) => self.aborted = Some(*reason),
+            Message::Queue { losses, .. } => self.losses = Some(*losses),
             _ => {}
         }
     }
@@ -247,6 +252,7 @@ impl Record {
             covariance: self.covariance,
             prior_sigmas: setup.config().estimator.prior_sigmas(),
             counts,
+            losses: self.losses,
             stops: self.stops,
             moves: self.moves,
         })

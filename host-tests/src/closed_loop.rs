@@ -125,7 +125,7 @@ impl<F: FnMut(&Message)> Watch<F> {
             Message::Refused(error) => self.refused = Some(format!("{error:?}")),
             _ => {}
         }
-        if self.state == State::Parked || self.corrected >= CORRECTED_MESSAGES {
+        if matches!(self.state, State::Parked | State::Stranded) || self.corrected >= CORRECTED_MESSAGES {
             self.off.set(true);
         }
         (self.on_message)(message);

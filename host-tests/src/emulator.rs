@@ -185,6 +185,10 @@ pub struct Run {
     pub stack_bytes: u64,
     /// Data-ready edges that came late because the processor was busy.
     pub late_edges: u64,
+    /// Most samples that waited in the queue at once.
+    pub queue_deepest: u64,
+    /// Samples that the queue holds.
+    pub queue_length: u64,
 }
 
 /// Runs an image on a bench until the plant is exhausted and the firmware has ended. `on_log` gets each line of its log,
@@ -224,7 +228,7 @@ pub fn run<P: Plant>(
     }
     let status = served?;
     let report = fs::read(directory.path().join("run")).ok().and_then(|bytes| words(&bytes));
-    let Some([elapsed, idle, stack_used_bytes, stack_bytes, late_edges]) = report else {
+    let Some([elapsed, idle, stack_used_bytes, stack_bytes, late_edges, queue_deepest, queue_length]) = report else {
         bail!("the firmware ended without a report, {status}: {}", host.complaints(directory.path()));
     };
     let elapsed_s = elapsed as f64 / TICKS_PER_S;
@@ -237,13 +241,15 @@ pub fn run<P: Plant>(
         stack_used_bytes,
         stack_bytes,
         late_edges,
+        queue_deepest,
+        queue_length,
     })
 }
 
-/// The five numbers of the file `run`.
-fn words(bytes: &[u8]) -> Option<[u64; 5]> {
-    let bytes: [u8; 40] = bytes.try_into().ok()?;
-    let mut words = [0; 5];
+/// The numbers of the file `run`.
+fn words(bytes: &[u8]) -> Option<[u64; 7]> {
+    let bytes: [u8; 56] = bytes.try_into().ok()?;
+    let mut words = [0; 7];
     for (word, bytes) in words.iter_mut().zip(bytes.chunks_exact(8)) {
         *word = u64::from_le_bytes(bytes.try_into().ok()?);
     }

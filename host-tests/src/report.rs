@@ -8,6 +8,7 @@ use rins_selfcal::error_model::{Calibration, PARAMETER_INFO, ParameterInfo};
 use rins_selfcal::estimator::LargestInnovation;
 use rins_selfcal::intake::IntakeCounts;
 use rins_selfcal::linear::{Matrix3, Vector3};
+use rins_selfcal::queue::Losses;
 use rins_selfcal::site::Site;
 use rins_selfcal::units::DEG;
 use rins_selfcal::verdict::CHANNEL_NAMES;
@@ -132,6 +133,7 @@ pub struct CalibrationReport {
     moves: usize,
     left_out: u16,
     samples: IntakeCounts,
+    samples_lost: Option<Losses>,
     fit: FitReport,
     sweeps: u8,
     converged: bool,
@@ -165,6 +167,7 @@ impl From<&Outcome> for CalibrationReport {
             moves: outcome.moves,
             left_out: solution.left_out,
             samples: outcome.counts,
+            samples_lost: outcome.losses,
             fit: fit(outcome),
             sweeps: solution.sweeps,
             converged: solution.converged,

@@ -6,6 +6,7 @@ use crate::truth::ParameterTable;
 use comfy_table::{Cell, CellAlignment, Table, presets};
 use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS, block};
 use rins_selfcal::method::Method;
+use rins_selfcal::queue::Losses;
 use rins_selfcal::verdict::CHANNEL_NAMES;
 use std::ops::Range;
 
@@ -130,6 +131,9 @@ pub fn samples(outcome: &Outcome) -> String {
         (u64::from(counts.non_finite), "not finite"),
         (u64::from(outcome.solution.left_out), "segments left out"),
     ];
+    if let Some(Losses { overrun, bus, crc, status, unread }) = outcome.losses {
+        text += &format!("samples lost: overrun {overrun}, bus {bus}, crc {crc}, status {status}, unread {unread}\n");
+    }
     let seen = oddities.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
     let seen: Vec<_> = seen.collect();
     if !seen.is_empty() {

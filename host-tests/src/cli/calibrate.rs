@@ -70,12 +70,15 @@ fn boot(number: u32, run: &VirtualRun, setup: &Setup, eeprom: &Path) -> anyhow::
 
 fn figures(run: &Run) -> String {
     format!(
-        "{:.1} s of instrument time, {:.1} s wall time, {:.0} million instructions, stack {} of {} bytes",
+        "{:.1} s of instrument time, {:.1} s wall time, {:.0} million instructions, stack {} of {} bytes, \
+         at most {} of {} samples waiting",
         run.elapsed_s,
         run.wall_s,
         run.instructions * 1e-6,
         run.stack_used_bytes,
-        run.stack_bytes
+        run.stack_bytes,
+        run.queue_deepest,
+        run.queue_length
     )
 }
 

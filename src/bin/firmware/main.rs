@@ -11,8 +11,8 @@ use cortex_m_rt::entry;
 use mps2_an500::{Board, Telemetry};
 use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
-use rins_selfcal::device::rate_nrad_s;
-
+use rins_selfcal::device::command_rates;
+use rins_selfcal::policy::Decision;
 use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
 use rins_selfcal::store::{Loaded, StoredCalibration};
 use rins_selfcal::telemetry::{MAX_FRAME_BYTES, Message, encode};
@@ -75,18 +75,15 @@ fn self_calibrate(
         while let Some(sample) = board.samples.pop() {
             samples += 1;
             let step = run.step(&sample, &mut |message| send(&mut board.telemetry, message));
-            let mut commanded = true;
-            for (drive, rate) in board.drives.iter_mut().zip(step.rates_rad_s) {
-                commanded &= drive.command(rate_nrad_s(rate)).is_ok();
-            }
-            if !commanded && board.powered() {
-                run.abort();
-            }
+            run.drives_answered(command_rates(&mut board.drives, step.rates_rad_s));
             if step.save {
                 let saved = run.record().is_some_and(|record| board.store.save(&record).is_ok());
                 run.saved();
                 send(&mut board.telemetry, &Message::Saved(saved));
             }
+        }
+        if let Some(rates_rad_s) = run.tick(board.now_us(), &mut |message| send(&mut board.telemetry, message)) {
+            command_rates(&mut board.drives, rates_rad_s);
         }
         board.wait();
     }
@@ -115,14 +112,20 @@ fn replay(board: &mut Board, config: &CalibratorConfig, calibrator: &mut Calibra
 
 /// The stored calibration, if there is a good one.
 fn load(board: &mut Board) -> Option<StoredCalibration> {
-    let (record, damaged) = match board.store.load() {
-        Ok(Loaded::Empty) => (None, false),
-        Ok(Loaded::Found { record, damage }) => (Some(record), damage.is_some()),
-        Ok(Loaded::Corrupt { .. }) => (None, true),
-        Err(_) => (None, true),
+    let (record, damaged, fault) = match board.store.load() {
+        Ok(Loaded::Empty) => (None, false, false),
+        Ok(Loaded::Found { record, damage }) => (Some(record), damage.is_some(), false),
+        Ok(Loaded::Corrupt { .. }) => (None, true, false),
+        Err(_) => (None, false, true),
     };
-    defmt::info!("calibration in store: {=bool}, a slot damaged: {=bool}", record.is_some(), damaged);
-    send(&mut board.telemetry, &Message::Store { found: record.is_some(), damaged });
+    let found = record.is_some();
+    defmt::info!(
+        "calibration in store: {=bool}, a slot damaged: {=bool}, memory at fault: {=bool}",
+        found,
+        damaged,
+        fault
+    );
+    send(&mut board.telemetry, &Message::Store { found, damaged, fault });
     record
 }
 
@@ -146,6 +149,9 @@ fn log(message: &Message) {
         Message::State { time_us, legs, .. } => {
             defmt::debug!("{=u64} us: next state, {=u16} legs in all", *time_us, *legs);
         }
+        Message::Decided(Decision::Calibrate(_)) => defmt::info!("a calibration begins"),
+        Message::Decided(Decision::UseStored(_)) => defmt::info!("the stored calibration corrects"),
+        Message::Decided(Decision::StandBy(_)) => defmt::info!("standing by without a calibration"),
         Message::Solved { solution, .. } => defmt::info!(
             "solved: chi-square {=f64} with {=u32} degrees of freedom",
             solution.fit.chi_square,
