@@ -193,7 +193,10 @@ fn logs_without_stops_or_moves_and_what_is_no_log_are_refused() {
     let turning =
         (0..2000).map(|k| format!("{:.3},0.1,0,0,0,0,9.8,{:.6},0\n", f64::from(k) * 0.005, f64::from(k) * 5e-4));
     let message = replay_refused(&log("turning.csv", &format!("{HEADER}\n{}", turning.collect::<String>())));
-    assert_eq!(message, format!("turning.csv:2001: {columns}: no stop up to the last line"));
+    assert_eq!(
+        message,
+        format!("turning.csv:2001: {columns}: no stop up to the last line, where both keep within 20 arcsec")
+    );
     assert!(replay_refused(&scratch("")).ends_with("is a directory"));
     assert!(replay_refused(&scratch("nowhere.csv")).starts_with("nowhere.csv: No such file"));
 }
