@@ -29,10 +29,11 @@ use crate::method::Method;
 use crate::options::{
     Circumstances, OPTIONAL_STATES, OptionalColumns, OptionalEstimate, Options, force_columns, rotation_columns,
 };
-use crate::segment::{Segment, SegmentKind};
+use crate::segment::{CHANNELS, Segment, SegmentKind};
 use crate::site::Site;
 use crate::units::{DEG, DEG_H};
 use crate::weighting::Weights;
+use crate::white_noise::Noise;
 use core::ops::Range;
 use serde::{Deserialize, Serialize};
 
@@ -61,17 +62,6 @@ const JITTER_EPSILONS: f64 = 2.5e6;
 
 /// Standard deviation of what rounding does to a sum and its prediction, in units of the spacing of numbers.
 const ROUNDING_EPSILONS: f64 = 0.5;
-
-/// White noise of the sensors and repeatability of the encoders.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Noise {
-    /// Velocity random walk, m/s^2/sqrt(Hz).
-    pub accel_psd_sqrt: f64,
-    /// Angular random walk, rad/sqrt(s).
-    pub gyro_psd_sqrt: f64,
-    /// Encoder error, drawn anew for each stop and axis, rad.
-    pub encoder_sigma_rad: f64,
-}
 
 /// Where the heading comes from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -123,7 +113,7 @@ impl EstimatorConfig {
     const UNKNOWN: Self = Self {
         method: Method::Joint,
         site: Site { latitude_rad: 0.0, height_m: 0.0, measured_gravity_m_s2: None },
-        noise: Noise { accel_psd_sqrt: 0.0, gyro_psd_sqrt: 0.0, encoder_sigma_rad: 0.0 },
+        noise: Noise { accel_psd_sqrt: 0.0, gyro_psd_sqrt: 0.0, encoder_sigma_rad: 0.0, margin: 1.0 },
         heading: HeadingSource::Gyrocompass,
         period_moves: None,
         gate_sigma: None,
@@ -273,6 +263,8 @@ pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATES
     reference_us: u64,
     /// Where the axes stood last.
     last_stop: [Angle; 2],
+    /// How many times the configured variance there was, channel by channel.
+    allowances: [f64; CHANNELS],
     pass: Pass<T>,
     /// Changes under test; none but in the last part of the final pass.
     suspects: Suspects<STATES>,
@@ -298,6 +290,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             fit: Fit::NONE,
             reference_us: 0,
             last_stop: [Angle::from_ticks(0); 2],
+            allowances: [1.0; CHANNELS],
             pass: Pass::Idle,
             suspects: Suspects::NONE,
         }
@@ -312,7 +305,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.nominal.fill(T::zero());
         self.restart_filters(config.gate_sigma);
         self.fit = Fit::NONE;
-        self.last_stop = [Angle::default(); 2];
+        (self.last_stop, self.allowances) = ([Angle::default(); 2], [1.0; CHANNELS]);
         self.pass = Pass::Idle;
         self.suspects.clear();
     }
@@ -462,7 +455,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         let gate_sigma = self.config.gate_sigma.filter(|_| self.suspects.is_empty());
         self.restart_filters(gate_sigma);
         self.fit = Fit::NONE;
-        self.last_stop = [Angle::default(); 2];
+        (self.last_stop, self.allowances) = ([Angle::default(); 2], [1.0; CHANNELS]);
         let deviation = self.start - self.nominal;
         self.filter.state_mut().fixed_rows_mut::<PARAMETERS>(ENCODER_ERRORS).copy_from(&deviation);
         Sweep { next: 0, moves: 0, period_moves }
@@ -530,28 +523,30 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             self.filter.renew_leading::<ENCODER_ERRORS_PER_STOP>(sigma * sigma);
         }
         self.suspects.begin(number as u16, segment);
-        if segment.is_broken() {
-            return false;
-        }
         if self.config.method == Method::Joint {
             self.walk(segment);
         }
         let at = self.circumstances(segment);
         if segment.kind == SegmentKind::Stop {
             self.last_stop = [segment.outer, segment.inner];
+            self.allowances = self.config.noise.allowances(segment);
         }
+        if segment.is_broken() {
+            return false;
+        }
+        let [ax, ay, az, gx, gy, gz] = self.allowances.map(real::<T>);
         let model = MeasurementModel::new(&InstrumentErrors::from_vector(&self.nominal), &self.config.site);
         let duration_s = segment.duration_s();
         if usage.force {
             let psd_sqrt: T = real(self.config.noise.accel_psd_sqrt);
-            let variance = psd_sqrt * psd_sqrt / duration_s;
+            let variance = Vector3::new(ax, ay, az) * (psd_sqrt * psd_sqrt / duration_s);
             let prediction = model.force_at_stop(segment);
             let optional = force_columns(&prediction, &at);
             self.take_in(&segment.force_a, (&prediction, &optional), variance, usage, (number, 0));
         }
         if usage.rotation {
             let psd_sqrt: T = real(self.config.noise.gyro_psd_sqrt);
-            let variance = psd_sqrt * psd_sqrt * duration_s;
+            let variance = Vector3::new(gx, gy, gz) * (psd_sqrt * psd_sqrt * duration_s);
             let mut prediction = model.rotation(segment);
             if segment.kind == SegmentKind::Stop {
                 // The same encoder error at both ends.
@@ -593,17 +588,17 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         &mut self,
         measured: &Vector3<T>,
         (prediction, optional): (&Prediction<T>, &OptionalColumns<T>),
-        variance: T,
+        variance: Vector3<T>,
         usage: Use,
         (segment, first_channel): (usize, u8),
     ) {
         let residual = measured - prediction.value;
         let rounding = measured.norm() * real(ROUNDING_EPSILONS * T::EPSILON);
-        let r = variance + rounding * rounding;
         let weighted = self.config.method == Method::TwoStage && first_channel == 0;
         let floor = measured.norm() * real(self.config.noise.encoder_sigma_rad);
         let zero = |gain: &mut T| *gain = T::zero();
-        for ((z, channel), row) in residual.iter().zip(first_channel..).zip(0..3) {
+        for ((z, channel), (row, variance)) in residual.iter().zip(first_channel..).zip((0..3).zip(variance.iter())) {
+            let r = *variance + rounding * rounding;
             let mut h = Vector::<T, STATES>::zeros();
             let by_encoder_errors = prediction.by_encoder_errors.row(row);
             let (by_parameters, by_optional) = (prediction.by_parameters.row(row), optional.row(row));

@@ -678,6 +678,28 @@ impl<T: Real> Segmenter<T> {
 }
 
 #[cfg(test)]
+impl Segment<f64> {
+    /// A level stop at (0, 0) without noise, of samples at 200 Hz.
+    pub(crate) fn quiet_stop(duration_us: u64) -> Self {
+        Self {
+            kind: SegmentKind::Stop,
+            start_us: 0,
+            duration_us,
+            samples: (duration_us / 5000) as u32,
+            longest_interval_us: 5000,
+            held: Held::NONE,
+            temperature_c: 20.0,
+            rotation_g: Vector3::zeros(),
+            force_a: Vector3::new(0.0, 0.0, 9.8),
+            outer: Angle::default(),
+            inner: Angle::default(),
+            gimbals: GimbalSums::default(),
+            scatter: Scatter { blocks: (duration_us / BLOCK_US) as u16, ..Scatter::default() },
+        }
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use std::vec::Vec;
