@@ -180,6 +180,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     ///
     /// # Errors
     /// What is wrong with the configuration.
+    #[inline(never)]
     pub fn new(
         config: SelfCalibrationConfig,
         stored: Option<&StoredCalibration>,
@@ -214,6 +215,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     }
 
     /// Takes in one sample. `report` is called with whatever there is to tell.
+    #[inline(never)]
     pub fn step(&mut self, sample: &RawSample<T>, report: &mut impl FnMut(&Message)) -> Step<T> {
         let previous = self.previous.replace(*sample);
         self.axes[0].measure(sample.outer);
@@ -344,12 +346,15 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         false
     }
 
-    /// One piece of it: the next samples do not wait for the whole.
+    /// One piece of it: the next samples do not wait for the whole. Not inlined: what it needs on the stack, most samples
+    /// do not.
+    #[inline(never)]
     fn solve(&mut self, report: &mut impl FnMut(&Message)) {
         self.measuring = false;
         self.solution = self.calibrator.conclude_piece(report);
     }
 
+    #[inline(never)]
     fn judge(&mut self, report: &mut impl FnMut(&Message)) {
         let verdict = self.solution.as_ref().map_or_else(Verdict::default, |solution| {
             self.calibrator.judge(solution, self.stored.as_ref(), &self.config.limits)

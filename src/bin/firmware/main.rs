@@ -54,7 +54,9 @@ fn run(board: &mut Board, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
     }
 }
 
-/// What the host assigns; without a word from it, the default.
+/// What the host assigns; without a word from it, the default. Not inlined, as others below: what they need on the stack
+/// is free again when the run begins.
+#[inline(never)]
 fn assignment(board: &mut Board) -> Assignment {
     let mut buffer = [0; MAX_ASSIGNMENT_BYTES];
     let assigned = board.configuration(&mut buffer).map(postcard::from_bytes);
@@ -68,15 +70,18 @@ fn assignment(board: &mut Board) -> Assignment {
     }
 }
 
+#[inline(never)]
 fn self_calibrate(
     board: &mut Board,
     config: SelfCalibrationConfig,
     calibrator: &mut ImageCalibrator,
 ) -> Result<(), ()> {
     let stored = load(board);
-    let mut run = match SelfCalibration::new(config, stored.as_ref(), calibrator) {
+    // Borrowed where it is: moved out, it would be on the stack twice.
+    let mut made = SelfCalibration::new(config, stored.as_ref(), calibrator);
+    let run = match &mut made {
         Ok(run) => run,
-        Err(error) => return refuse(board, error),
+        Err(error) => return refuse(board, *error),
     };
     let mut samples = 0;
     while board.powered() {
@@ -96,7 +101,7 @@ fn self_calibrate(
             }
             count(work, &span);
             if step.save {
-                let saved = run.record().is_some_and(|record| board.store.save(&record).is_ok());
+                let saved = save(board, run);
                 run.saved();
                 send(&mut board.telemetry, &Message::Saved(saved));
             }
@@ -124,6 +129,7 @@ fn work_in(state: State) -> Work {
     }
 }
 
+#[inline(never)]
 fn replay(board: &mut Board, config: &CalibratorConfig, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
     if config.estimator.options.needs_states() && STATES < FULL_STATES {
         return refuse(board, ConfigError::States);
@@ -146,7 +152,14 @@ fn replay(board: &mut Board, config: &CalibratorConfig, calibrator: &mut ImageCa
     Ok(())
 }
 
+/// Stores the run's result; whether that went well.
+#[inline(never)]
+fn save(board: &mut Board, run: &SelfCalibration<'_, Scalar, STATES>) -> bool {
+    run.record().is_some_and(|record| board.store.save(&record).is_ok())
+}
+
 /// The stored calibration, if there is a good one.
+#[inline(never)]
 fn load(board: &mut Board) -> Option<StoredCalibration> {
     let (record, damaged) = match board.store.load() {
         Ok(Loaded::Empty) => (None, false),
