@@ -23,7 +23,7 @@ use crate::angle::Angle;
 use crate::constancy::{Seen, Suspects, Suspicion};
 use crate::error_model::{InstrumentErrors, PARAMETERS, block};
 use crate::kalman::{Innovation, Measurement, UdFilter, Update};
-use crate::linear::{ComplexField, Real, Vector, Vector3, exp_so3, real, zeros};
+use crate::linear::{ComplexField, Real, Vector, Vector3, columns, exp_so3, real, zeros};
 use crate::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
 use crate::method::Method;
 use crate::options::{
@@ -52,8 +52,8 @@ const ENCODER_ERRORS_PER_STOP: usize = 2;
 /// Sweeps over the segments before the estimate must stand.
 const MAX_SWEEPS: u8 = 12;
 
-/// Segments processed by one piece of the final pass: 0.8 million instructions in `f64` with changes under test, a third
-/// of a sample interval of 5 ms at 500 million instructions a second.
+/// Segments processed by one piece of the final pass: 0.4 million instructions with changes under test, 0.7 million with
+/// the optional states, of the 2.5 million that a sample interval of 5 ms has on a Cortex-M7 at 500 MHz.
 const SEGMENTS_PER_PIECE: usize = 4;
 
 /// The estimate stands when no parameter moves by more than this part of its sigma, and what rounding makes it jitter.
@@ -233,7 +233,6 @@ struct Sweep {
 
 /// Where the final pass is.
 #[derive(Clone, Copy, Debug)]
-#[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
 enum Pass<T: Real> {
     /// Not begun, or done.
     Idle,
@@ -242,7 +241,7 @@ enum Pass<T: Real> {
     /// One sweep that leaves the live estimate better linearized.
     Refreshing { sweep: Sweep },
     /// Testing for changes that begin with segment `onset`, in several sweeps, about the solution.
-    Testing { sweep: Sweep, onset: usize, part: usize, solution: Solution },
+    Testing { sweep: Sweep, onset: usize, part: usize },
 }
 
 /// Takes segments in and gives parameters out.
@@ -266,6 +265,8 @@ pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATES
     /// How many times the configured variance there was, channel by channel.
     allowances: [f64; CHANNELS],
     pass: Pass<T>,
+    /// Of the final pass, complete when that is done.
+    solution: Option<Solution>,
     /// Changes under test; none but in the last part of the final pass.
     suspects: Suspects<STATES>,
 }
@@ -292,6 +293,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             last_stop: [Angle::from_ticks(0); 2],
             allowances: [1.0; CHANNELS],
             pass: Pass::Idle,
+            solution: None,
             suspects: Suspects::NONE,
         }
     }
@@ -306,7 +308,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.restart_filters(config.gate_sigma);
         self.fit = Fit::NONE;
         (self.last_stop, self.allowances) = ([Angle::default(); 2], [1.0; CHANNELS]);
-        self.pass = Pass::Idle;
+        (self.pass, self.solution) = (Pass::Idle, None);
         self.suspects.clear();
     }
 
@@ -356,22 +358,22 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     }
 
     /// One piece of the final pass: processes all segments again and again until the estimate stands, and tests for
-    /// changes. Returns the solution when done; a further call begins anew.
-    pub fn solve_piece(&mut self) -> Option<Solution> {
+    /// changes. Returns whether there is a [`Estimator::solution`] now; a further call begins anew.
+    pub fn solve_piece(&mut self) -> bool {
         match self.pass {
             Pass::Idle | Pass::Refreshing { .. } => {
                 self.begin_pass();
-                None
+                false
             }
             Pass::Iterating { mut sweep, made, before } => {
                 let swept = self.sweep_piece(&mut sweep);
                 self.pass = Pass::Iterating { sweep, made, before };
-                if swept { self.iterate(sweep, made + 1, &before) } else { None }
+                swept && self.iterate(sweep, made + 1, &before)
             }
-            Pass::Testing { mut sweep, onset, part, solution } => {
+            Pass::Testing { mut sweep, onset, part } => {
                 let swept = self.sweep_piece(&mut sweep);
-                self.pass = Pass::Testing { sweep, onset, part, solution };
-                if swept { self.tested(onset, part, solution) } else { None }
+                self.pass = Pass::Testing { sweep, onset, part };
+                swept && self.tested(onset, part)
             }
         }
     }
@@ -393,61 +395,67 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         matches!(self.pass, Pass::Refreshing { .. })
     }
 
+    /// The outcome of the final pass, once it is done.
+    pub fn solution(&self) -> Option<&Solution> {
+        self.solution.as_ref().filter(|_| matches!(self.pass, Pass::Idle))
+    }
+
     fn begin_pass(&mut self) {
         let period_moves = self.config.period_moves.or_else(|| self.find_period());
         self.reference_us = self.segments.last().map_or(0, |last| last.start_us + last.duration_us);
         // Not from the live estimate: updates about poor early points can lead it astray.
         self.nominal = self.start;
+        self.solution = None;
         self.suspects.clear();
         let sweep = self.begin_sweep(period_moves);
         self.pass = Pass::Iterating { sweep, made: 0, before: self.nominal };
     }
 
-    /// A sweep has ended, and `made` are made: another one, unless the estimate stands.
-    fn iterate(
-        &mut self,
-        Sweep { period_moves, .. }: Sweep,
-        made: u8,
-        before: &Vector<T, PARAMETERS>,
-    ) -> Option<Solution> {
+    /// A sweep has ended, and `made` are made: another one, unless the estimate stands. Returns whether all is done. Not
+    /// inlined: what it needs on the stack, the sweeps do not.
+    #[inline(never)]
+    fn iterate(&mut self, Sweep { period_moves, .. }: Sweep, made: u8, before: &Vector<T, PARAMETERS>) -> bool {
         let converged = self.stands(before);
         if made < MAX_SWEEPS && !converged {
             let sweep = self.begin_sweep(period_moves);
             self.pass = Pass::Iterating { sweep, made, before: self.nominal };
-            return None;
+            return false;
         }
-        let solution = self.solution(made, converged);
+        self.solution = Some(self.solved(made, converged));
         if self.config.method == Method::TwoStage {
             self.pass = Pass::Idle;
-            return Some(solution);
+            return true;
         }
-        self.test_next(0, 0, solution)
+        self.test_next(0, 0)
     }
 
     /// A sweep with changes under test has ended. It leaves the estimate as it was solved.
-    fn tested(&mut self, onset: usize, part: usize, solution: Solution) -> Option<Solution> {
-        self.nominal = solution.estimate.errors.to_vector().map(real);
+    #[inline(never)]
+    fn tested(&mut self, onset: usize, part: usize) -> bool {
         let found = self.suspects.most_significant(&sigmas(&self.filter, ENCODER_ERRORS));
-        let suspicion = solution.suspicion.more_significant(found);
-        self.test_next(onset, part + 1, Solution { suspicion, ..solution })
+        if let Some(solution) = &mut self.solution {
+            self.nominal = solution.estimate.errors.to_vector().map(real);
+            solution.suspicion = solution.suspicion.more_significant(found);
+        }
+        self.test_next(onset, part + 1)
     }
 
     /// Begins the sweep that tests this part of the changes that begin with segment `onset`, or the next one that there
-    /// is: changes begin with the first stop and with every move. The solution, if none is left.
-    fn test_next(&mut self, onset: usize, part: usize, solution: Solution) -> Option<Solution> {
+    /// is: changes begin with the first stop and with every move. Returns whether none is left.
+    fn test_next(&mut self, onset: usize, part: usize) -> bool {
         let mut part = part;
         for onset in onset..self.segments.len() {
             let is_stop = self.segments.get(onset).is_some_and(|segment| segment.kind == SegmentKind::Stop);
             if (!is_stop || onset == 0) && self.suspects.restart(onset as u16, is_stop, part) {
                 let sweep = self.begin_sweep(None);
-                self.pass = Pass::Testing { sweep, onset, part, solution };
-                return None;
+                self.pass = Pass::Testing { sweep, onset, part };
+                return false;
             }
             part = 0;
         }
         self.suspects.clear();
         self.pass = Pass::Idle;
-        Some(solution)
+        true
     }
 
     fn begin_sweep(&mut self, period_moves: Option<u16>) -> Sweep {
@@ -534,28 +542,53 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         if segment.is_broken() {
             return false;
         }
-        let [ax, ay, az, gx, gy, gz] = self.allowances.map(real::<T>);
         let model = MeasurementModel::new(&InstrumentErrors::from_vector(&self.nominal), &self.config.site);
-        let duration_s = segment.duration_s();
         if usage.force {
-            let psd_sqrt: T = real(self.config.noise.accel_psd_sqrt);
-            let variance = Vector3::new(ax, ay, az) * (psd_sqrt * psd_sqrt / duration_s);
-            let prediction = model.force_at_stop(segment);
-            let optional = force_columns(&prediction, &at);
-            self.take_in(&segment.force_a, (&prediction, &optional), variance, usage, (number, 0));
+            self.process_force(number, segment, &model, &at, usage);
         }
         if usage.rotation {
-            let psd_sqrt: T = real(self.config.noise.gyro_psd_sqrt);
-            let variance = Vector3::new(gx, gy, gz) * (psd_sqrt * psd_sqrt * duration_s);
-            let mut prediction = model.rotation(segment);
-            if segment.kind == SegmentKind::Stop {
-                // The same encoder error at both ends.
-                prediction.by_encoder_errors.fill(T::zero());
-            }
-            let optional = rotation_columns(&prediction, &at);
-            self.take_in(&segment.rotation_g, (&prediction, &optional), variance, usage, (number, 3));
+            self.process_rotation(number, segment, &model, &at, usage);
         }
         usage.force || usage.rotation
+    }
+
+    // Not inlined, so that the two are not on the stack at once.
+    #[inline(never)]
+    fn process_force(
+        &mut self,
+        number: usize,
+        segment: &Segment<T>,
+        model: &MeasurementModel<T>,
+        at: &Circumstances<T>,
+        usage: Use,
+    ) {
+        let psd_sqrt: T = real(self.config.noise.accel_psd_sqrt);
+        let [x, y, z, ..] = self.allowances.map(real::<T>);
+        let variance = Vector3::new(x, y, z) * (psd_sqrt * psd_sqrt / segment.duration_s());
+        let prediction = model.force_at_stop(segment);
+        let optional = force_columns(&prediction, at);
+        self.take_in(&segment.force_a, (&prediction, &optional), variance, usage, (number, 0));
+    }
+
+    #[inline(never)]
+    fn process_rotation(
+        &mut self,
+        number: usize,
+        segment: &Segment<T>,
+        model: &MeasurementModel<T>,
+        at: &Circumstances<T>,
+        usage: Use,
+    ) {
+        let psd_sqrt: T = real(self.config.noise.gyro_psd_sqrt);
+        let [.., x, y, z] = self.allowances.map(real::<T>);
+        let variance = Vector3::new(x, y, z) * (psd_sqrt * psd_sqrt * segment.duration_s());
+        let mut prediction = model.rotation(segment);
+        if segment.kind == SegmentKind::Stop {
+            // The same encoder error at both ends.
+            prediction.by_encoder_errors.fill(T::zero());
+        }
+        let optional = rotation_columns(&prediction, at);
+        self.take_in(&segment.rotation_g, (&prediction, &optional), variance, usage, (number, 3));
     }
 
     fn circumstances(&self, segment: &Segment<T>) -> Circumstances<T> {
@@ -600,12 +633,12 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         for ((z, channel), (row, variance)) in residual.iter().zip(first_channel..).zip((0..3).zip(variance.iter())) {
             let r = *variance + rounding * rounding;
             let mut h = Vector::<T, STATES>::zeros();
-            let by_encoder_errors = prediction.by_encoder_errors.row(row);
-            let (by_parameters, by_optional) = (prediction.by_parameters.row(row), optional.row(row));
-            let columns = by_encoder_errors.iter().chain(by_parameters.iter()).chain(by_optional.iter());
-            for (h, column) in h.iter_mut().zip(columns) {
-                *h = *column;
-            }
+            let of_row = |column: &[T; 3]| column.get(row).copied().unwrap_or(T::zero());
+            let encoders = columns(&prediction.by_encoder_errors).iter().map(of_row);
+            let others = columns(&prediction.by_parameters).iter().chain(columns(optional)).map(of_row);
+            let (by_encoders, by_others) = h.as_mut_slice().split_at_mut(ENCODER_ERRORS);
+            by_encoders.iter_mut().zip(encoders).for_each(|(h, column)| *h = column);
+            by_others.iter_mut().zip(others).for_each(|(h, column)| *h = column);
             let chosen = weighted.then(|| self.weights.gain(&h, r + floor * floor));
             let choose = |gain: &mut Vector<T, STATES>| match &chosen {
                 Some(chosen) => gain.copy_from(chosen),
@@ -668,7 +701,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         repeats.then_some(half as u16)
     }
 
-    fn solution(&self, sweeps: u8, converged: bool) -> Solution {
+    fn solved(&self, sweeps: u8, converged: bool) -> Solution {
         let estimate = self.estimate();
         let broken = self.segments.iter().filter(|segment| segment.is_broken()).count();
         let ends = self.segments.first().zip(self.segments.last());

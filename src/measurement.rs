@@ -171,7 +171,7 @@ struct GimbalAxes<T: Real> {
 
 impl<T: Real> GimbalAxes<T> {
     fn new(tilt: &Matrix3<T>, gimbals: &GimbalSums<T>, duration_s: T) -> Self {
-        let [_, [cos_s, _, _], [sin_s, _, _]] = gimbals.attitude_s;
+        let [_, [cos_s, _, _], [sin_s, _, _]] = gimbals.attitude_s.map(|row| row.map(|sum_s| real(sum_s.into())));
         let outer_sums = rotation_z_integral(gimbals.outer_cos_inner, gimbals.outer_sin_inner, gimbals.outer);
         let outer_untilted = tilt.transpose().column(0).into_owned();
         let mean = rotation_z_integral(cos_s, sin_s, duration_s) / duration_s;
@@ -219,7 +219,7 @@ fn attitude_integral<T: Real>(gimbals: &GimbalSums<T>, middle: &Matrix3<T>) -> M
     for (inner, row) in inner_parts.iter().zip(&gimbals.attitude_s) {
         let mut weighted = Matrix3::zeros();
         for (outer, weight) in outer_parts.iter().zip(row) {
-            weighted += outer * *weight;
+            weighted += outer * real::<T>((*weight).into());
         }
         integral += inner * middle * weighted;
     }

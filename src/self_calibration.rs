@@ -260,6 +260,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     ///
     /// # Errors
     /// What is wrong with the configuration.
+    #[inline(never)]
     pub fn new(
         config: SelfCalibrationConfig,
         stored: Option<&StoredCalibration>,
@@ -296,6 +297,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
 
     /// Takes in one sample. `report` is called with whatever there is to tell. A sample that cannot be used, repeated, out
     /// of order or not finite, changes nothing but its count.
+    #[inline(never)]
     pub fn step(&mut self, sample: &RawSample<T>, report: &mut impl FnMut(&Message)) -> Step<T> {
         if !self.calibrator.admit(sample) {
             let rates_rad_s = self.axes.each_ref().map(Axis::last_command);
@@ -534,12 +536,15 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         self.axes.iter_mut().for_each(Axis::hold);
     }
 
-    /// One piece of it: the next samples do not wait for the whole.
+    /// One piece of it: the next samples do not wait for the whole. Not inlined: what it needs on the stack, most samples
+    /// do not.
+    #[inline(never)]
     fn solve(&mut self, report: &mut impl FnMut(&Message)) {
         self.measuring = false;
         self.solution = self.calibrator.conclude_piece(report);
     }
 
+    #[inline(never)]
     fn judge(&mut self, report: &mut impl FnMut(&Message)) {
         let verdict = self.solution.as_ref().map_or_else(Verdict::default, |solution| {
             let stored = self.stored.as_ref().map(|(estimate, _)| estimate);
