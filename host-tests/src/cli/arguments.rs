@@ -2,6 +2,7 @@
 
 use super::files::Named;
 use crate::calibration::{Precision, Setup};
+use crate::closed_loop::Terms;
 use crate::monte_carlo::ErrorSource;
 use crate::presets::noise_named;
 use crate::scheme_file::scheme_named;
@@ -13,9 +14,13 @@ use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use rins_selfcal::method::Method;
 use rins_selfcal::options::Options;
+use rins_selfcal::policy::PowerUpPolicy;
 use rins_selfcal::scheme::Scheme;
-use rins_selfcal::units::{DEG_H, MICRO_G};
+use rins_selfcal::sequencer::Pace;
+use rins_selfcal::units::{ARCSEC, DEG_H, MICRO_G};
+use rins_selfcal::verdict::VerdictLimits;
 use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Self-calibration of a dual-axis rotational INS.
 ///
@@ -51,6 +56,8 @@ pub struct CalibrateArguments {
     pub unit: UnitArguments,
     #[command(flatten)]
     pub method: MethodArguments,
+    #[command(flatten)]
+    pub terms: TermsArguments,
     /// Run the firmware in the emulator, twice: calibrate, then find the stored calibration
     #[arg(long)]
     pub firmware: bool,
@@ -63,6 +70,67 @@ pub struct CalibrateArguments {
     /// Write the report
     #[arg(long, value_name = "OUT.html", default_value = "rins-report.html")]
     pub report: PathBuf,
+}
+
+/// When a run begins and ends, and what it must reach.
+#[derive(Debug, Args)]
+pub struct TermsArguments {
+    /// When a calibration begins at power-up
+    #[arg(long, value_enum, default_value_t)]
+    policy: PolicyArgument,
+    /// With --policy when-due: greatest age of the stored calibration, h [default: any]
+    #[arg(long, value_name = "H", value_parser = positive)]
+    longest_age: Option<f64>,
+    /// With --policy when-due: greatest difference of temperature to the stored calibration, K [default: any]
+    #[arg(long, value_name = "K", value_parser = positive)]
+    temperature_change: Option<f64>,
+    /// Required sigma of the 12 installation errors, arcsec [default: none]
+    #[arg(long, value_name = "ARCSEC", value_parser = positive)]
+    required_sigma: Option<f64>,
+    /// End the run as soon as the required sigma is reached and the fit is good
+    #[arg(long, requires = "required_sigma")]
+    early_finish: bool,
+    /// End the run after this time, s, with the stop under way
+    #[arg(long, value_name = "S", value_parser = positive)]
+    longest_run: Option<f64>,
+    /// Stay up to this many times as long at a stop whose noise has as many times the configured variance
+    #[arg(long, value_name = "RATIO", default_value_t = 1.0, value_parser = at_least_one)]
+    noise_margin: f64,
+}
+
+/// When a calibration begins at power-up.
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum PolicyArgument {
+    /// At every power-up
+    Always,
+    /// When none is stored, or it is too old or of another temperature
+    #[default]
+    WhenDue,
+    /// On command only
+    OnCommand,
+    /// Never
+    Never,
+}
+
+impl TermsArguments {
+    pub fn terms(&self) -> Terms {
+        let limits = VerdictLimits::default();
+        Terms {
+            policy: match self.policy {
+                PolicyArgument::Always => PowerUpPolicy::Always,
+                PolicyArgument::OnCommand => PowerUpPolicy::OnCommand,
+                PolicyArgument::Never => PowerUpPolicy::Never,
+                PolicyArgument::WhenDue => PowerUpPolicy::WhenDue {
+                    age_s: self.longest_age.map(|hours| (hours * 3600.0) as u64),
+                    temperature_k: self.temperature_change.map(|change| change as f32),
+                },
+            },
+            utc_s: SystemTime::now().duration_since(UNIX_EPOCH).ok().map(|since| since.as_secs()),
+            pace: Pace { early_finish: self.early_finish, longest_s: self.longest_run, ..Pace::default() },
+            limits: self.required_sigma.map_or(limits, |sigma| limits.requiring(sigma * ARCSEC)),
+            noise_margin: self.noise_margin,
+        }
+    }
 }
 
 #[derive(Debug, Args)]
@@ -130,6 +198,9 @@ pub struct MonteCarloArguments {
     pub runs: u64,
     #[command(flatten)]
     pub scheme: SchemeArguments,
+    /// Let the core turn the axes, as at power-up, and repeat disturbed stops [default: play the scheme open loop]
+    #[arg(long)]
+    pub closed_loop: bool,
     /// Which method, or both on the same data
     #[arg(long, value_enum, default_value_t)]
     pub method: MethodsArgument,
@@ -363,11 +434,19 @@ impl MethodArguments {
 }
 
 fn rate(text: &str) -> Result<f64, String> {
-    number_in(text, 1.0, 100_000.0)
+    number_in(text, 10.0, 10_000.0)
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
     number_in(text, 0.1, 1e6)
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    number_in(text, 1e-6, 1e9)
+}
+
+fn at_least_one(text: &str) -> Result<f64, String> {
+    number_in(text, 1.0, 1e3)
 }
 
 fn walk(text: &str) -> Result<f64, String> {
