@@ -190,7 +190,7 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
                 *u += lambda * *k;
                 *k += g * old;
             }
-            if let Some(k) = gain.iter_mut().nth(j) {
+            if let Some(k) = gain.get_mut(j) {
                 *k = g;
             }
         }
