@@ -72,7 +72,9 @@ impl<T: Real> MeasurementModel<T> {
         }
     }
 
-    /// Mean accelerometer output at a stop. (4), (10)
+    /// Mean accelerometer output at a stop. (4), (10) Not inlined, as the next: what it needs on the stack is free again
+    /// for the filter.
+    #[inline(never)]
     pub fn force_at_stop(&self, stop: &Segment<T>) -> Prediction<T> {
         let rot_inner = self.rot_inner_axis * frame_rotation_z(stop.inner) * self.rot_inner_axis.transpose();
         let rot_outer = frame_rotation_x(stop.outer);
@@ -99,6 +101,7 @@ impl<T: Real> MeasurementModel<T> {
     }
 
     /// Integral of the gyro outputs over a segment. (5), (12)
+    #[inline(never)]
     pub fn rotation(&self, segment: &Segment<T>) -> Prediction<T> {
         let gimbals = &segment.gimbals;
         let tilt = &self.rot_inner_axis;
