@@ -4,6 +4,7 @@ mod arguments;
 mod calibrate;
 mod monte_carlo;
 mod observability;
+mod plan;
 mod progress;
 mod replay;
 mod simulate;
@@ -41,6 +42,7 @@ fn run(arguments: Arguments) -> anyhow::Result<Ending> {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
         Command::Observability(arguments) => observability::run(&arguments),
+        Command::Plan(arguments) => plan::run(&arguments),
         Command::Montecarlo(arguments) => monte_carlo::run(&arguments),
     }
 }

@@ -23,6 +23,7 @@ pub mod kinematics;
 pub mod log;
 pub mod monte_carlo;
 pub mod page;
+pub mod plan;
 pub mod plant;
 pub mod power_up;
 pub mod prediction;

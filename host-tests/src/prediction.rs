@@ -71,8 +71,7 @@ pub struct Prediction {
 impl Prediction {
     /// Of a unit without errors, level and facing north.
     pub fn new(setup: &Setup, scheme: &Scheme) -> Self {
-        let unit = VirtualUnit { site: setup.site, noise: SILENT, rate_hz: setup.rate_hz, ..VirtualUnit::default() };
-        let run = VirtualRun { unit, scheme: scheme.clone(), seed: 0 };
+        let run = silent_run(setup, scheme);
         let outcome = run.calibrate(std::slice::from_ref(setup)).remove(0);
         let (covariance, prior_sigmas) = estimated_only(&outcome);
         let (rank, condition_number) = of_covariance(&covariance, &prior_sigmas);
@@ -90,6 +89,22 @@ impl Prediction {
             software: SOFTWARE,
         }
     }
+}
+
+/// Sigmas of all parameters by the core, SI.
+pub fn predicted_sigmas_si(setup: &Setup, scheme: &Scheme) -> [f64; PARAMETERS] {
+    silent_run(setup, scheme).calibrate(std::slice::from_ref(setup)).remove(0).estimate().sigmas
+}
+
+/// Duration of a scheme, first stop, ramps and settling included, s.
+pub fn duration_s(setup: &Setup, scheme: &Scheme) -> f64 {
+    silent_run(setup, scheme).duration_s()
+}
+
+/// A perfect unit without noise, level and facing north.
+fn silent_run(setup: &Setup, scheme: &Scheme) -> VirtualRun {
+    let unit = VirtualUnit { site: setup.site, noise: SILENT, rate_hz: setup.rate_hz, ..VirtualUnit::default() };
+    VirtualRun { unit, scheme: scheme.clone(), seed: 0 }
 }
 
 /// Covariance and prior sigmas, zero where the method only carries a parameter along.

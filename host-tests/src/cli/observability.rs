@@ -43,7 +43,8 @@ fn ranks(prediction: &Prediction) -> String {
     table::of_numbers(&["time s", "rank", "condition"], prediction.installation_rank.iter().map(row))
 }
 
-fn sigmas(prediction: &Prediction) -> String {
+/// All predicted sigmas, by parameter.
+pub fn sigmas(prediction: &Prediction) -> String {
     table::by_parameter(&["sigma"], |index| {
         let name = PARAMETER_INFO[index].name;
         let found = prediction.parameters.0.iter().find(|(other, _)| *other == name);
