@@ -6,9 +6,11 @@ use crate::calibrator::CalibratorConfig;
 use crate::estimator::{EstimatorConfig, HeadingSource, Noise};
 use crate::method::Method;
 use crate::options::Options;
+use crate::policy::PowerUpPolicy;
 use crate::scheme::Scheme;
 use crate::segment::Stillness;
 use crate::self_calibration::SelfCalibrationConfig;
+use crate::sequencer::Pace;
 use crate::site::Site;
 use crate::units::{ARCSEC, DEG_SQRT_H, MICRO_G};
 use crate::verdict::VerdictLimits;
@@ -58,15 +60,17 @@ impl CalibratorConfig {
 }
 
 impl SelfCalibrationConfig {
-    /// The usual configuration of a run: default axes and limits, three repeated stops, a stored calibration is used.
+    /// The usual configuration of a run: default axes, limits and pace, a run where nothing is
+    /// stored.
     pub fn new(calibrator: CalibratorConfig, scheme: Scheme) -> Self {
         Self {
             calibrator,
             scheme,
             axes: [AxisLimits::default(); 2],
             limits: VerdictLimits::default(),
-            stop_repeats: 3,
-            use_stored: true,
+            pace: Pace::default(),
+            policy: PowerUpPolicy::default(),
+            utc_s: None,
         }
     }
 }

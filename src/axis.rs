@@ -12,6 +12,9 @@ use serde::{Deserialize, Serialize};
 
 /// Gain of the position loop, 1/s: a time constant of 0.1 s, twenty sample intervals at 200 Hz.
 const POSITION_GAIN: f64 = 10.0;
+/// Sample intervals from a sample's time, the middle of its interval, to the end of the next interval, by when the drive
+/// reaches the commanded rate.
+const LEAD_INTERVALS: f64 = 1.5;
 
 /// Rate, acceleration and travel of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -28,6 +31,15 @@ pub struct AxisLimits {
     pub arrived_rad: f64,
     /// Distance from the profile beyond which the axis does not follow, rad.
     pub following_error_rad: f64,
+}
+
+impl AxisLimits {
+    /// Whether every number is finite, every limit positive and the travel not empty.
+    pub fn are_valid(&self) -> bool {
+        let positive = [self.rate_rad_s, self.acceleration_rad_s2, self.arrived_rad, self.following_error_rad];
+        let travel_rad = self.highest_rad - self.lowest_rad;
+        positive.iter().chain([&travel_rad]).all(|limit| limit.is_finite() && *limit > 0.0)
+    }
 }
 
 impl Default for AxisLimits {
@@ -98,6 +110,7 @@ struct Motion<T> {
 #[derive(Clone, Debug)]
 pub struct Axis<T: Real> {
     limits: AxisLimits,
+    interval_s: T,
     /// Encoder angle counted over whole turns.
     angle_ticks: Option<i64>,
     target_ticks: i64,
@@ -105,18 +118,21 @@ pub struct Axis<T: Real> {
     /// Coming to rest, wherever that will be.
     braking: bool,
     commanded_rad_s: T,
+    commanded_us: u64,
 }
 
 impl<T: Real> Axis<T> {
-    /// An axis whose encoder has not been read yet.
-    pub fn new(limits: &AxisLimits) -> Self {
+    /// An axis whose encoder has not been read yet, and whose drive gets a command every `interval_s`.
+    pub fn new(limits: &AxisLimits, interval_s: T) -> Self {
         Self {
             limits: *limits,
+            interval_s,
             angle_ticks: None,
             target_ticks: 0,
             motion: None,
             braking: false,
             commanded_rad_s: T::zero(),
+            commanded_us: 0,
         }
     }
 
@@ -149,19 +165,28 @@ impl<T: Real> Axis<T> {
         self.target_ticks = self.angle_ticks.unwrap_or(0);
     }
 
-    /// Rate that the drive shall reach `lead_s` from now, rad/s. Zero before the first reading.
-    pub fn rate_command(&mut self, now_us: u64, lead_s: T) -> T {
+    /// Rate that the drive shall reach by the end of the next interval, rad/s. Zero before the first reading.
+    pub fn rate_command(&mut self, now_us: u64) -> T {
         let Some(angle_ticks) = self.angle_ticks else { return T::zero() };
         if self.braking {
             self.target_ticks = angle_ticks;
             self.braking = self.commanded_rad_s != T::zero();
         }
         let (wanted_ticks, _) = self.wanted(now_us, T::zero());
-        let (_, rate) = self.wanted(now_us, lead_s);
+        let (_, rate) = self.wanted(now_us, self.interval_s * real(LEAD_INTERVALS));
         let error: T = ticks_to_rad(wanted_ticks - angle_ticks);
-        let (highest, step) = (real::<T>(self.limits.rate_rad_s), real::<T>(self.limits.acceleration_rad_s2) * lead_s);
+        let highest: T = real(self.limits.rate_rad_s);
+        // However long ago the last command was, the drive takes this one up within an interval.
+        let since_s: T = real(now_us.saturating_sub(self.commanded_us) as f64 * 1e-6);
+        let step = since_s.min(self.interval_s) * real(self.limits.acceleration_rad_s2);
+        self.commanded_us = now_us;
         let wanted = (rate + error * real(POSITION_GAIN)).max(-highest).min(highest);
         self.commanded_rad_s = wanted.max(self.commanded_rad_s - step).min(self.commanded_rad_s + step);
+        self.commanded_rad_s
+    }
+
+    /// The rate commanded last, rad/s.
+    pub fn last_command(&self) -> T {
         self.commanded_rad_s
     }
 
@@ -177,9 +202,9 @@ impl<T: Real> Axis<T> {
         (error > self.limits.following_error_rad).then_some(error)
     }
 
-    /// Whether an angle, counted over whole turns, is within the travel.
-    pub fn is_within_travel(&self, angle_rad: f64) -> bool {
-        (self.limits.lowest_rad..=self.limits.highest_rad).contains(&angle_rad)
+    /// Nominal duration of the move under way, us.
+    pub fn move_us(&self) -> u64 {
+        self.motion.map_or(0, |motion| (motion.profile.duration_s().widened() * 1e6) as u64)
     }
 
     fn distance_rad(&self, from_ticks: i64) -> f64 {
@@ -208,6 +233,12 @@ impl<T: Real> Motion<T> {
 mod tests {
     use super::*;
 
+    const INTERVAL_S: f64 = 0.005;
+
+    fn axis() -> Axis<f64> {
+        Axis::new(&AxisLimits::default(), INTERVAL_S)
+    }
+
     #[test]
     fn profile_covers_the_way_with_and_without_cruise() {
         for distance in [1.5, -1.5, 0.2, -0.01] {
@@ -228,14 +259,14 @@ mod tests {
     /// A drive that reaches the commanded rate at the end of each interval, with a gain error, and an encoder.
     #[test]
     fn loop_follows_and_arrives_in_spite_of_a_drive_error() {
-        let mut axis = Axis::<f64>::new(&AxisLimits::default());
+        let mut axis = axis();
         let (mut angle, mut rate, mut now_us) = (0.1_f64, 0.0, 0);
         axis.measure(Angle::from_rad(angle));
         axis.move_to(-4.0, 0.35, 0.35, now_us);
         let mut arrived_us = None;
         for _ in 0..4000 {
-            let next = axis.rate_command(now_us, 0.005) * 1.001;
-            angle += 0.5 * (rate + next) * 0.005;
+            let next = axis.rate_command(now_us) * 1.001;
+            angle += 0.5 * (rate + next) * INTERVAL_S;
             rate = next;
             now_us += 5000;
             axis.measure(Angle::from_rad(angle));
@@ -251,21 +282,47 @@ mod tests {
 
     #[test]
     fn an_axis_stands_where_it_is_found() {
-        let mut axis = Axis::<f64>::new(&AxisLimits::default());
+        let mut axis = axis();
         axis.measure(Angle::from_rad(1.5));
         assert_eq!(axis.following_error_rad(0), None);
-        assert_eq!(axis.rate_command(0, 0.005), 0.0);
+        assert_eq!(axis.rate_command(0), 0.0);
+    }
+
+    #[test]
+    fn the_drive_is_never_asked_for_more_than_the_limits() {
+        let limits = AxisLimits::default();
+        let mut axis = axis();
+        let (mut angle, mut rate) = (-3.0, 0.0);
+        axis.measure(Angle::from_rad(angle));
+        for edge in 0..6000_u64 {
+            let now_us = edge * 5000;
+            match edge {
+                // Faster than the axis, and a new target, and a stop, each while it turns.
+                100 => axis.move_to(4.0, 2.0, 5.0, now_us),
+                500 => axis.move_to(-1.0, 0.35, 0.35, now_us),
+                900 => axis.hold(),
+                1200 => axis.move_to(0.5, 0.35, 0.35, now_us),
+                _ => {}
+            }
+            let next = axis.rate_command(now_us);
+            assert!(next.abs() <= limits.rate_rad_s * (1.0 + 1e-12));
+            assert!((next - rate).abs() <= limits.acceleration_rad_s2 * INTERVAL_S * (1.0 + 1e-9), "{edge}");
+            angle += 0.5 * (rate + next) * INTERVAL_S;
+            rate = next;
+            axis.measure(Angle::from_rad(angle));
+        }
+        assert!((angle - 0.5).abs() < 1e-8, "{angle}");
     }
 
     #[test]
     fn an_axis_that_does_not_turn_is_noticed() {
-        let mut axis = Axis::<f64>::new(&AxisLimits::default());
+        let mut axis = axis();
         axis.measure(Angle::from_rad(0.0));
         axis.move_to(1.0, 0.35, 0.35, 0);
         axis.measure(Angle::from_rad(0.0));
         assert!(axis.following_error_rad(1_000_000).is_some_and(|error| error > 0.17));
         axis.hold();
         assert_eq!(axis.following_error_rad(1_000_000), None);
-        assert_eq!(axis.rate_command(1_000_000, 0.005), 0.0);
+        assert_eq!(axis.rate_command(1_000_000), 0.0);
     }
 }

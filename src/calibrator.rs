@@ -7,7 +7,7 @@ use crate::linear::Real;
 use crate::sample::RawSample;
 use crate::segment::{Segment, SegmentKind, Segmenter, Stillness};
 use crate::telemetry::Message;
-use crate::verdict::{Assessment, Verdict, VerdictLimits, judge};
+use crate::verdict::{Assessment, Verdict, VerdictLimits, is_good_fit, judge};
 use serde::{Deserialize, Serialize};
 
 /// What the chain from samples to parameters must know.
@@ -63,29 +63,72 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
 
     /// Takes in one sample. Most return nothing; the one that completes a segment returns the live estimate.
     pub fn step(&mut self, sample: &RawSample<T>) -> Option<Progress> {
-        match self.intake.admit(sample) {
-            Admission::Admitted { .. } => self.segmenter.step(sample).and_then(|segment| self.add(&segment)),
-            Admission::Repeated | Admission::OutOfOrder | Admission::NonFinite => None,
-        }
+        if self.admit(sample) { self.measure(sample) } else { None }
+    }
+
+    /// Whether a sample may be used at all; counts those that may not.
+    pub fn admit(&mut self, sample: &RawSample<T>) -> bool {
+        matches!(self.intake.admit(sample), Admission::Admitted { .. })
+    }
+
+    /// Takes in an admitted sample, as [`Self::step`].
+    pub fn measure(&mut self, sample: &RawSample<T>) -> Option<Progress> {
+        self.segmenter.step(sample).and_then(|segment| self.add(&segment))
+    }
+
+    /// Counts samples anew from here on: the measurement begins.
+    pub fn restart_counts(&mut self) {
+        self.intake.restart_counts();
+    }
+
+    /// Admits the next sample whatever its time: the samples begin anew after a loss.
+    pub fn resume(&mut self) {
+        self.intake.resume();
     }
 
     fn finish(&mut self) -> Option<Progress> {
         self.segmenter.finish().and_then(|segment| self.add(&segment))
     }
 
-    /// Closes the last stop, at the end of the samples, processes all segments until the estimate stands, and reports
-    /// solution and covariance.
-    pub fn conclude(&mut self, report: &mut impl FnMut(&Message)) -> Solution {
+    /// One bounded piece of the look whether the run may end with the stop under way: closes it, and tells whether every
+    /// required sigma is met and the fit is good; `None` while it is not known yet.
+    pub fn weigh_piece(&mut self, limits: &VerdictLimits, report: &mut impl FnMut(&Message)) -> Option<bool> {
         if let Some(progress) = self.finish() {
             report(&Message::Segment(progress));
         }
-        let solution = self.estimator.solve();
+        if !self.estimator.is_refreshing() && !self.meets(limits) {
+            return Some(false);
+        }
+        let (chi_square, degrees_of_freedom) = self.estimator.refresh_piece()?;
+        Some(self.meets(limits) && is_good_fit(chi_square, degrees_of_freedom))
+    }
+
+    fn meets(&self, limits: &VerdictLimits) -> bool {
+        limits.required_sigmas.is_some() && limits.unmet(&self.estimator.estimate().sigmas).next().is_none()
+    }
+
+    /// One bounded piece of what is to be done at the end of the samples: closes the last stop, processes all segments
+    /// until the estimate stands, and reports solution and covariance. Returns the solution when done.
+    pub fn conclude_piece(&mut self, report: &mut impl FnMut(&Message)) -> Option<Solution> {
+        if let Some(progress) = self.finish() {
+            report(&Message::Segment(progress));
+        }
+        let solution = self.estimator.solve_piece()?;
         report(&Message::Solved { solution, counts: self.counts() });
         for row in 0..PARAMETERS {
             let values = self.estimator.covariance_row(row).map(Real::widened).data.0[0];
             report(&Message::Covariance { row: row as u8, values });
         }
-        solution
+        Some(solution)
+    }
+
+    /// All pieces in one go, where no sample is waiting.
+    pub fn conclude(&mut self, report: &mut impl FnMut(&Message)) -> Solution {
+        loop {
+            if let Some(solution) = self.conclude_piece(report) {
+                return solution;
+            }
+        }
     }
 
     /// Judges a solution of this run's segments.
@@ -95,6 +138,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
             prior_sigmas: &self.estimator.config().prior_sigmas(),
             segments: self.estimator.segments(),
             noise: &self.estimator.config().noise,
+            site: &self.estimator.config().site,
             counts: self.intake.counts(),
             stored,
         };
@@ -104,6 +148,11 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
     /// The stop under way, for a look at its quality.
     pub fn stop_so_far(&self) -> Option<Segment<T>> {
         self.segmenter.stop_so_far()
+    }
+
+    /// Longest interval between two samples at the stop under way, us, up to the last sample.
+    pub fn longest_interval_us(&self) -> u64 {
+        self.segmenter.longest_interval_us()
     }
 
     /// Forgets what was summed at the stop under way.

@@ -86,8 +86,8 @@ impl Default for Suspicion {
 pub struct Seen<'a, T: Real, const STATES: usize> {
     /// Row of the measurement matrix.
     pub h: &'a Vector<T, STATES>,
-    /// Covariance times that row: the gain times the innovation's variance.
-    pub covariance_h: &'a Vector<T, STATES>,
+    /// Gain.
+    pub gain: &'a Vector<T, STATES>,
     /// Innovation.
     pub innovation: T,
     /// Its variance.
@@ -124,9 +124,22 @@ pub struct Suspects<const STATES: usize> {
 }
 
 impl<const STATES: usize> Suspects<STATES> {
-    /// The changes of sweep number `part`, from 0, that begin with segment `onset`; none when all have been tested.
-    /// `onset_is_stop`: which is the first stop.
-    pub fn new(onset: u16, onset_is_stop: bool, part: usize) -> Option<Self> {
+    /// No change under test.
+    pub const NONE: Self = Self { onset: 0, duration_s: 0.0, turned: [0.0; 2], suspects: heapless::Vec::new() };
+
+    /// Whether no change is under test.
+    pub fn is_empty(&self) -> bool {
+        self.suspects.is_empty()
+    }
+
+    /// Puts no change under test.
+    pub fn clear(&mut self) {
+        self.suspects.clear();
+    }
+
+    /// Puts the changes of sweep number `part`, from 0, that begin with segment `onset` under test; returns whether there
+    /// are any. `onset_is_stop`: which is the first stop.
+    pub fn restart(&mut self, onset: u16, onset_is_stop: bool, part: usize) -> bool {
         let attitude = block::ATTITUDE..PARAMETERS;
         let steps = (block::ACCEL_BIAS..block::NON_PERPENDICULARITY).chain(attitude.clone());
         let biases = (block::ACCEL_BIAS..block::ACCEL_SCALE).chain(block::GYRO_BIAS..block::GYRO_SCALE);
@@ -139,9 +152,13 @@ impl<const STATES: usize> Suspects<STATES> {
             .chain((3..6).map(|channel| (Change::Outlier(channel), turn)));
         let suspect =
             |(change, segment)| Suspect { change, segment, not_absorbed: zeros(), score: 0.0, information: 0.0 };
-        let suspects = changes.map(suspect).skip(part * SUSPECTS).take(SUSPECTS).collect();
-        let suspects = Self { onset, duration_s: 0.0, turned: [0.0; 2], suspects };
-        (!suspects.suspects.is_empty()).then_some(suspects)
+        (self.onset, self.duration_s, self.turned) = (onset, 0.0, [0.0; 2]);
+        self.suspects.clear();
+        for suspect in changes.map(suspect).skip(part * SUSPECTS).take(SUSPECTS) {
+            // As many as are taken fit.
+            let _ = self.suspects.push(suspect);
+        }
+        !self.suspects.is_empty()
     }
 
     /// Segment `number` begins. At a move, the filter has renewed its leading states, the encoder errors.
@@ -195,8 +212,8 @@ impl<const STATES: usize> Suspects<STATES> {
             let weighted = g / seen.variance.widened();
             suspect.score += weighted * seen.innovation.widened();
             suspect.information += weighted * g;
-            for (y, covariance_h) in suspect.not_absorbed.iter_mut().zip(seen.covariance_h.iter()) {
-                *y -= (weighted * covariance_h.widened()) as f32;
+            for (y, gain) in suspect.not_absorbed.iter_mut().zip(seen.gain.iter()) {
+                *y -= (g * gain.widened()) as f32;
             }
         }
     }

@@ -6,7 +6,7 @@
 //! ```text
 //! IMU, 68 bytes        sent      0      0x01
 //!                      received  1      status
-//!                                2-9    time of the data-ready edge, us, u64
+//!                                2-9    time stamp, us, u64
 //!                                10-13  number of the sample, u32, wraps
 //!                                14-37  angular rate x y z, rad/s, f64
 //!                                38-61  specific force x y z, m/s^2, f64
@@ -14,7 +14,7 @@
 //!                                66-67  CRC-16/IBM-3740 of bytes 1-65
 //! encoder, 7 bytes     sent      0      0x01
 //!                      received  1      status
-//!                                2-5    angle latched by the IMU's data-ready edge, 2^-32 turn, u32
+//!                                2-5    angle at the IMU's time stamp, 2^-32 turn, u32
 //!                                6      CRC-8/SAE-J1850 of bytes 1-5
 //! rate drive, 8 bytes  sent      0      0x02
 //!                                1-4    rate, right-handed about the axis, nrad/s, i32
@@ -22,6 +22,10 @@
 //!                      received  6      status
 //!                                7      CRC-8/SAE-J1850 of byte 6
 //! ```
+//! The time stamp is the middle of the interval over which rate and force are means, and the encoders latch their angles
+//! then; the data-ready edge comes at the end of the interval. The drivers pass stamps and angles on as they are. For an
+//! IMU that stamps the edge, take half an interval off here, and let the encoders latch half an interval earlier.
+//!
 //! A bus that floats, all zeros or all ones, never passes both CRC and status.
 
 use crate::angle::Angle;
@@ -75,7 +79,7 @@ pub type DeviceResult<R, S> = Result<R, DeviceError<<S as embedded_hal::spi::Err
 /// One measurement of the IMU.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuReading<T: Real> {
-    /// Time of the data-ready edge, us.
+    /// Middle of the interval over which rate and force are means, us.
     pub time_us: u64,
     /// Number of the sample since the IMU was switched on, wraps.
     pub count: u32,
@@ -133,7 +137,7 @@ impl<S: SpiDevice> Encoder<S> {
         Self { spi }
     }
 
-    /// Reads the angle latched by the last data-ready edge.
+    /// Reads the angle at the IMU's last time stamp.
     ///
     /// # Errors
     /// The transfer failed, its CRC is wrong or the status is not [`STATUS_OK`].
@@ -176,6 +180,13 @@ impl<S: SpiDevice> RateDrive<S> {
         }
         check_status(frame[6])
     }
+}
+
+/// Commands both drives (outer, inner), rad/s. Returns which of them took the command.
+pub fn command_rates<T: Real, S: SpiDevice>(drives: &mut [RateDrive<S>; 2], rates_rad_s: [T; 2]) -> [bool; 2] {
+    let [outer, inner] = drives;
+    let [outer_rad_s, inner_rad_s] = rates_rad_s.map(rate_nrad_s);
+    [outer.command(outer_rad_s).is_ok(), inner.command(inner_rad_s).is_ok()]
 }
 
 /// A rate in rad/s as a drive takes it, nrad/s; saturates at 2.147 rad/s, not-a-number gives 0.

@@ -4,7 +4,8 @@
 //! accelerometers of its stop and to the two moves that meet there; carried as states they correlate all three as they
 //! are, and are renewed at every move. Each segment updates the filter when it ends, so estimate and covariance are
 //! live. At the end all segments are processed again about the last estimate until it stands (iterated Kalman filter,
-//! Gauss-Newton), so no linearization error remains.
+//! Gauss-Newton), so no linearization error remains; then changes during the run are tested for (`constancy`). This final
+//! pass is done piece by piece, some segments at a call, so that samples go on being taken in between.
 //!
 //! Joint method: every stop gives specific force and rate, every move its rotation.
 //!
@@ -31,6 +32,7 @@ use crate::options::{
 use crate::segment::{Segment, SegmentKind};
 use crate::site::Site;
 use crate::units::{DEG, DEG_H};
+use crate::weighting::Weights;
 use core::ops::Range;
 use serde::{Deserialize, Serialize};
 
@@ -48,6 +50,10 @@ const ENCODER_ERRORS_PER_STOP: usize = 2;
 
 /// Sweeps over the segments before the estimate must stand.
 const MAX_SWEEPS: u8 = 12;
+
+/// Segments processed by one piece of the final pass: 0.8 million instructions in `f64` with changes under test, a third
+/// of a sample interval of 5 ms at 500 million instructions a second.
+const SEGMENTS_PER_PIECE: usize = 4;
 
 /// The estimate stands when no parameter moves by more than this part of its sigma, and what rounding makes it jitter.
 const STANDING: f64 = 0.01;
@@ -217,11 +223,37 @@ pub struct Solution {
 struct Use {
     force: bool,
     rotation: bool,
+    /// The states of stage 1 are considered only.
     considered: bool,
 }
 
 /// The states of stage 1 that stage 2 only considers: all but the heading, which the gyros gave.
 const STAGE_ONE: Range<usize> = ENCODER_ERRORS + block::ACCEL_NON_ORTHOGONALITY..ENCODER_ERRORS + block::ATTITUDE + 2;
+
+/// One run of the filter over the stored segments, as far as it has come.
+#[derive(Clone, Copy, Debug)]
+struct Sweep {
+    /// The segment that is next.
+    next: usize,
+    /// Moves before it.
+    moves: u16,
+    /// Moves of period one, for the two-stage method.
+    period_moves: Option<u16>,
+}
+
+/// Where the final pass is.
+#[derive(Clone, Copy, Debug)]
+#[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
+enum Pass<T: Real> {
+    /// Not begun, or done.
+    Idle,
+    /// Sweeping until the estimate stands: `made` sweeps so far, and the estimate before the one under way.
+    Iterating { sweep: Sweep, made: u8, before: Vector<T, PARAMETERS> },
+    /// One sweep that leaves the live estimate better linearized.
+    Refreshing { sweep: Sweep },
+    /// Testing for changes that begin with segment `onset`, in several sweeps, about the solution.
+    Testing { sweep: Sweep, onset: usize, part: usize, solution: Solution },
+}
 
 /// Takes segments in and gives parameters out.
 #[derive(Clone, Debug)]
@@ -234,11 +266,16 @@ pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATES
     /// The point that the filter's state deviates from.
     nominal: Vector<T, PARAMETERS>,
     filter: UdFilter<T, STATES>,
+    /// Of the two-stage method.
+    weights: Weights<T>,
     fit: Fit,
     /// Time that biases, attitude and optional rates refer to, us.
     reference_us: u64,
     /// Where the axes stood last.
     last_stop: [Angle; 2],
+    pass: Pass<T>,
+    /// Changes under test; none but in the last part of the final pass.
+    suspects: Suspects<STATES>,
 }
 
 impl<T: Real, const SEGMENTS: usize, const STATES: usize> Default for Estimator<T, SEGMENTS, STATES> {
@@ -257,9 +294,12 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             start: zeros(),
             nominal: zeros(),
             filter: UdFilter::CERTAIN,
+            weights: Weights::NONE,
             fit: Fit::NONE,
             reference_us: 0,
             last_stop: [Angle::from_ticks(0); 2],
+            pass: Pass::Idle,
+            suspects: Suspects::NONE,
         }
     }
 
@@ -270,9 +310,11 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.left_out = 0;
         self.start.fill(T::zero());
         self.nominal.fill(T::zero());
-        restart_at_prior(&mut self.filter, config, config.gate_sigma);
+        self.restart_filters(config.gate_sigma);
         self.fit = Fit::NONE;
         self.last_stop = [Angle::default(); 2];
+        self.pass = Pass::Idle;
+        self.suspects.clear();
     }
 
     /// Takes in a finished segment and updates the live estimate. Returns whether the segment is used; one before the
@@ -292,8 +334,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         }
         let number = self.segments.len() - 1;
         let moves_before = self.moves_before(number);
-        let used =
-            self.process(number, segment, self.use_of(segment.kind, moves_before, self.config.period_moves), None);
+        let used = self.process(number, segment, self.use_of(segment.kind, moves_before, self.config.period_moves));
         self.absorb();
         used
     }
@@ -321,61 +362,137 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         &self.segments
     }
 
-    /// Processes all segments again and again until the estimate stands.
-    pub fn solve(&mut self) -> Solution {
+    /// One piece of the final pass: processes all segments again and again until the estimate stands, and tests for
+    /// changes. Returns the solution when done; a further call begins anew.
+    pub fn solve_piece(&mut self) -> Option<Solution> {
+        match self.pass {
+            Pass::Idle | Pass::Refreshing { .. } => {
+                self.begin_pass();
+                None
+            }
+            Pass::Iterating { mut sweep, made, before } => {
+                let swept = self.sweep_piece(&mut sweep);
+                self.pass = Pass::Iterating { sweep, made, before };
+                if swept { self.iterate(sweep, made + 1, &before) } else { None }
+            }
+            Pass::Testing { mut sweep, onset, part, solution } => {
+                let swept = self.sweep_piece(&mut sweep);
+                self.pass = Pass::Testing { sweep, onset, part, solution };
+                if swept { self.tested(onset, part, solution) } else { None }
+            }
+        }
+    }
+
+    /// One piece of a sweep over all segments so far: it leaves the live estimate linearized about where it was, and the
+    /// chi-square that of one model. Returns chi-square and degrees of freedom when done.
+    pub fn refresh_piece(&mut self) -> Option<(f64, u32)> {
+        let mut sweep = match self.pass {
+            Pass::Refreshing { sweep } => sweep,
+            _ => self.begin_sweep(self.config.period_moves),
+        };
+        let swept = self.sweep_piece(&mut sweep);
+        self.pass = if swept { Pass::Idle } else { Pass::Refreshing { sweep } };
+        swept.then(|| (self.fit.chi_square, self.degrees_of_freedom(&self.estimate())))
+    }
+
+    /// Whether such a sweep is under way, and the live estimate not whole.
+    pub fn is_refreshing(&self) -> bool {
+        matches!(self.pass, Pass::Refreshing { .. })
+    }
+
+    fn begin_pass(&mut self) {
         let period_moves = self.config.period_moves.or_else(|| self.find_period());
         self.reference_us = self.segments.last().map_or(0, |last| last.start_us + last.duration_us);
         // Not from the live estimate: updates about poor early points can lead it astray.
         self.nominal = self.start;
-        let (mut sweeps, mut converged) = (0, false);
-        while sweeps < MAX_SWEEPS && !converged {
-            let before = self.nominal;
-            self.sweep(period_moves, None);
-            sweeps += 1;
-            converged = self.stands(&before);
-        }
-        let solution = self.solution(sweeps, converged);
-        Solution { suspicion: self.most_significant_change(), ..solution }
+        self.suspects.clear();
+        let sweep = self.begin_sweep(period_moves);
+        self.pass = Pass::Iterating { sweep, made: 0, before: self.nominal };
     }
 
-    /// Two more sweeps for each segment with which a change may begin: the first stop and every move.
-    fn most_significant_change(&mut self) -> Suspicion {
-        let mut most = Suspicion::default();
+    /// A sweep has ended, and `made` are made: another one, unless the estimate stands.
+    fn iterate(
+        &mut self,
+        Sweep { period_moves, .. }: Sweep,
+        made: u8,
+        before: &Vector<T, PARAMETERS>,
+    ) -> Option<Solution> {
+        let converged = self.stands(before);
+        if made < MAX_SWEEPS && !converged {
+            let sweep = self.begin_sweep(period_moves);
+            self.pass = Pass::Iterating { sweep, made, before: self.nominal };
+            return None;
+        }
+        let solution = self.solution(made, converged);
         if self.config.method == Method::TwoStage {
-            return most;
+            self.pass = Pass::Idle;
+            return Some(solution);
         }
-        let solved = self.nominal;
-        for onset in 0..self.segments.len() {
-            let is_stop = self.segments.get(onset).is_some_and(|segment| segment.kind == SegmentKind::Stop);
-            if is_stop && onset > 0 {
-                continue;
-            }
-            for part in 0.. {
-                let Some(mut suspects) = Suspects::new(onset as u16, is_stop, part) else { break };
-                self.sweep(None, Some(&mut suspects));
-                self.nominal = solved;
-                most = most.more_significant(suspects.most_significant(&sigmas(&self.filter, ENCODER_ERRORS)));
-            }
-        }
-        most
+        self.test_next(0, 0, solution)
     }
 
-    fn sweep(&mut self, period_moves: Option<u16>, mut suspects: Option<&mut Suspects<STATES>>) {
+    /// A sweep with changes under test has ended. It leaves the estimate as it was solved.
+    fn tested(&mut self, onset: usize, part: usize, solution: Solution) -> Option<Solution> {
+        self.nominal = solution.estimate.errors.to_vector().map(real);
+        let found = self.suspects.most_significant(&sigmas(&self.filter, ENCODER_ERRORS));
+        let suspicion = solution.suspicion.more_significant(found);
+        self.test_next(onset, part + 1, Solution { suspicion, ..solution })
+    }
+
+    /// Begins the sweep that tests this part of the changes that begin with segment `onset`, or the next one that there
+    /// is: changes begin with the first stop and with every move. The solution, if none is left.
+    fn test_next(&mut self, onset: usize, part: usize, solution: Solution) -> Option<Solution> {
+        let mut part = part;
+        for onset in onset..self.segments.len() {
+            let is_stop = self.segments.get(onset).is_some_and(|segment| segment.kind == SegmentKind::Stop);
+            if (!is_stop || onset == 0) && self.suspects.restart(onset as u16, is_stop, part) {
+                let sweep = self.begin_sweep(None);
+                self.pass = Pass::Testing { sweep, onset, part, solution };
+                return None;
+            }
+            part = 0;
+        }
+        self.suspects.clear();
+        self.pass = Pass::Idle;
+        Some(solution)
+    }
+
+    fn begin_sweep(&mut self, period_moves: Option<u16>) -> Sweep {
         // A change under test may be large, and shall be seen.
-        let gate_sigma = self.config.gate_sigma.filter(|_| suspects.is_none());
-        restart_at_prior(&mut self.filter, &self.config, gate_sigma);
+        let gate_sigma = self.config.gate_sigma.filter(|_| self.suspects.is_empty());
+        self.restart_filters(gate_sigma);
         self.fit = Fit::NONE;
         self.last_stop = [Angle::default(); 2];
         let deviation = self.start - self.nominal;
         self.filter.state_mut().fixed_rows_mut::<PARAMETERS>(ENCODER_ERRORS).copy_from(&deviation);
-        let mut moves = 0;
-        for number in 0..self.segments.len() {
-            let Some(segment) = self.segments.get(number).copied() else { break };
-            let usage = self.use_of(segment.kind, moves, period_moves);
-            let _ = self.process(number, &segment, usage, suspects.as_deref_mut());
-            moves += u16::from(segment.kind == SegmentKind::Move);
+        Sweep { next: 0, moves: 0, period_moves }
+    }
+
+    /// Processes the next segments of a sweep. Returns whether it has ended.
+    fn sweep_piece(&mut self, sweep: &mut Sweep) -> bool {
+        for _ in 0..SEGMENTS_PER_PIECE {
+            let Some(segment) = self.segments.get(sweep.next).copied() else { break };
+            let usage = self.use_of(segment.kind, sweep.moves, sweep.period_moves);
+            let _ = self.process(sweep.next, &segment, usage);
+            sweep.moves += u16::from(segment.kind == SegmentKind::Move);
+            sweep.next += 1;
         }
-        self.absorb();
+        let ended = sweep.next >= self.segments.len();
+        if ended {
+            self.absorb();
+        }
+        ended
+    }
+
+    /// Sets the filters to what is known before any segment.
+    fn restart_filters(&mut self, gate_sigma: Option<f64>) {
+        let prior = prior_sigmas(&self.config);
+        self.filter.restart(&prior, gate_sigma.map(real));
+        if self.config.method == Method::TwoStage {
+            let scale = common_accel_scale();
+            self.filter.inflate(&scale, T::one());
+            self.weights.restart(&(prior + scale));
+        }
     }
 
     /// Moves the linearization point to the estimate.
@@ -407,20 +524,12 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         }
     }
 
-    fn process(
-        &mut self,
-        number: usize,
-        segment: &Segment<T>,
-        usage: Use,
-        mut suspects: Option<&mut Suspects<STATES>>,
-    ) -> bool {
+    fn process(&mut self, number: usize, segment: &Segment<T>, usage: Use) -> bool {
         if segment.kind == SegmentKind::Move {
             let sigma: T = real(self.config.noise.encoder_sigma_rad);
             self.filter.renew_leading::<ENCODER_ERRORS_PER_STOP>(sigma * sigma);
         }
-        if let Some(suspects) = suspects.as_deref_mut() {
-            suspects.begin(number as u16, segment);
-        }
+        self.suspects.begin(number as u16, segment);
         if segment.is_broken() {
             return false;
         }
@@ -438,14 +547,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             let variance = psd_sqrt * psd_sqrt / duration_s;
             let prediction = model.force_at_stop(segment);
             let optional = force_columns(&prediction, &at);
-            self.take_in(
-                &segment.force_a,
-                (&prediction, &optional),
-                variance,
-                usage,
-                (number, 0),
-                suspects.as_deref_mut(),
-            );
+            self.take_in(&segment.force_a, (&prediction, &optional), variance, usage, (number, 0));
         }
         if usage.rotation {
             let psd_sqrt: T = real(self.config.noise.gyro_psd_sqrt);
@@ -456,7 +558,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
                 prediction.by_encoder_errors.fill(T::zero());
             }
             let optional = rotation_columns(&prediction, &at);
-            self.take_in(&segment.rotation_g, (&prediction, &optional), variance, usage, (number, 3), suspects);
+            self.take_in(&segment.rotation_g, (&prediction, &optional), variance, usage, (number, 3));
         }
         usage.force || usage.rotation
     }
@@ -494,12 +596,13 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         variance: T,
         usage: Use,
         (segment, first_channel): (usize, u8),
-        mut suspects: Option<&mut Suspects<STATES>>,
     ) {
         let residual = measured - prediction.value;
         let rounding = measured.norm() * real(ROUNDING_EPSILONS * T::EPSILON);
         let r = variance + rounding * rounding;
-        let considered: [bool; STATES] = core::array::from_fn(|state| usage.considered && STAGE_ONE.contains(&state));
+        let weighted = self.config.method == Method::TwoStage && first_channel == 0;
+        let floor = measured.norm() * real(self.config.noise.encoder_sigma_rad);
+        let zero = |gain: &mut T| *gain = T::zero();
         for ((z, channel), row) in residual.iter().zip(first_channel..).zip(0..3) {
             let mut h = Vector::<T, STATES>::zeros();
             let by_encoder_errors = prediction.by_encoder_errors.row(row);
@@ -508,16 +611,27 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             for (h, column) in h.iter_mut().zip(columns) {
                 *h = *column;
             }
-            let covariance_h = suspects.is_some().then(|| self.filter.covariance_times(&h));
-            let update = self.filter.update(&Measurement { z: *z, h, r }, &considered);
+            let chosen = weighted.then(|| self.weights.gain(&h, r + floor * floor));
+            let choose = |gain: &mut Vector<T, STATES>| match &chosen {
+                Some(chosen) => gain.copy_from(chosen),
+                None if usage.considered => gain.iter_mut().take(STAGE_ONE.end).skip(STAGE_ONE.start).for_each(zero),
+                None => {}
+            };
+            let (update, gain) = self.filter.update(&Measurement { z: *z, h, r }, choose);
             self.fit.note(&update, segment, channel);
-            if let (Some(suspects), Some(covariance_h), Update::Applied(innovation)) =
-                (suspects.as_deref_mut(), &covariance_h, &update)
-            {
+            if let Update::Applied(innovation) = &update {
                 let by_attitude_rate = prediction.by_attitude_rate.row(row).transpose().into();
                 let Innovation { value: innovation, variance } = *innovation;
                 let segment = segment as u16;
-                suspects.see(&Seen { h: &h, covariance_h, innovation, variance, segment, channel, by_attitude_rate });
+                self.suspects.see(&Seen {
+                    h: &h,
+                    gain: &gain,
+                    innovation,
+                    variance,
+                    segment,
+                    channel,
+                    by_attitude_rate,
+                });
             }
         }
     }
@@ -567,7 +681,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         Solution {
             estimate,
             fit: Fit { gated: self.filter.gated(), refused: self.filter.refused(), ..self.fit },
-            degrees_of_freedom: self.fit.measurements.saturating_sub(self.determined(&estimate)),
+            degrees_of_freedom: self.degrees_of_freedom(&estimate),
             sweeps,
             converged,
             segments: self.segments.len() as u16,
@@ -587,6 +701,10 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             *value = state.widened();
         }
         OptionalEstimate { values, sigmas: sigmas(&self.filter, BASIC_STATES) }
+    }
+
+    fn degrees_of_freedom(&self, estimate: &Estimate) -> u32 {
+        self.fit.measurements.saturating_sub(self.determined(estimate))
     }
 
     /// How many parameters the measurements, not the prior, determine.
@@ -661,18 +779,6 @@ fn prior_sigmas<T: Real, const STATES: usize>(config: &EstimatorConfig) -> Vecto
         *heading = real(sigma_rad);
     }
     sigmas
-}
-
-/// Sets the filter to what is known before any segment.
-fn restart_at_prior<T: Real, const STATES: usize>(
-    filter: &mut UdFilter<T, STATES>,
-    config: &EstimatorConfig,
-    gate_sigma: Option<f64>,
-) {
-    filter.restart(&prior_sigmas(config), gate_sigma.map(real));
-    if config.method == Method::TwoStage {
-        filter.inflate(&common_accel_scale(), T::one());
-    }
 }
 
 /// One scale error common to the three accelerometers, with its prior sigma: it stands for the magnitude of the specific

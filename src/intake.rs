@@ -24,6 +24,11 @@ pub struct IntakeCounts {
     pub missing: u32,
 }
 
+impl IntakeCounts {
+    /// Nothing seen.
+    pub const NONE: Self = Self { admitted: 0, repeated: 0, out_of_order: 0, non_finite: 0, gaps: 0, missing: 0 };
+}
+
 /// What becomes of a sample.
 #[must_use]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,8 +57,7 @@ pub struct Intake {
 impl Intake {
     /// For samples that come at `rate_hz`.
     pub const fn new(rate_hz: f64) -> Self {
-        let counts = IntakeCounts { admitted: 0, repeated: 0, out_of_order: 0, non_finite: 0, gaps: 0, missing: 0 };
-        Self { nominal_us: 1e6 / rate_hz, last_us: None, counts }
+        Self { nominal_us: 1e6 / rate_hz, last_us: None, counts: IntakeCounts::NONE }
     }
 
     /// Judges one sample.
@@ -79,6 +83,16 @@ impl Intake {
         self.last_us = Some(sample.time_us);
         self.counts.admitted += 1;
         Admission::Admitted { interval_us }
+    }
+
+    /// Counts anew from here on.
+    pub fn restart_counts(&mut self) {
+        self.counts = IntakeCounts::NONE;
+    }
+
+    /// Lets the next sample begin a new sequence of times: after a loss, the clock may have gone back.
+    pub fn resume(&mut self) {
+        self.last_us = None;
     }
 
     fn note_gap(&mut self, interval_us: u64) {
@@ -114,5 +128,9 @@ mod tests {
         assert_eq!(intake.admit(&bad), Admission::NonFinite);
         let expected = IntakeCounts { admitted: 3, repeated: 1, out_of_order: 1, non_finite: 1, gaps: 1, missing: 3 };
         assert_eq!(intake.counts(), expected);
+        intake.resume();
+        intake.restart_counts();
+        assert_eq!(intake.admit(&at(0)), Admission::Admitted { interval_us: 0 });
+        assert_eq!(intake.counts(), IntakeCounts { admitted: 1, ..IntakeCounts::NONE });
     }
 }

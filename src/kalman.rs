@@ -5,11 +5,12 @@
 //! N^2, and nothing is inverted. Measurements with correlated noise must be decorrelated by the caller.
 //!
 //! Sources: Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, ch. V (measurement update) and
-//! III.3 (rank-one modification, after Agee and Turner); Schmidt, 1966, for states considered but not estimated.
+//! III.3 (rank-one modification, after Agee and Turner); Gelb, Applied Optimal Estimation, 1974, (4.2-12), for the
+//! covariance of any gain.
 //!
 //! The state is the deviation from a point that the caller linearizes about.
 
-use crate::linear::{Matrix, Real, Vector, columns_mut, zeros};
+use crate::linear::{Matrix, Real, Vector, columns, columns_mut, zeros};
 
 /// What a measurement disagreed with the prediction by.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -136,51 +137,49 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
         row
     }
 
-    /// `P h`: the gain of a measurement times its innovation's variance, (N).
-    pub fn covariance_times(&self, h: &Vector<T, N>) -> Vector<T, N> {
-        self.u * self.factor_row(h).component_mul(&self.d)
-    }
-
-    /// Takes in one scalar measurement. The states marked in `considered` keep their value and variance, but their
-    /// uncertainty counts (Schmidt).
-    pub fn update(&mut self, measurement: &Measurement<T, N>, considered: &[bool; N]) -> Update<T> {
+    /// Takes in one scalar measurement. `choose` may change the gain, which comes as the optimal one: state and covariance
+    /// are those of the gain it leaves. Returns that gain too, (N); zero if the measurement was not taken in.
+    pub fn update(
+        &mut self,
+        measurement: &Measurement<T, N>,
+        choose: impl FnOnce(&mut Vector<T, N>),
+    ) -> (Update<T>, Vector<T, N>) {
         let Measurement { z, h, r } = measurement;
         let f = self.factor_row(h);
         let variance = f.iter().zip(self.d.iter()).fold(*r, |sum, (f, d)| sum + *f * *f * *d);
         let innovation = Innovation { value: *z - h.dot(&self.x), variance };
         if !(innovation.value.is_finite() && variance.is_finite() && *r > T::zero()) {
             self.refused += 1;
-            return Update::Refused;
+            return (Update::Refused, Vector::zeros());
         }
         if self.gate_sigma.is_some_and(|gate| innovation.normalized().abs() > gate) {
             self.gated += 1;
-            return Update::Gated(innovation);
+            return (Update::Gated(innovation), Vector::zeros());
         }
-        let mut gain = self.update_factors(&f, *r) / variance;
-        let mut consider = Vector::<T, N>::zeros();
-        for ((gain, consider), _) in gain.iter_mut().zip(consider.iter_mut()).zip(considered).filter(|(_, c)| **c) {
-            *consider = core::mem::replace(gain, T::zero());
-        }
+        let optimal = self.update_factors(&f, *r) / variance;
+        let mut gain = optimal;
+        choose(&mut gain);
         self.x += gain * innovation.value;
-        // A gain short of the optimum by k~ leaves k~ S k~^T more covariance.
-        self.inflate(&consider, variance);
-        Update::Applied(innovation)
+        // A gain that is off the optimum by k~ leaves k~ S k~^T more covariance.
+        self.inflate(&(optimal - gain), variance);
+        (Update::Applied(innovation), gain)
     }
 
     /// `U^T h`
     fn factor_row(&self, h: &Vector<T, N>) -> Vector<T, N> {
         let mut f = Vector::<T, N>::zeros();
-        for ((j, f), column) in f.iter_mut().enumerate().zip(self.u.column_iter()) {
-            *f = column.iter().zip(h.iter()).take(j + 1).fold(T::zero(), |sum, (u, h)| sum + *u * *h);
+        for ((j, f), column) in f.iter_mut().enumerate().zip(columns(&self.u)) {
+            *f = column.iter().zip(h.as_slice()).take(j + 1).fold(T::zero(), |sum, (u, h)| sum + *u * *h);
         }
         f
     }
 
     /// Bierman's update of U and D; returns the gain times the innovation's variance.
     fn update_factors(&mut self, f: &Vector<T, N>, r: T) -> Vector<T, N> {
-        let mut gain = Vector::<T, N>::zeros();
+        let mut gain = [T::zero(); N];
         let mut alpha = r;
-        for ((j, f), (mut column, d)) in f.iter().enumerate().zip(self.u.column_iter_mut().zip(self.d.iter_mut())) {
+        let factors = columns_mut(&mut self.u).iter_mut().zip(self.d.as_mut_slice());
+        for ((j, f), (column, d)) in f.iter().enumerate().zip(factors) {
             let g = *d * *f;
             let before = alpha;
             alpha += *f * g;
@@ -191,11 +190,11 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
                 *u += lambda * *k;
                 *k += g * old;
             }
-            if let Some(k) = gain.iter_mut().nth(j) {
+            if let Some(k) = gain.get_mut(j) {
                 *k = g;
             }
         }
-        gain
+        Vector::from(gain)
     }
 
     /// Adds `variance` along `direction`: `P + variance * direction direction^T`.
@@ -254,6 +253,11 @@ mod tests {
 
     const N: usize = 6;
 
+    /// A change of the gain, with a seed.
+    type Change = fn(&mut Vector<f64, N>, &mut u64);
+
+    fn leave<const N: usize, T: Real>(_: &mut Vector<T, N>) {}
+
     /// Reproducible numbers in (-1, 1), without order.
     fn scatter(seed: &mut u64) -> f64 {
         *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -265,14 +269,7 @@ mod tests {
     }
 
     /// The textbook filter in Joseph form with any gain: `P = (I - K H) P (I - K H)^T + K R K^T`.
-    fn joseph(x: &mut Vector<f64, N>, p: &mut Matrix<f64, N, N>, m: &Measurement<f64, N>, considered: &[bool; N]) {
-        let s = (m.h.transpose() * *p * m.h)[0] + m.r;
-        let mut k = *p * m.h / s;
-        for (k, considered) in k.iter_mut().zip(considered) {
-            if *considered {
-                *k = 0.0;
-            }
-        }
+    fn joseph(x: &mut Vector<f64, N>, p: &mut Matrix<f64, N, N>, m: &Measurement<f64, N>, k: &Vector<f64, N>) {
         *x += k * (m.z - m.h.dot(x));
         let i_kh = Matrix::<f64, N, N>::identity() - k * m.h.transpose();
         *p = i_kh * *p * i_kh.transpose() + k * m.r * k.transpose();
@@ -283,15 +280,22 @@ mod tests {
     }
 
     #[test]
-    fn factored_updates_equal_joseph_form_also_with_considered_states() {
-        for considered in [[false; N], [false, true, false, false, true, false]] {
-            let mut seed = 7;
+    fn factored_updates_equal_joseph_form_for_any_gain() {
+        // The optimal gain; some states considered, not estimated (Schmidt 1966); a gain from elsewhere.
+        let considered: Change = |gain, _| (gain[1], gain[4]) = (0.0, 0.0);
+        let other: Change =
+            |gain, seed| *gain += Vector::from_fn(|row, _| if row == 3 { 0.0 } else { 0.1 * scatter(seed) });
+        let optimal: Change = |_, _| ();
+        for change in [optimal, considered, other] {
+            let (mut seed, mut gains) = (7, 8);
             let mut filter = UdFilter::<f64, N>::new(&sigmas(), None);
             let (mut x, mut p) = (Vector::zeros(), filter.covariance());
             for _ in 0..40 {
                 let m = measurement(&mut seed);
-                assert!(matches!(filter.update(&m, &considered), Update::Applied(_)));
-                joseph(&mut x, &mut p, &m, &considered);
+                let choose = |gain: &mut Vector<f64, N>| change(gain, &mut gains);
+                let (update, gain) = filter.update(&m, choose);
+                assert!(matches!(update, Update::Applied(_)));
+                joseph(&mut x, &mut p, &m, &gain);
             }
             assert!((filter.covariance() - p).norm() < 1e-13 && (filter.state() - x).norm() < 1e-13);
             assert!((filter.variances() - p.diagonal()).norm() < 1e-13);
@@ -310,8 +314,8 @@ mod tests {
             let mut m = measurement::<f64>(&mut seed);
             m.r = 1e-6;
             let narrow = Measurement { z: m.z as f32, h: m.h.map(|h| h as f32), r: m.r as f32 };
-            assert!(matches!(double.update(&m, &[false; N]), Update::Applied(_)));
-            assert!(matches!(single.update(&narrow, &[false; N]), Update::Applied(_)));
+            assert!(matches!(double.update(&m, leave).0, Update::Applied(_)));
+            assert!(matches!(single.update(&narrow, leave).0, Update::Applied(_)));
         }
         for (double, single) in double.variances().iter().zip(single.variances().iter()) {
             assert!((f64::from(*single) / double - 1.0).abs() < 1e-3, "{single} for {double}");
@@ -322,7 +326,7 @@ mod tests {
     fn inflation_adds_an_outer_product() {
         let mut seed = 5;
         let mut filter = UdFilter::<f64, N>::new(&sigmas(), None);
-        let _ = filter.update(&measurement(&mut seed), &[false; N]);
+        let _ = filter.update(&measurement(&mut seed), leave);
         let direction = Vector::<f64, N>::from_fn(|_, _| scatter(&mut seed));
         let expected = filter.covariance() + direction * direction.transpose() * 2.5;
         filter.inflate(&direction, 2.5);
@@ -334,7 +338,7 @@ mod tests {
         let mut seed = 9;
         let mut filter = UdFilter::<f64, N>::new(&sigmas(), None);
         for _ in 0..3 {
-            let _ = filter.update(&measurement(&mut seed), &[false; N]);
+            let _ = filter.update(&measurement(&mut seed), leave);
         }
         let (x, p) = (*filter.state(), filter.covariance());
         filter.renew_leading::<2>(0.25);
@@ -357,9 +361,9 @@ mod tests {
         let mut filter = UdFilter::<f64, N>::new(&sigmas(), Some(5.0));
         let mut m = Measurement { z: 1e6, h: Vector::from_fn(|row, _| row as f64), r: 1.0 };
         let before = filter.covariance();
-        assert!(matches!(filter.update(&m, &[false; N]), Update::Gated(i) if i.normalized() > 5.0));
+        assert!(matches!(filter.update(&m, leave).0, Update::Gated(i) if i.normalized() > 5.0));
         m.z = f64::NAN;
-        assert_eq!(filter.update(&m, &[false; N]), Update::Refused);
+        assert_eq!(filter.update(&m, leave).0, Update::Refused);
         assert_eq!((filter.gated(), filter.refused()), (1, 1));
         assert_eq!(filter.covariance(), before);
     }

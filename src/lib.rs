@@ -8,7 +8,7 @@
 //!                                  '---------------- self_calibration ------------------------> telemetry
 //! ```
 //! Rooms decide and return values; only drivers touch pins. Time is an argument. Dictionaries, which every room may use:
-//! `units`, `angle`, `linear`, `site`, `sample`, `error_model`, `scheme`, `method`, `options`, `assignment`.
+//! `units`, `angle`, `linear`, `site`, `sample`, `error_model`, `scheme`, `method`, `options`, `policy`, `assignment`.
 //!
 //! Frames: n local level (east, north, up); b vehicle, which is r at gimbal angles (0, 0); r fixed to the inner gimbal, x
 //! along the outer and z along the inner axis; s IMU; a, g the accelerometers' and the gyros' own axes. `rot_ab` takes
@@ -35,6 +35,7 @@ pub mod measurement;
 pub mod method;
 pub mod observability;
 pub mod options;
+pub mod policy;
 pub mod queue;
 pub mod sample;
 pub mod scheme;
@@ -46,4 +47,5 @@ pub mod store;
 pub mod telemetry;
 pub mod units;
 pub mod verdict;
+pub mod weighting;
 pub mod wiring;

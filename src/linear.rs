@@ -62,6 +62,11 @@ pub const fn zeros<T: Real, const R: usize, const C: usize>() -> Matrix<T, R, C>
 }
 
 /// The columns, first to last.
+pub fn columns<T: Real, const R: usize, const C: usize>(m: &Matrix<T, R, C>) -> &[[T; R]; C] {
+    &m.data.0
+}
+
+/// The columns, first to last, to be changed.
 pub fn columns_mut<T: Real, const R: usize, const C: usize>(m: &mut Matrix<T, R, C>) -> &mut [[T; R]; C] {
     &mut m.data.0
 }

@@ -72,11 +72,6 @@ impl<T: Real> MeasurementModel<T> {
         }
     }
 
-    /// Specific force of the base at rest, m/s^2.
-    pub fn force_b(&self) -> &Vector3<T> {
-        &self.force_b
-    }
-
     /// Mean accelerometer output at a stop. (4), (10)
     pub fn force_at_stop(&self, stop: &Segment<T>) -> Prediction<T> {
         let rot_inner = self.rot_inner_axis * frame_rotation_z(stop.inner) * self.rot_inner_axis.transpose();

@@ -53,6 +53,7 @@ struct Counters {
     crc: AtomicU32,
     status: AtomicU32,
     unread: AtomicU32,
+    deepest: AtomicU32,
 }
 
 /// Memory of the queue; holds `N - 1` samples.
@@ -70,6 +71,7 @@ impl<T: Real, const N: usize> SampleQueue<T, N> {
             crc: AtomicU32::new(0),
             status: AtomicU32::new(0),
             unread: AtomicU32::new(0),
+            deepest: AtomicU32::new(0),
         };
         Self { samples: spsc::Queue::new(), counters }
     }
@@ -107,6 +109,8 @@ impl<T: Real> SampleProducer<'_, T> {
     /// [`Loss::Overrun`], already counted.
     pub fn push(&mut self, sample: RawSample<T>) -> Result<(), Loss> {
         if has_memory(self.samples.capacity()) && self.samples.enqueue(sample).is_ok() {
+            let deepest = &self.counters.deepest;
+            deepest.store(deepest.load(Ordering::Relaxed).max(self.samples.len() as u32), Ordering::Relaxed);
             return Ok(());
         }
         self.count(Loss::Overrun, 1);
@@ -142,6 +146,11 @@ impl<T: Real> SampleConsumer<'_, T> {
     /// Whether there is nothing to pop.
     pub fn is_empty(&self) -> bool {
         !self.samples.ready()
+    }
+
+    /// The most samples that have waited at once.
+    pub fn deepest(&self) -> u32 {
+        self.counters.deepest.load(Ordering::Relaxed)
     }
 
     /// The samples missing so far.
@@ -196,6 +205,7 @@ mod tests {
         let pushed: Vec<_> = (0..5).map(|time_us| producer.push(sample(time_us)).is_ok()).collect();
         assert_eq!(pushed, [true, true, true, false, false]);
         assert_eq!(consumer.losses(), Losses { overrun: 2, ..Losses::default() });
+        assert_eq!(consumer.deepest(), 3);
         assert!((0..3).all(|time_us| consumer.pop().map(|sample| sample.time_us) == Some(time_us)));
         assert!(consumer.is_empty());
     }

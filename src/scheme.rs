@@ -2,6 +2,7 @@
 
 use crate::method::Method;
 use crate::units::DEG;
+use core::fmt;
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
 
@@ -49,6 +50,19 @@ pub enum SchemeError {
     Legs,
     /// Several periods, and the first does not end where it began.
     OpenPeriod,
+}
+
+impl fmt::Display for SchemeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Motion => f.write_str("rate, acceleration and number of periods must be finite and positive"),
+            Self::Stop(0) => f.write_str("the first stop must be finite and positive"),
+            Self::Stop(leg) => write!(f, "the stop of leg {leg} must be finite and positive"),
+            Self::Leg(leg) => write!(f, "leg {leg} has an angle that is not finite, or moves nothing"),
+            Self::Legs => f.write_str("there are no legs"),
+            Self::OpenPeriod => f.write_str("several periods, and the first does not end where it began"),
+        }
+    }
 }
 
 /// Bai's 18 moves: quarter turns of (outer, inner). (Bai, section 4: three steps, one period)

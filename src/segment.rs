@@ -578,15 +578,18 @@ impl<T: Real> Segmenter<T> {
         (self.stop.samples > 0).then_some(segment)
     }
 
-    /// Forgets what was summed at this stop so far; it begins anew with the next block.
+    /// Longest interval between two samples of this stop so far, us; the guard and the open block are part of it.
+    pub fn longest_interval_us(&self) -> u64 {
+        let blocks = self.guard.iter().chain(self.block.as_ref().map(|block| &block.sums));
+        blocks.fold(self.stop.longest_interval_us, |longest, block| longest.max(block.longest_interval_us))
+    }
+
+    /// Forgets this stop so far; it begins anew with the next sample.
     pub fn restart_stop(&mut self) {
         self.stop = Sums::ZERO;
         self.scatter = ScatterSums::ZERO;
-    }
-
-    /// Whether the axes have stood for the settling time.
-    pub fn is_still(&self) -> bool {
-        matches!(self.phase, Phase::Still { .. })
+        self.guard.clear();
+        self.block = None;
     }
 
     fn interval(&mut self, previous: &RawSample<T>, sample: &RawSample<T>) -> Interval<T> {
@@ -671,5 +674,96 @@ impl<T: Real> Segmenter<T> {
         self.stop = Sums::ZERO;
         self.scatter = ScatterSums::ZERO;
         stop
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    const INTERVAL_US: u64 = 5000;
+
+    /// A segmenter fed at 200 Hz, and all that it has reported.
+    struct Stream {
+        segmenter: Segmenter<f64>,
+        time_us: u64,
+        outer_rad: f64,
+        segments: Vec<Segment<f64>>,
+    }
+
+    impl Stream {
+        fn new() -> Self {
+            let mut segmenter = Segmenter::new();
+            segmenter.restart(&Stillness::default());
+            Self { segmenter, time_us: 0, outer_rad: 0.0, segments: Vec::new() }
+        }
+
+        fn sample(&mut self, force: f64) {
+            let force_a = Vector3::new(force, 0.0, 0.0);
+            let (time_us, outer) = (self.time_us, Angle::from_rad(self.outer_rad));
+            self.segments.extend(self.segmenter.step(&RawSample { time_us, force_a, outer, ..RawSample::default() }));
+            self.time_us += INTERVAL_US;
+        }
+
+        fn stand(&mut self, samples: u32, force: f64) {
+            (0..samples).for_each(|_| self.sample(force));
+        }
+
+        fn turn(&mut self, samples: u32, by_rad: f64) {
+            for _ in 0..samples {
+                self.outer_rad += by_rad / f64::from(samples);
+                self.sample(0.0);
+            }
+        }
+    }
+
+    #[test]
+    fn stops_and_moves_are_found_and_leave_nothing_out() {
+        let mut stream = Stream::new();
+        stream.stand(401, 1.0);
+        stream.turn(300, -1.5);
+        stream.stand(400, 2.0);
+        stream.segments.extend(stream.segmenter.finish());
+        let kinds: Vec<_> = stream.segments.iter().map(|segment| segment.kind).collect();
+        assert_eq!(kinds, [SegmentKind::Stop, SegmentKind::Move, SegmentKind::Stop]);
+        let [first, moved, last] = &stream.segments[..] else { unreachable!() };
+        // 0.3 s of guard before the move, and 0.3 s of settling after it.
+        let durations_us = [first, moved, last].map(|segment| segment.duration_us);
+        assert_eq!(durations_us, [1_700_000, 2_100_000, 1_700_000]);
+        assert_eq!(moved.start_us, first.start_us + first.duration_us);
+        assert_eq!(last.start_us, moved.start_us + moved.duration_us);
+        assert!((moved.gimbals.outer + 1.5).abs() < 1e-8);
+        assert_eq!([first.force_a.x, last.force_a.x], [1.0, 2.0]);
+    }
+
+    #[test]
+    fn a_stop_begun_anew_keeps_nothing_of_what_was_before() {
+        let mut stream = Stream::new();
+        // Ends in the middle of a block.
+        stream.stand(413, 1.0);
+        assert!(stream.segmenter.stop_so_far().is_some());
+        stream.segmenter.restart_stop();
+        assert!(stream.segmenter.stop_so_far().is_none());
+        stream.stand(400, 2.0);
+        let stop = stream.segmenter.finish().expect("a stop");
+        assert_eq!(stop.force_a.x, 2.0);
+        assert_eq!((stop.duration_us, stop.scatter.blocks), (2_000_000, 20));
+    }
+
+    #[test]
+    fn a_gap_is_seen_while_it_is_still_in_the_guard() {
+        let mut stream = Stream::new();
+        stream.stand(401, 1.0);
+        assert_eq!(stream.segmenter.longest_interval_us(), INTERVAL_US);
+        stream.time_us += 200_000;
+        stream.sample(1.0);
+        assert_eq!(stream.segmenter.longest_interval_us(), 205_000);
+        assert!(stream.segmenter.stop_so_far().is_some_and(|stop| !stop.is_broken()));
+        stream.stand(200, 1.0);
+        assert!(stream.segmenter.stop_so_far().is_some_and(|stop| stop.is_broken()));
+        stream.segmenter.restart_stop();
+        stream.stand(200, 1.0);
+        assert_eq!(stream.segmenter.longest_interval_us(), INTERVAL_US);
     }
 }

@@ -1,20 +1,26 @@
 //! Self-calibration of a running instrument: the assembly of all rooms.
 //!
 //! One sample in; rate commands, a corrected sample, messages out. Whoever owns the hardware calls [`SelfCalibration::step`]
-//! for every sample, passes the rates to the drives, and stores [`SelfCalibration::record`] when asked to.
+//! for every sample and [`SelfCalibration::tick`] on every turn of the main loop, passes the rates to the drives, tells
+//! whether they were taken, and stores [`SelfCalibration::record`] when asked to.
 
 use crate::axis::{Axis, AxisLimits};
 use crate::calibrator::{Calibrator, CalibratorConfig};
 use crate::error_model::Calibration;
-use crate::estimator::{BASIC_STATES, Estimate, FULL_STATES, MAX_SEGMENTS, Solution};
+use crate::estimator::{BASIC_STATES, Estimate, FULL_STATES, HeadingSource, MAX_SEGMENTS, Solution};
 use crate::linear::{Real, real};
+use crate::policy::{Cause, Decision, Moment, PowerUpPolicy};
 use crate::sample::{CorrectedSample, RawSample};
 use crate::scheme::{Scheme, SchemeError};
-use crate::sequencer::{AbortReason, Command, Input, Sequencer, State};
+use crate::segment::LONGEST_GAP_US;
+use crate::sequencer::{AbortReason, Command, Input, Pace, Sequencer, State};
 use crate::store::StoredCalibration;
 use crate::telemetry::Message;
 use crate::units::DEG;
 use crate::verdict::{Verdict, VerdictLimits, unrest};
+use core::fmt;
+use core::mem;
+use core::ops::RangeInclusive;
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
@@ -22,11 +28,12 @@ use serde::{Deserialize, Serialize};
 const STILL_RAD_S: f64 = 0.2 * DEG;
 /// A change of an encoder angle from sample to sample beyond this is motion, rad/s.
 const AXIS_STILL_RAD_S: f64 = 0.2 * DEG;
-/// Sample intervals from a sample's time, the middle of its interval, to the end of the next interval, by when the drives
-/// reach the commanded rates.
-const RATE_LEAD_INTERVALS: f64 = 1.5;
-/// Time without samples that ends a run, us.
+/// Time without usable samples that ends a run, us.
 const SAMPLE_LOSS_US: u64 = 1_000_000;
+/// The same while an axis turns: nobody sees where, and the move is lost.
+const TURNING_LOSS_US: u64 = LONGEST_GAP_US;
+/// Commands in a row that a drive may fail to take.
+const DRIVE_FAILURES: u8 = 10;
 /// Corrected samples are reported once in this time, us.
 const CORRECTED_REPORT_US: u64 = 1_000_000;
 
@@ -41,21 +48,39 @@ pub struct SelfCalibrationConfig {
     pub axes: [AxisLimits; 2],
     /// What a result must fulfil.
     pub limits: VerdictLimits,
-    /// How often a disturbed stop may be repeated.
-    pub stop_repeats: u8,
-    /// Whether a calibration in store is used as it is, without a new run.
-    pub use_stored: bool,
+    /// How long a run takes.
+    pub pace: Pace,
+    /// When a run begins at power-up.
+    pub policy: PowerUpPolicy,
+    /// Time of power-up, seconds since 1970-01-01 UTC; `None` where there is no clock.
+    pub utc_s: Option<u64>,
 }
+
+const COMMANDED: Decision = Decision::Calibrate(Cause::Commanded);
 
 /// Why a configuration is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ConfigError {
-    /// The sample rate is not positive and finite.
+    /// The sample rate is not from 10 to 10 000 Hz.
     Rate,
-    /// A noise is not finite, or negative.
+    /// A noise is not positive and finite.
     Noise,
-    /// A walk of an option is not finite, or a state is asked for that the filter of this build does not have.
+    /// The heading or its sigma is not finite, or the sigma not positive.
+    Heading,
+    /// The range within which an axis stands, or the gate, is not positive and finite.
+    Stillness,
+    /// A limit of this axis (0 outer, 1 inner) is not positive and finite, or its travel is empty.
+    Axis(u8),
+    /// The pace's limits are not finite and positive, or a stop would be shortened.
+    Pace,
+    /// A limit of the power-up policy is not finite, or negative.
+    Policy,
+    /// A limit of the verdict is not positive and finite.
+    Limits,
+    /// A walk of an option is not finite, or negative.
     Options,
+    /// A state is asked for that the filter of this build does not have.
+    States,
     /// The scheme has more segments than fit.
     Segments,
     /// The latitude is not within a quarter turn, or height or gravity are not finite.
@@ -73,37 +98,101 @@ pub enum ConfigError {
     },
 }
 
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = |axis: &u8| if *axis == 0 { "outer" } else { "inner" };
+        match self {
+            Self::Rate => f.write_str("the sample rate must be from 10 to 10 000 Hz"),
+            Self::Noise => f.write_str("every noise must be finite and positive"),
+            Self::Heading => f.write_str("a configured heading must be finite, and its sigma positive"),
+            Self::Stillness => f.write_str("the range of an axis at rest, and the gate, must be finite and positive"),
+            Self::Axis(axis) => {
+                write!(f, "the limits of the {} axis must be finite and positive, and its travel not empty", name(axis))
+            }
+            Self::Pace => f.write_str("the longest run must be finite and positive, the longest stop at least 1"),
+            Self::Policy => f.write_str("the temperature limit of the policy must be finite and not negative"),
+            Self::Limits => f.write_str("every limit of the verdict must be finite and positive"),
+            Self::Options => f.write_str("random walks of the biases must be finite and not negative"),
+            Self::States => f.write_str(
+                "this build has no room for bias ramps, encoder harmonics or tilt drift; build with feature \
+                 optional-states, or leave them out",
+            ),
+            Self::Segments => write!(f, "the scheme has more than the {MAX_SEGMENTS} stops and moves that fit"),
+            Self::Site => f.write_str("the latitude must be within 90 deg, height and gravity finite"),
+            Self::Scheme(error) => write!(f, "the scheme: {error}"),
+            Self::TooFast(axis) => {
+                write!(f, "the scheme turns or accelerates faster than the {} axis may", name(axis))
+            }
+            Self::Travel { leg, axis } => write!(f, "leg {leg} leaves the travel of the {} axis", name(axis)),
+        }
+    }
+}
+
+/// Sample rates with enough samples in a segmenter's block, and whole microseconds between them.
+const RATES_HZ: RangeInclusive<f64> = 10.0..=10_000.0;
+
+fn positive(x: &f64) -> bool {
+    x.is_finite() && *x > 0.0
+}
+
 impl SelfCalibrationConfig {
     /// Checks every number, so that nothing that follows can fail on one.
     ///
     /// # Errors
     /// The first thing that is wrong.
     pub fn check(&self) -> Result<(), ConfigError> {
-        let positive = |x: f64| x.is_finite() && x > 0.0;
         let estimator = &self.calibrator.estimator;
         let (noise, site) = (&estimator.noise, &estimator.site);
-        if !positive(self.calibrator.rate_hz) {
+        if !RATES_HZ.contains(&self.calibrator.rate_hz) {
             return Err(ConfigError::Rate);
         }
-        let noises = [noise.accel_psd_sqrt, noise.gyro_psd_sqrt, noise.encoder_sigma_rad];
-        if noises.iter().any(|noise| !noise.is_finite() || *noise < 0.0) {
+        if ![noise.accel_psd_sqrt, noise.gyro_psd_sqrt, noise.encoder_sigma_rad].iter().all(positive) {
             return Err(ConfigError::Noise);
+        }
+        if let HeadingSource::Configured { heading_rad, sigma_rad } = estimator.heading
+            && !(heading_rad.is_finite() && positive(&sigma_rad))
+        {
+            return Err(ConfigError::Heading);
+        }
+        if !positive(&self.calibrator.stillness.still_rad) || !estimator.gate_sigma.as_ref().is_none_or(positive) {
+            return Err(ConfigError::Stillness);
         }
         if !estimator.options.are_finite() {
             return Err(ConfigError::Options);
         }
+        if !(-90.1 * DEG..=90.1 * DEG).contains(&site.latitude_rad) || !positive(&site.gravity_m_s2()) {
+            return Err(ConfigError::Site);
+        }
+        if !self.pace.is_valid() {
+            return Err(ConfigError::Pace);
+        }
+        if !self.policy.is_valid() {
+            return Err(ConfigError::Policy);
+        }
+        if !self.limits.are_positive() {
+            return Err(ConfigError::Limits);
+        }
+        self.scheme.check().map_err(ConfigError::Scheme)?;
         if 2 * self.scheme.moves() + 1 > MAX_SEGMENTS {
             return Err(ConfigError::Segments);
         }
-        if site.latitude_rad.abs() > 90.1 * DEG || !positive(site.gravity_m_s2()) {
-            return Err(ConfigError::Site);
-        }
-        self.scheme.check().map_err(ConfigError::Scheme)?;
         self.check_travel()
+    }
+
+    /// What the calibrator must know for a run of the scheme.
+    fn run(&self) -> CalibratorConfig {
+        let mut calibrator = self.calibrator;
+        if self.scheme.periods > 1 {
+            calibrator.estimator.period_moves = Some(self.scheme.legs.len() as u16);
+        }
+        calibrator
     }
 
     fn check_travel(&self) -> Result<(), ConfigError> {
         for (axis, limits) in (0_u8..).zip(&self.axes) {
+            if !limits.are_valid() {
+                return Err(ConfigError::Axis(axis));
+            }
             if self.scheme.rate_rad_s > limits.rate_rad_s
                 || self.scheme.acceleration_rad_s2 > limits.acceleration_rad_s2
             {
@@ -132,22 +221,36 @@ pub struct Step<T: Real> {
     pub save: bool,
 }
 
+/// When the last usable sample came.
+#[derive(Clone, Copy, Debug)]
+struct Heard {
+    /// By the board's clock, us.
+    board_us: u64,
+    /// Its own time, us.
+    sample_us: u64,
+}
+
 /// A running instrument. Its calibrator is memory of the caller's: a static on the board.
 #[derive(Debug)]
 pub struct SelfCalibration<'c, T: Real, const STATES: usize = BASIC_STATES> {
     config: SelfCalibrationConfig,
-    stored: Option<Estimate>,
+    stored: Option<(Estimate, Moment)>,
+    decision: Option<Decision>,
+    start: bool,
     sequencer: Sequencer,
     calibrator: &'c mut Calibrator<T, MAX_SEGMENTS, STATES>,
     measuring: bool,
     axes: [Axis<T>; 2],
     previous: Option<RawSample<T>>,
+    heard: Option<Heard>,
+    drive_failures: [u8; 2],
+    enough: Option<bool>,
     solution: Option<Solution>,
     accepted: Option<bool>,
     saved: bool,
     abort: Option<AbortReason>,
     calibration: Option<Calibration<T>>,
-    corrected_report_us: u64,
+    corrected_report_us: Option<u64>,
 }
 
 impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
@@ -162,39 +265,45 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     ) -> Result<Self, ConfigError> {
         config.check()?;
         if config.calibrator.estimator.options.needs_states() && STATES < FULL_STATES {
-            return Err(ConfigError::Options);
+            return Err(ConfigError::States);
         }
-        let use_stored = config.use_stored && stored.is_some();
-        let stored = stored.map(|record| Estimate { errors: record.errors, sigmas: record.sigmas });
-        let mut calibrator_config = config.calibrator;
-        if config.scheme.periods > 1 {
-            calibrator_config.estimator.period_moves = Some(config.scheme.legs.len() as u16);
-        }
-        calibrator.restart(&calibrator_config);
+        let stored = stored.map(|record| (record.estimate(), record.moment()));
+        calibrator.restart(&config.run());
+        let interval_s = real(config.calibrator.rate_hz.recip());
         Ok(Self {
-            sequencer: Sequencer::new(config.scheme.clone(), use_stored, config.stop_repeats),
+            sequencer: Sequencer::new(config.scheme.clone(), config.pace),
             calibrator,
             measuring: false,
-            axes: [Axis::new(&config.axes[0]), Axis::new(&config.axes[1])],
+            axes: config.axes.each_ref().map(|limits| Axis::new(limits, interval_s)),
             previous: None,
+            heard: None,
+            drive_failures: [0; 2],
+            enough: None,
             solution: None,
             accepted: None,
             saved: false,
             abort: None,
-            calibration: stored.as_ref().map(calibration),
-            corrected_report_us: 0,
+            calibration: stored.as_ref().map(|(estimate, _)| calibration(estimate)),
+            decision: None,
+            start: false,
+            corrected_report_us: None,
             stored,
             config,
         })
     }
 
-    /// Takes in one sample. `report` is called with whatever there is to tell.
+    /// Takes in one sample. `report` is called with whatever there is to tell. A sample that cannot be used, repeated, out
+    /// of order or not finite, changes nothing but its count.
     pub fn step(&mut self, sample: &RawSample<T>, report: &mut impl FnMut(&Message)) -> Step<T> {
+        if !self.calibrator.admit(sample) {
+            let rates_rad_s = self.axes.each_ref().map(Axis::last_command);
+            return Step { rates_rad_s, corrected: None, save: false };
+        }
         let previous = self.previous.replace(*sample);
         self.axes[0].measure(sample.outer);
         self.axes[1].measure(sample.inner);
         if self.measuring
-            && let Some(progress) = self.calibrator.step(sample)
+            && let Some(progress) = self.calibrator.measure(sample)
         {
             report(&Message::Segment(progress));
         }
@@ -202,16 +311,49 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         let input = self.input(sample, previous.as_ref());
         let command = self.sequencer.step(&input);
         let save = self.act(command, sample.time_us, report);
-        if state != self.sequencer.state() {
-            let (state, legs) = (self.sequencer.state(), self.sequencer.legs());
-            report(&Message::State { time_us: sample.time_us, state, legs });
+        self.report_state(state, sample.time_us, report);
+        Step { rates_rad_s: self.rate_commands(sample.time_us), corrected: self.correct(sample, report), save }
+    }
+
+    /// Looks at the board's clock, us: call it on every turn of the main loop, after the samples, and at least ten times a
+    /// second. Where usable samples have failed to come for too long, the run ends and the axes are brought to rest, by
+    /// the rates returned, in rad/s. They are parked when samples come again.
+    pub fn tick(&mut self, board_us: u64, report: &mut impl FnMut(&Message)) -> Option<[T; 2]> {
+        let sample_us = self.previous.map_or(0, |sample| sample.time_us);
+        let heard = *self.heard.get_or_insert(Heard { board_us, sample_us });
+        if heard.sample_us != sample_us {
+            self.heard = Some(Heard { board_us, sample_us });
+            return None;
         }
-        let lead_s = real(RATE_LEAD_INTERVALS / self.config.calibrator.rate_hz);
-        Step {
-            rates_rad_s: self.axes.each_mut().map(|axis| axis.rate_command(sample.time_us, lead_s)),
-            corrected: self.correct(sample, report),
-            save,
+        let silent_us = board_us.saturating_sub(heard.board_us);
+        if silent_us <= self.longest_silence_us() {
+            return None;
         }
+        let (state, now_us) = (self.sequencer.state(), sample_us.saturating_add(silent_us));
+        self.calibrator.resume();
+        let command = self.sequencer.abort(now_us, AbortReason::SampleLoss);
+        self.act(command, now_us, report);
+        self.report_state(state, now_us, report);
+        self.axes.iter_mut().for_each(Axis::hold);
+        Some(self.rate_commands(now_us))
+    }
+
+    /// Tells whether the outer and the inner drive took their last rates. A drive is commanded again with the next
+    /// sample; one that fails time after time ends the run.
+    pub fn drives_answered(&mut self, answered: [bool; 2]) {
+        for (failures, answered) in self.drive_failures.iter_mut().zip(answered) {
+            *failures = if answered { 0 } else { failures.saturating_add(1) };
+        }
+    }
+
+    /// Starts a run, where none is under way. Returns whether the policy lets it.
+    pub fn start(&mut self) -> bool {
+        if self.config.policy == PowerUpPolicy::Never {
+            return false;
+        }
+        self.start = true;
+        self.decision = Some(COMMANDED);
+        true
     }
 
     /// Gives the run up; the gimbals are parked and the stored calibration stays as it was.
@@ -237,12 +379,14 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     /// The solution, as it is to be stored.
     pub fn record(&self) -> Option<StoredCalibration> {
         let estimator = &self.config.calibrator.estimator;
+        let now_us = self.previous.map_or(0, |sample| sample.time_us);
         self.solution.map(|solution| StoredCalibration {
             errors: solution.estimate.errors,
             sigmas: solution.estimate.sigmas,
             method: estimator.method,
             scheme: self.config.scheme.name.clone(),
             site: estimator.site,
+            utc_s: self.config.utc_s.map(|utc_s| utc_s.saturating_add(now_us / 1_000_000)),
             temperature_c: solution.temperature_c,
             chi_square: solution.fit.chi_square,
             degrees_of_freedom: solution.degrees_of_freedom,
@@ -253,23 +397,48 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     fn input(&mut self, sample: &RawSample<T>, previous: Option<&RawSample<T>>) -> Input {
         let now_us = sample.time_us;
         let last_us = previous.map_or(now_us, |previous| previous.time_us);
-        let lost = now_us.saturating_sub(last_us) > SAMPLE_LOSS_US;
+        let lost = now_us.saturating_sub(last_us) > self.longest_silence_us();
         let following = |axis: &Axis<T>| axis.following_error_rad(now_us).is_some();
-        let abort = match &self.axes {
-            _ if self.abort.is_some() => self.abort.take(),
-            _ if lost => Some(AbortReason::SampleLoss),
-            [outer, _] if following(outer) => Some(AbortReason::OuterFollowing),
-            [_, inner] if following(inner) => Some(AbortReason::InnerFollowing),
-            _ => None,
-        };
+        let ([outer, inner], [outer_failures, inner_failures]) = (&self.axes, self.drive_failures);
+        let faults = [
+            (lost, AbortReason::SampleLoss),
+            (outer_failures >= DRIVE_FAILURES, AbortReason::OuterDrive),
+            (inner_failures >= DRIVE_FAILURES, AbortReason::InnerDrive),
+            (following(outer), AbortReason::OuterFollowing),
+            (following(inner), AbortReason::InnerFollowing),
+        ];
+        let fault = faults.into_iter().find_map(|(holds, reason)| holds.then_some(reason));
+        let abort = self.abort.take().or(fault);
         Input {
             now_us,
+            decision: self.decision,
+            start: mem::take(&mut self.start),
             still: previous.is_some_and(|previous| self.is_still(sample, previous)),
             arrived: self.axes.iter().all(|axis| axis.has_arrived(now_us)),
+            move_us: self.axes.iter().map(Axis::move_us).max().unwrap_or(0),
             disturbed: self.is_disturbed(),
             abort,
+            extension: 1.0,
+            enough: self.enough.take(),
+            solved: self.solution.is_some(),
             accepted: self.accepted,
             saved: self.saved,
+        }
+    }
+
+    /// Longest time without usable samples that the run bears, us.
+    fn longest_silence_us(&self) -> u64 {
+        if self.sequencer.state().is_turning() { TURNING_LOSS_US } else { SAMPLE_LOSS_US }
+    }
+
+    fn rate_commands(&mut self, now_us: u64) -> [T; 2] {
+        self.axes.each_mut().map(|axis| axis.rate_command(now_us))
+    }
+
+    fn report_state(&self, before: State, time_us: u64, report: &mut impl FnMut(&Message)) {
+        let (state, legs) = (self.sequencer.state(), self.sequencer.legs());
+        if state != before {
+            report(&Message::State { time_us, state, legs });
         }
     }
 
@@ -283,17 +452,22 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             && still(sample.inner, previous.inner)
     }
 
-    /// Whether the stop under way was not at rest. Looked at when the dwell is over.
+    /// Whether the stop under way was not at rest, or lost samples. Looked at when the dwell is over.
     fn is_disturbed(&self) -> bool {
         let noise = &self.config.calibrator.estimator.noise;
+        let unrest = |calibrator: &Calibrator<T, MAX_SEGMENTS, STATES>| {
+            calibrator.stop_so_far().is_some_and(|stop| unrest(&stop, noise).is_some())
+        };
         self.sequencer.is_dwell_over(self.previous.map_or(0, |sample| sample.time_us))
-            && self.calibrator.stop_so_far().is_some_and(|stop| unrest(&stop, noise).is_some())
+            && (self.calibrator.longest_interval_us() > LONGEST_GAP_US || unrest(self.calibrator))
     }
 
     /// Carries out a command. Returns whether the record shall be stored.
     fn act(&mut self, command: Command, now_us: u64, report: &mut impl FnMut(&Message)) -> bool {
         match command {
             Command::Continue => {}
+            Command::Decide => self.decide(report),
+            Command::Begin => self.begin(report),
             Command::Hold => self.axes.iter_mut().for_each(Axis::hold),
             Command::MoveTo { outer_rad, inner_rad } => {
                 let Scheme { rate_rad_s, acceleration_rad_s2, .. } = *self.sequencer.scheme();
@@ -301,12 +475,20 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
                     axis.move_to(target_rad, rate_rad_s, acceleration_rad_s2, now_us);
                 }
             }
-            Command::Measure => self.measuring = true,
+            Command::Measure => {
+                self.calibrator.restart_counts();
+                self.measuring = true;
+            }
             Command::RepeatStop => self.calibrator.restart_stop(),
+            Command::Weigh => self.enough = self.calibrator.weigh_piece(&self.config.limits, report),
             Command::Solve => self.solve(report),
             Command::Judge => self.judge(report),
             Command::Save => return true,
-            Command::Correct => {}
+            Command::Correct => {
+                if let Some(record) = self.record() {
+                    self.stored = Some((record.estimate(), record.moment()));
+                }
+            }
             Command::GiveUp(reason) => {
                 self.measuring = false;
                 self.axes.iter_mut().for_each(Axis::hold);
@@ -318,14 +500,35 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         false
     }
 
+    fn decide(&mut self, report: &mut impl FnMut(&Message)) {
+        let temperature_c = self.previous.map_or(f32::NAN, |sample| sample.temperature_c);
+        let now = Moment { utc_s: self.config.utc_s, temperature_c };
+        let decision = self.config.policy.decide(self.stored.as_ref().map(|(_, moment)| *moment), now);
+        self.decision = Some(decision);
+        report(&Message::Decided(decision));
+    }
+
+    /// Begins a run as if there had been none before.
+    fn begin(&mut self, report: &mut impl FnMut(&Message)) {
+        if self.decision == Some(COMMANDED) {
+            report(&Message::Decided(COMMANDED));
+        }
+        self.calibrator.restart(&self.config.run());
+        (self.measuring, self.enough, self.solution) = (false, None, None);
+        (self.accepted, self.saved) = (None, false);
+        self.axes.iter_mut().for_each(Axis::hold);
+    }
+
+    /// One piece of it: the next samples do not wait for the whole.
     fn solve(&mut self, report: &mut impl FnMut(&Message)) {
         self.measuring = false;
-        self.solution = Some(self.calibrator.conclude(report));
+        self.solution = self.calibrator.conclude_piece(report);
     }
 
     fn judge(&mut self, report: &mut impl FnMut(&Message)) {
         let verdict = self.solution.as_ref().map_or_else(Verdict::default, |solution| {
-            self.calibrator.judge(solution, self.stored.as_ref(), &self.config.limits)
+            let stored = self.stored.as_ref().map(|(estimate, _)| estimate);
+            self.calibrator.judge(solution, stored, &self.config.limits)
         });
         let accepted = self.solution.is_some() && verdict.accepted();
         if accepted {
@@ -336,12 +539,12 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     }
 
     fn correct(&mut self, sample: &RawSample<T>, report: &mut impl FnMut(&Message)) -> Option<CorrectedSample<T>> {
-        if !matches!(self.sequencer.state(), State::Correcting | State::Parked) {
+        if !matches!(self.sequencer.state(), State::Correcting | State::Parked | State::Stranded) {
             return None;
         }
         let corrected = self.calibration.as_ref()?.correct(sample);
-        if sample.time_us >= self.corrected_report_us {
-            self.corrected_report_us = sample.time_us + CORRECTED_REPORT_US;
+        if self.corrected_report_us.is_none_or(|last| sample.time_us.abs_diff(last) >= CORRECTED_REPORT_US) {
+            self.corrected_report_us = Some(sample.time_us);
             report(&Message::Corrected {
                 time_us: sample.time_us,
                 force_s: corrected.force_s.map(Real::widened).into(),
@@ -355,4 +558,63 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
 fn calibration<T: Real>(estimate: &Estimate) -> Calibration<T> {
     let errors = estimate.errors.to_vector().map(real);
     Calibration::new(&crate::error_model::InstrumentErrors::from_vector(&errors))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::estimator::Noise;
+    use crate::method::Method;
+    use crate::site::Site;
+
+    fn config() -> SelfCalibrationConfig {
+        let noise = Noise { accel_psd_sqrt: 1e-4, gyro_psd_sqrt: 3e-7, encoder_sigma_rad: 2.5e-6 };
+        let calibrator = CalibratorConfig::new(Method::Joint, Site::default(), noise, 200.0);
+        SelfCalibrationConfig::new(calibrator, Scheme::bai(10.0, 1))
+    }
+
+    #[test]
+    fn every_wrong_number_of_a_configuration_is_refused() {
+        type Spoil = fn(&mut SelfCalibrationConfig);
+        let wrong: [(Spoil, ConfigError); 24] = [
+            (|config| config.pace.longest_stop = 0.5, ConfigError::Pace),
+            (|config| config.pace.longest_s = Some(f64::NAN), ConfigError::Pace),
+            (|config| config.policy = too_cold(), ConfigError::Policy),
+            (|config| config.calibrator.rate_hz = f64::INFINITY, ConfigError::Rate),
+            (|config| config.calibrator.rate_hz = 0.0, ConfigError::Rate),
+            (|config| config.calibrator.estimator.noise.accel_psd_sqrt = 0.0, ConfigError::Noise),
+            (|config| config.calibrator.estimator.noise.gyro_psd_sqrt = f64::NAN, ConfigError::Noise),
+            (|config| config.calibrator.estimator.noise.encoder_sigma_rad = -1e-6, ConfigError::Noise),
+            (|config| config.calibrator.estimator.heading = heading(f64::NAN, 0.1), ConfigError::Heading),
+            (|config| config.calibrator.estimator.heading = heading(1.0, 0.0), ConfigError::Heading),
+            (|config| config.calibrator.stillness.still_rad = f64::NAN, ConfigError::Stillness),
+            (|config| config.calibrator.estimator.gate_sigma = Some(-5.0), ConfigError::Stillness),
+            (|config| config.calibrator.estimator.site.latitude_rad = f64::NAN, ConfigError::Site),
+            (|config| config.calibrator.estimator.site.measured_gravity_m_s2 = Some(0.0), ConfigError::Site),
+            (|config| config.limits.scale = f64::NAN, ConfigError::Limits),
+            (|config| config.limits = config.limits.requiring(0.0), ConfigError::Limits),
+            (|config| config.scheme.first_stop_s = 0.0, ConfigError::Scheme(SchemeError::Stop(0))),
+            (|config| config.scheme.periods = 3, ConfigError::Segments),
+            (|config| config.axes[0].arrived_rad = f64::NAN, ConfigError::Axis(0)),
+            (|config| config.axes[1].rate_rad_s = f64::INFINITY, ConfigError::Axis(1)),
+            (|config| config.axes[1].lowest_rad = 13.0, ConfigError::Axis(1)),
+            (|config| config.axes[1].rate_rad_s = 0.1, ConfigError::TooFast(1)),
+            (|config| config.axes[0].acceleration_rad_s2 = 0.1, ConfigError::TooFast(0)),
+            (|config| config.axes[0].lowest_rad = -4.0, ConfigError::Travel { leg: 3, axis: 0 }),
+        ];
+        assert_eq!(config().check(), Ok(()));
+        for (number, (spoil, error)) in wrong.into_iter().enumerate() {
+            let mut config = config();
+            spoil(&mut config);
+            assert_eq!(config.check(), Err(error), "number {number}");
+        }
+    }
+
+    fn too_cold() -> PowerUpPolicy {
+        PowerUpPolicy::WhenDue { age_s: None, temperature_k: Some(-1.0) }
+    }
+
+    fn heading(heading_rad: f64, sigma_rad: f64) -> HeadingSource {
+        HeadingSource::Configured { heading_rad, sigma_rad }
+    }
 }

@@ -1,20 +1,28 @@
 //! Self-calibration as a state machine. It decides; others act.
 //!
 //! ```text
-//!             stored calibration, and it may be used
-//!  PowerUp ------------------------------------------------------------> Correcting
+//!             the stored calibration is used
+//!  PowerUp ------------------------------------------------------------> Correcting     StandBy (nothing to use)
 //!     |                                                                      ^  ^
 //!     v                                                                      |  |
 //!  AwaitStill --> Turn --> Settle --> Dwell --(last leg)--> Compute --> Verdict --> Store
-//!                  ^                    |                                |
+//!                  ^                    |         ^                      |
+//!                  |        (early finish allowed) | enough               |
+//!                  |                    v         |                      |
+//!                  |                  Weigh ------+                      |
+//!                  |                    |                                |
 //!                  +----(next leg)------+                         rejected|
 //!                                                                        v
 //!  any state before Store --(abort)------------------> Stopping --> Parking --> Parked
+//!                                                                     |
+//!                                                                     +--(fails)--> Stranded
 //! ```
 //! Time is an argument, in microseconds. Leg 0 is the way to the scheme's start at (0, 0) and the first stop there; leg
 //! k > 0 is the scheme's k-th move and the stop after it. A rejected or aborted run parks the gimbals at (0, 0) and
-//! leaves the stored calibration as it was.
+//! leaves the stored calibration as it was. Where they cannot be parked, the gimbals stand where they came to rest. From
+//! Correcting, StandBy, Parked and Stranded a command starts a run: AwaitStill.
 
+use crate::policy::Decision;
 use crate::scheme::{Leg, Scheme};
 use core::fmt;
 use serde::{Deserialize, Serialize};
@@ -29,6 +37,34 @@ const SETTLE_US: u64 = 300_000;
 const STOP_US: u64 = 1_000_000;
 /// Longest time beyond its nominal duration that a move may take, us.
 const TURN_TIMEOUT_US: u64 = 10_000_000;
+
+/// How long a run takes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Pace {
+    /// How often disturbed stops may be repeated, in all.
+    pub stop_repeats: u8,
+    /// Whether the run ends at the first stop at whose end every required sigma is met and the fit is good.
+    pub early_finish: bool,
+    /// How many times as long as the scheme says a stop may last whose noise is larger than assumed; 1 for no longer.
+    pub longest_stop: f64,
+    /// Time after which no further move begins, s; `None` for any.
+    pub longest_s: Option<f64>,
+}
+
+impl Default for Pace {
+    /// Three repeated stops; the whole scheme, as it says.
+    fn default() -> Self {
+        Self { stop_repeats: 3, early_finish: false, longest_stop: 1.0, longest_s: None }
+    }
+}
+
+impl Pace {
+    /// Whether every number makes sense.
+    pub fn is_valid(&self) -> bool {
+        let longest = self.longest_s.is_none_or(|longest_s| longest_s.is_finite() && longest_s > 0.0);
+        longest && self.longest_stop.is_finite() && self.longest_stop >= 1.0
+    }
+}
 
 /// Why a run was given up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -45,17 +81,30 @@ pub enum AbortReason {
     InnerFollowing,
     /// Samples were missing or unusable for too long.
     SampleLoss,
+    /// The drive of the outer axis did not take commands.
+    OuterDrive,
+    /// The drive of the inner axis did not take commands.
+    InnerDrive,
+}
+
+impl AbortReason {
+    /// Whether something failed, rather than somebody asked.
+    fn is_fault(self) -> bool {
+        self != Self::Commanded
+    }
 }
 
 impl fmt::Display for AbortReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Commanded => write!(f, "given up on command, or a drive did not answer"),
+            Self::Commanded => write!(f, "given up on command"),
             Self::NotStill => write!(f, "the base was not still for 1 s within 60 s of power-up"),
             Self::TurnTimeout(leg) => write!(f, "leg {leg}: the axes did not arrive in time"),
             Self::OuterFollowing => write!(f, "the outer axis did not follow its profile"),
             Self::InnerFollowing => write!(f, "the inner axis did not follow its profile"),
-            Self::SampleLoss => write!(f, "no usable samples for 1 s"),
+            Self::SampleLoss => write!(f, "no usable samples for 1 s, or for 0.1 s while the axes turned"),
+            Self::OuterDrive => write!(f, "the drive of the outer axis does not take commands"),
+            Self::InnerDrive => write!(f, "the drive of the inner axis does not take commands"),
         }
     }
 }
@@ -73,7 +122,9 @@ pub enum State {
     Settle(u16),
     /// Standing, measuring.
     Dwell(u16),
-    /// All segments are being processed.
+    /// Looking whether what has been measured is enough.
+    Weigh(u16),
+    /// All segments are being processed, piece by piece.
     Compute,
     /// The result is being judged.
     Verdict,
@@ -81,12 +132,23 @@ pub enum State {
     Store,
     /// Samples are being corrected.
     Correcting,
+    /// There is no calibration, and no run without a command.
+    StandBy,
     /// Bringing the axes to rest after a run that was aborted or rejected.
     Stopping,
     /// Turning back to (0, 0).
     Parking,
     /// Standing at (0, 0), not calibrated by this run.
     Parked,
+    /// Standing wherever the axes came to rest, since parking failed.
+    Stranded,
+}
+
+impl State {
+    /// Whether the axes are on their way, or coming to rest.
+    pub fn is_turning(self) -> bool {
+        matches!(self, Self::Turn(_) | Self::Stopping | Self::Parking)
+    }
 }
 
 /// What the sequencer must be told at each step.
@@ -94,14 +156,26 @@ pub enum State {
 pub struct Input {
     /// Time, us.
     pub now_us: u64,
+    /// Answer to `Decide`: what to do at power-up.
+    pub decision: Option<Decision>,
+    /// A run is asked for.
+    pub start: bool,
     /// The gyros and encoders show neither base nor axes moving.
     pub still: bool,
     /// Both axes have arrived where they were sent.
     pub arrived: bool,
+    /// Nominal duration of the move under way, us.
+    pub move_us: u64,
     /// The stop under way was not at rest.
     pub disturbed: bool,
     /// Something happened that ends the run.
     pub abort: Option<AbortReason>,
+    /// The dwell shall last this many times as long as the scheme says, if more than 1: the noise is larger than assumed.
+    pub extension: f64,
+    /// Answer to `Weigh`: whether every requirement is met.
+    pub enough: Option<bool>,
+    /// Answer to `Solve`: all is done.
+    pub solved: bool,
     /// Answer to `Judge`: whether the result is accepted.
     pub accepted: Option<bool>,
     /// Answer to `Save`: writing has ended, well or not.
@@ -114,6 +188,10 @@ pub struct Input {
 pub enum Command {
     /// Nothing new.
     Continue,
+    /// Decide what to do after power-up.
+    Decide,
+    /// A run begins: forget the one before. Both axes shall stand where they are.
+    Begin,
     /// Both axes shall stand where they are.
     Hold,
     /// Both axes shall move to these angles, rad, counted over whole turns.
@@ -127,7 +205,9 @@ pub enum Command {
     Measure,
     /// Forget the stop so far and measure it again: it was disturbed.
     RepeatStop,
-    /// Close the last stop and process all segments.
+    /// Close the stop, and see whether every requirement is met, one bounded piece at each of these commands.
+    Weigh,
+    /// Close the last stop and process all segments, one bounded piece at each of these commands.
     Solve,
     /// Judge the solution.
     Judge,
@@ -146,16 +226,24 @@ pub struct Sequencer {
     state: State,
     since_us: u64,
     still_since_us: Option<u64>,
-    use_stored: bool,
-    /// Times that a stop may still be repeated.
+    measuring_since_us: u64,
+    pace: Pace,
+    /// Times that stops may still be repeated.
     repeats_left: u8,
 }
 
 impl Sequencer {
-    /// A sequencer at power-up. With `use_stored` it goes straight to correcting. Over the run, disturbed stops are
-    /// repeated up to `repeats` times.
-    pub fn new(scheme: Scheme, use_stored: bool, repeats: u8) -> Self {
-        Self { scheme, state: State::PowerUp, since_us: 0, still_since_us: None, use_stored, repeats_left: repeats }
+    /// A sequencer at power-up.
+    pub fn new(scheme: Scheme, pace: Pace) -> Self {
+        Self {
+            scheme,
+            state: State::PowerUp,
+            since_us: 0,
+            still_since_us: None,
+            measuring_since_us: 0,
+            pace,
+            repeats_left: pace.stop_repeats,
+        }
     }
 
     /// Where the run is.
@@ -175,10 +263,13 @@ impl Sequencer {
 
     /// One step; at most one edge is taken.
     pub fn step(&mut self, input: &Input) -> Command {
-        if let Some(reason) = input.abort
-            && self.can_abort()
-        {
-            return self.give_up(input, Some(reason));
+        // Where the clock went back, the time in this state begins anew.
+        self.since_us = self.since_us.min(input.now_us);
+        if let Some(reason) = input.abort {
+            let command = self.abort(input.now_us, reason);
+            if command != Command::Continue {
+                return command;
+            }
         }
         match self.state {
             State::PowerUp => self.power_up(input),
@@ -186,7 +277,13 @@ impl Sequencer {
             State::Turn(leg) => self.turn(input, leg),
             State::Settle(leg) => self.settle(input, leg),
             State::Dwell(leg) => self.dwell(input, leg),
-            State::Compute => self.enter(input, State::Verdict, Command::Judge),
+            State::Weigh(leg) => match input.enough {
+                None => Command::Weigh,
+                Some(true) => self.enter(input, State::Compute, Command::Solve),
+                Some(false) => self.next_leg(input, leg),
+            },
+            State::Compute if input.solved => self.enter(input, State::Verdict, Command::Judge),
+            State::Compute => Command::Solve,
             State::Verdict => match input.accepted {
                 Some(true) => self.enter(input, State::Store, Command::Save),
                 Some(false) => self.give_up(input, None),
@@ -196,10 +293,40 @@ impl Sequencer {
             State::Stopping if self.elapsed_us(input) >= STOP_US => {
                 self.enter(input, State::Parking, Command::MoveTo { outer_rad: 0.0, inner_rad: 0.0 })
             }
-            State::Parking if input.arrived || self.elapsed_us(input) > self.turn_us(0) + TURN_TIMEOUT_US => {
-                self.enter(input, State::Parked, Command::Hold)
-            }
-            State::Store | State::Correcting | State::Stopping | State::Parking | State::Parked => Command::Continue,
+            State::Parking if self.is_overdue(input) => self.enter(input, State::Stranded, Command::Hold),
+            State::Parking if input.arrived => self.enter(input, State::Parked, Command::Hold),
+            State::Correcting | State::StandBy | State::Parked | State::Stranded if input.start => self.begin(input),
+            State::Store
+            | State::Correcting
+            | State::StandBy
+            | State::Stopping
+            | State::Parking
+            | State::Parked
+            | State::Stranded => Command::Continue,
+        }
+    }
+
+    /// Ends the run for a reason, if it is under way, or its parking, if something failed. Without usable samples this is
+    /// all that can be done.
+    pub fn abort(&mut self, now_us: u64, reason: AbortReason) -> Command {
+        let input = Input { now_us, ..Input::default() };
+        match self.state {
+            State::PowerUp
+            | State::AwaitStill
+            | State::Turn(_)
+            | State::Settle(_)
+            | State::Dwell(_)
+            | State::Weigh(_)
+            | State::Compute
+            | State::Verdict => self.give_up(&input, Some(reason)),
+            State::Parking if reason.is_fault() => self.enter(&input, State::Stranded, Command::Hold),
+            State::Store
+            | State::Correcting
+            | State::StandBy
+            | State::Stopping
+            | State::Parking
+            | State::Parked
+            | State::Stranded => Command::Continue,
         }
     }
 
@@ -213,20 +340,23 @@ impl Sequencer {
         input.now_us.saturating_sub(self.since_us)
     }
 
-    fn can_abort(&self) -> bool {
-        !matches!(self.state, State::Store | State::Correcting | State::Stopping | State::Parking | State::Parked)
-    }
-
     fn give_up(&mut self, input: &Input, reason: Option<AbortReason>) -> Command {
         self.enter(input, State::Stopping, Command::GiveUp(reason))
     }
 
     fn power_up(&mut self, input: &Input) -> Command {
-        if self.use_stored {
-            self.enter(input, State::Correcting, Command::Correct)
-        } else {
-            self.enter(input, State::AwaitStill, Command::Hold)
+        match input.decision {
+            None => Command::Decide,
+            Some(Decision::Calibrate(_)) => self.begin(input),
+            Some(Decision::UseStored(_)) => self.enter(input, State::Correcting, Command::Correct),
+            Some(Decision::StandBy(_)) => self.enter(input, State::StandBy, Command::Hold),
         }
+    }
+
+    fn begin(&mut self, input: &Input) -> Command {
+        self.still_since_us = None;
+        self.repeats_left = self.pace.stop_repeats;
+        self.enter(input, State::AwaitStill, Command::Begin)
     }
 
     fn await_still(&mut self, input: &Input) -> Command {
@@ -247,7 +377,7 @@ impl Sequencer {
     }
 
     fn turn(&mut self, input: &Input, leg: u16) -> Command {
-        if self.elapsed_us(input) > self.turn_us(leg) + TURN_TIMEOUT_US {
+        if self.is_overdue(input) {
             self.give_up(input, Some(AbortReason::TurnTimeout(leg)))
         } else if input.arrived {
             self.enter(input, State::Settle(leg), Command::Continue)
@@ -260,8 +390,11 @@ impl Sequencer {
         if self.elapsed_us(input) < SETTLE_US {
             return Command::Continue;
         }
-        let command = if leg == 0 { Command::Measure } else { Command::Continue };
-        self.enter(input, State::Dwell(leg), command)
+        if leg > 0 {
+            return self.enter(input, State::Dwell(leg), Command::Continue);
+        }
+        self.measuring_since_us = input.now_us;
+        self.enter(input, State::Dwell(leg), Command::Measure)
     }
 
     /// Whether a stop has lasted as long as it shall.
@@ -271,16 +404,33 @@ impl Sequencer {
     }
 
     fn dwell(&mut self, input: &Input, leg: u16) -> Command {
+        let stop_us = self.leg(leg).stop_s * 1e6;
         if !self.is_dwell_over(input.now_us) {
             Command::Continue
         } else if input.disturbed && self.repeats_left > 0 {
             self.repeats_left -= 1;
             self.enter(input, State::Dwell(leg), Command::RepeatStop)
-        } else if leg + 1 < self.legs() {
+        } else if (self.elapsed_us(input) as f64) < stop_us * input.extension && !self.is_late(input.now_us) {
+            Command::Continue
+        } else if self.pace.early_finish && leg + 1 < self.legs() {
+            self.enter(input, State::Weigh(leg), Command::Weigh)
+        } else {
+            self.next_leg(input, leg)
+        }
+    }
+
+    fn next_leg(&mut self, input: &Input, leg: u16) -> Command {
+        if leg + 1 < self.legs() && !self.is_late(input.now_us) {
             self.turn_to(input, leg + 1)
         } else {
             self.enter(input, State::Compute, Command::Solve)
         }
+    }
+
+    /// Whether the time for measuring is over.
+    fn is_late(&self, now_us: u64) -> bool {
+        let measured_us = now_us.saturating_sub(self.measuring_since_us);
+        self.pace.longest_s.is_some_and(|longest_s| measured_us as f64 >= longest_s * 1e6)
     }
 
     /// Leg 0 is the start at (0, 0).
@@ -289,19 +439,16 @@ impl Sequencer {
         usize::from(leg).checked_sub(1).and_then(|index| self.scheme.leg(index)).unwrap_or(start)
     }
 
-    /// Nominal duration of a leg's move; the way to the start may be a whole turn.
-    fn turn_us(&self, leg: u16) -> u64 {
-        let to = self.leg(leg);
-        let from = if leg > 0 { self.leg(leg - 1) } else { Leg { outer_rad: core::f64::consts::TAU, ..to } };
-        let outer_s = self.scheme.move_s(to.outer_rad - from.outer_rad);
-        let inner_s = self.scheme.move_s(to.inner_rad - from.inner_rad);
-        (outer_s.max(inner_s) * 1e6) as u64
+    /// Whether the move under way should long have ended.
+    fn is_overdue(&self, input: &Input) -> bool {
+        self.elapsed_us(input) > input.move_us + TURN_TIMEOUT_US
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::policy::Cause;
     use std::vec::Vec;
 
     /// Steps at 200 Hz with `input` made of the time and the state, until the state stays or an hour has passed.
@@ -319,10 +466,16 @@ mod tests {
     fn cooperative(now_us: u64, state: State) -> Input {
         Input {
             now_us,
+            decision: Some(Decision::Calibrate(Cause::NothingStored)),
+            start: false,
             still: true,
             arrived: true,
+            move_us: 5_500_000,
             disturbed: false,
+            extension: 1.0,
+            enough: None,
             abort: None,
+            solved: state == State::Compute,
             accepted: (state == State::Verdict).then_some(true),
             saved: state == State::Store,
         }
@@ -331,7 +484,7 @@ mod tests {
     #[test]
     fn a_good_run_visits_every_leg_and_ends_correcting() {
         let scheme = Scheme::bai(10.0, 2);
-        let mut sequencer = Sequencer::new(scheme, false, 3);
+        let mut sequencer = Sequencer::new(scheme, Pace::default());
         let trace = run(&mut sequencer, cooperative);
         let dwells = trace.iter().filter(|(state, _)| matches!(state, State::Dwell(_))).count();
         assert_eq!(dwells, 37);
@@ -343,15 +496,59 @@ mod tests {
     }
 
     #[test]
-    fn a_stored_calibration_goes_straight_to_correcting() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), true, 3);
-        assert_eq!(sequencer.step(&cooperative(0, State::PowerUp)), Command::Correct);
-        assert_eq!(sequencer.state(), State::Correcting);
+    fn a_decision_leads_to_its_state() {
+        let decisions = [
+            (Decision::UseStored(Cause::WithinLimits), Command::Correct, State::Correcting),
+            (Decision::StandBy(Cause::Policy), Command::Hold, State::StandBy),
+            (Decision::Calibrate(Cause::Policy), Command::Begin, State::AwaitStill),
+        ];
+        for (decision, command, state) in decisions {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+            assert_eq!(sequencer.step(&Input::default()), Command::Decide);
+            let input = Input { decision: Some(decision), ..Input::default() };
+            assert_eq!((sequencer.step(&input), sequencer.state()), (command, state));
+        }
+    }
+
+    #[test]
+    fn a_run_may_be_started_where_none_is_under_way() {
+        let cases = [
+            (State::Correcting, cooperative as fn(u64, State) -> Input),
+            (State::StandBy, |now_us, state| Input {
+                decision: Some(Decision::StandBy(Cause::Policy)),
+                ..cooperative(now_us, state)
+            }),
+            (State::Parked, |now_us, state| Input { accepted: Some(false), ..cooperative(now_us, state) }),
+            (State::Stranded, |now_us, state| Input {
+                accepted: Some(false),
+                arrived: state != State::Parking,
+                ..cooperative(now_us, state)
+            }),
+        ];
+        for (state, input) in cases {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+            run(&mut sequencer, input);
+            assert_eq!(sequencer.state(), state);
+            let now_us = 4_000_000_000;
+            let started = sequencer.step(&Input { start: true, ..cooperative(now_us, state) });
+            assert_eq!((started, sequencer.state()), (Command::Begin, State::AwaitStill));
+            assert_eq!(
+                sequencer.step(&cooperative(now_us, State::AwaitStill)),
+                Command::Continue,
+                "stillness counts anew"
+            );
+        }
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+        let eager = run(&mut sequencer, |now_us, state| Input {
+            start: state != State::Correcting,
+            ..cooperative(now_us, state)
+        });
+        assert_eq!(eager.iter().filter(|(_, command)| *command == Command::Begin).count(), 1);
     }
 
     #[test]
     fn a_rejected_run_is_parked_and_nothing_is_saved() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         let reject = |now_us, state| Input { accepted: Some(false), saved: false, ..cooperative(now_us, state) };
         let trace = run(&mut sequencer, reject);
         assert_eq!(sequencer.state(), State::Parked);
@@ -359,33 +556,149 @@ mod tests {
         assert!(!trace.iter().any(|(_, command)| matches!(command, Command::Save | Command::Correct)));
     }
 
+    /// Every state: those that a run can be aborted from, and the others.
+    const ABORTABLE: [State; 10] = [
+        State::PowerUp,
+        State::AwaitStill,
+        State::Turn(0),
+        State::Turn(18),
+        State::Settle(7),
+        State::Dwell(0),
+        State::Dwell(18),
+        State::Weigh(3),
+        State::Compute,
+        State::Verdict,
+    ];
+    const LATE: [State; 7] = [
+        State::Store,
+        State::Correcting,
+        State::StandBy,
+        State::Stopping,
+        State::Parking,
+        State::Parked,
+        State::Stranded,
+    ];
+
+    /// Tells the sequencer of an abort whenever it is in one state.
+    fn aborted_in(aborted: State, reason: AbortReason) -> (Sequencer, Vec<(State, Command)>) {
+        let pace = Pace { early_finish: true, ..Pace::default() };
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), pace);
+        let trace = run(&mut sequencer, |now_us, state| Input {
+            enough: Some(false),
+            abort: (state == aborted).then_some(reason),
+            ..cooperative(now_us, state)
+        });
+        (sequencer, trace)
+    }
+
     #[test]
     fn abort_from_every_state_before_storing_parks_the_gimbals() {
-        let mut reached = Vec::new();
-        for abort_at in (0..320_000_000_u64).step_by(997_000) {
-            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
-            let mut aborted_from = None;
-            let trace = run(&mut sequencer, |now_us, state| {
-                let abort = (now_us / 5000 == abort_at / 5000).then_some(AbortReason::Commanded);
-                aborted_from = aborted_from.or(abort.map(|_| state));
-                Input { abort, ..cooperative(now_us, state) }
-            });
-            let from = aborted_from.expect("within the hour");
-            if matches!(from, State::Store | State::Correcting) {
-                continue;
+        for state in ABORTABLE {
+            for reason in [AbortReason::Commanded, AbortReason::SampleLoss] {
+                let (sequencer, trace) = aborted_in(state, reason);
+                assert_eq!(sequencer.state(), State::Parked, "from {state:?}");
+                let end = [
+                    (State::Stopping, Command::GiveUp(Some(reason))),
+                    (State::Parking, Command::MoveTo { outer_rad: 0.0, inner_rad: 0.0 }),
+                    (State::Parked, Command::Hold),
+                ];
+                assert_eq!(trace[trace.len() - 3..], end, "from {state:?}");
             }
-            reached.push(core::mem::discriminant(&from));
-            assert_eq!(sequencer.state(), State::Parked, "from {from:?}");
-            let last = trace.iter().rev().find(|(_, command)| matches!(command, Command::MoveTo { .. }));
-            assert_eq!(last.map(|(_, c)| *c), Some(Command::MoveTo { outer_rad: 0.0, inner_rad: 0.0 }));
         }
-        reached.dedup();
-        assert!(reached.len() > 3);
+    }
+
+    #[test]
+    fn an_abort_from_storing_on_changes_nothing() {
+        for state in LATE {
+            let (sequencer, trace) = aborted_in(state, AbortReason::SampleLoss);
+            assert_eq!(sequencer.state(), State::Correcting, "in {state:?}");
+            assert!(!trace.iter().any(|(_, command)| matches!(command, Command::GiveUp(_))));
+        }
+    }
+
+    #[test]
+    fn a_run_ends_where_it_is_enough_if_it_may() {
+        for (early_finish, dwells) in [(true, 6), (false, 19)] {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace { early_finish, ..Pace::default() });
+            let mut looks = 0;
+            let trace = run(&mut sequencer, |now_us, state| {
+                looks += u32::from(matches!(state, State::Weigh(_)));
+                // It takes three looks each.
+                let enough = looks.is_multiple_of(3).then_some(state == State::Weigh(5));
+                Input { enough, ..cooperative(now_us, state) }
+            });
+            assert_eq!(trace.iter().filter(|(state, _)| matches!(state, State::Dwell(_))).count(), dwells);
+            assert_eq!(sequencer.state(), State::Correcting);
+        }
+    }
+
+    #[test]
+    fn a_stop_lasts_longer_where_there_is_noise_and_time() {
+        let dwell_us = |extension, longest_s| {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace { longest_s, ..Pace::default() });
+            let mut dwells_us = 0;
+            run(&mut sequencer, |now_us, state| {
+                dwells_us += if matches!(state, State::Dwell(_)) { 5000 } else { 0 };
+                Input { extension, ..cooperative(now_us, state) }
+            });
+            dwells_us
+        };
+        assert_eq!(dwell_us(1.0, None), 19 * 10_000_000);
+        assert_eq!(dwell_us(1.5, None), 19 * 15_000_000);
+        // The third stop is cut, but not below what the scheme says.
+        assert_eq!(dwell_us(1.5, Some(33.0)) / 1_000_000, 15 + 15 + 10);
+    }
+
+    #[test]
+    fn gimbals_that_cannot_be_parked_are_left_where_they_stand() {
+        let rejected = |now_us, state| Input { accepted: Some(false), ..cooperative(now_us, state) };
+        let faulty = |now_us, state: State| Input {
+            abort: (state == State::Parking).then_some(AbortReason::InnerFollowing),
+            ..rejected(now_us, state)
+        };
+        let slow = |now_us, state: State| Input { arrived: state != State::Parking, ..rejected(now_us, state) };
+        let asked = |now_us, state: State| Input {
+            abort: (state == State::Parking).then_some(AbortReason::Commanded),
+            ..rejected(now_us, state)
+        };
+        let sequencer = || Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+        let end = |trace: Vec<(State, Command)>| trace.last().copied();
+        assert_eq!(end(run(&mut sequencer(), faulty)), Some((State::Stranded, Command::Hold)));
+        assert_eq!(end(run(&mut sequencer(), slow)), Some((State::Stranded, Command::Hold)));
+        assert_eq!(end(run(&mut sequencer(), asked)), Some((State::Parked, Command::Hold)));
+    }
+
+    #[test]
+    fn a_clock_that_goes_back_does_not_hold_the_run_up() {
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+        let jump_us = 100_000_000;
+        let trace = run(&mut sequencer, |now_us, state| {
+            let now_us = if now_us < jump_us { now_us } else { now_us - jump_us };
+            Input { abort: (now_us == 0).then_some(AbortReason::SampleLoss), ..cooperative(now_us, state) }
+        });
+        assert_eq!(trace.last(), Some(&(State::Parked, Command::Hold)));
+    }
+
+    #[test]
+    fn computing_goes_on_until_it_is_done_and_can_be_aborted() {
+        for abort_at in [None, Some(7)] {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+            let mut computing = 0;
+            let trace = run(&mut sequencer, |now_us, state| {
+                computing += u32::from(state == State::Compute);
+                let abort = (Some(computing) == abort_at).then_some(AbortReason::Commanded);
+                Input { abort, solved: computing >= 10, ..cooperative(now_us, state) }
+            });
+            let solved = trace.iter().filter(|(_, command)| *command == Command::Solve).count();
+            assert_eq!(solved, if abort_at.is_some() { 7 } else { 10 }, "one on entering, one while it is not done");
+            let end = if abort_at.is_some() { State::Parked } else { State::Correcting };
+            assert_eq!(sequencer.state(), end);
+        }
     }
 
     #[test]
     fn a_disturbed_stop_is_repeated_up_to_the_limit() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         let disturbed = |now_us, state| Input { disturbed: state == State::Dwell(5), ..cooperative(now_us, state) };
         let trace = run(&mut sequencer, disturbed);
         assert_eq!(trace.iter().filter(|(_, command)| *command == Command::RepeatStop).count(), 3);
@@ -394,10 +707,10 @@ mod tests {
 
     #[test]
     fn an_unquiet_base_and_a_stuck_axis_end_the_run() {
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         let trace = run(&mut sequencer, |now_us, state| Input { still: false, ..cooperative(now_us, state) });
         assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(Some(AbortReason::NotStill))));
-        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), false, 3);
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         let stuck = |now_us, state| Input { arrived: state != State::Turn(3), ..cooperative(now_us, state) };
         let trace = run(&mut sequencer, stuck);
         assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(Some(AbortReason::TurnTimeout(3)))));

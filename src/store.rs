@@ -1,7 +1,7 @@
 //! The calibration store: two slots of non-volatile memory, written in turn.
 //!
 //! ```text
-//! slot, little-endian   0-3          magic "RSC1"; its last character is the version of the format
+//! slot, little-endian   0-3          magic "RSC2"; its last character is the version of the format
 //!                       4-7          sequence number, wraps; the newer record is the one ahead
 //!                       8-11         length n of the payload, bytes
 //!                       12..12+n     payload: postcard of StoredCalibration
@@ -11,7 +11,9 @@
 //! before stays. Memory never written, all ones, is empty, not damaged.
 
 use crate::error_model::{InstrumentErrors, PARAMETERS};
+use crate::estimator::Estimate;
 use crate::method::Method;
+use crate::policy::Moment;
 use crate::site::Site;
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 use embedded_storage::Storage;
@@ -24,7 +26,7 @@ pub const SLOT_BYTES: usize = 1024;
 pub const SLOTS: usize = 2;
 
 const MAGIC: [u8; 3] = *b"RSC";
-const FORMAT_VERSION: u8 = b'1';
+const FORMAT_VERSION: u8 = b'2';
 const HEADER_BYTES: usize = 12;
 const CRC_BYTES: usize = 4;
 const PAYLOAD_BYTES: usize = SLOT_BYTES - HEADER_BYTES - CRC_BYTES;
@@ -43,6 +45,8 @@ pub struct StoredCalibration {
     pub scheme: String<32>,
     /// Where it was done.
     pub site: Site,
+    /// When it was done, seconds since 1970-01-01 UTC; `None` where there is no clock.
+    pub utc_s: Option<u64>,
     /// Mean IMU temperature, deg C; not a number where there is no sensor.
     pub temperature_c: f32,
     /// Chi-square of the residuals.
@@ -112,6 +116,18 @@ enum Slot {
 #[derive(Debug)]
 pub struct CalibrationStore<S> {
     memory: S,
+}
+
+impl StoredCalibration {
+    /// Parameters with their uncertainty.
+    pub fn estimate(&self) -> Estimate {
+        Estimate { errors: self.errors, sigmas: self.sigmas }
+    }
+
+    /// When it was done and how warm.
+    pub fn moment(&self) -> Moment {
+        Moment { utc_s: self.utc_s, temperature_c: self.temperature_c }
+    }
 }
 
 impl<S: Storage> CalibrationStore<S> {
@@ -289,22 +305,26 @@ mod tests {
     use super::*;
     use embedded_storage::ReadStorage;
 
-    /// Memory that loses power after a number of written bytes.
+    /// Memory that loses power after a number of written bytes, and cannot be read from an address on.
     #[derive(Clone)]
     struct Memory {
         bytes: Vec<u8>,
         writable: usize,
+        readable: usize,
     }
 
     impl Memory {
         fn blank() -> Self {
-            Self { bytes: vec![0xff; SLOTS * SLOT_BYTES], writable: usize::MAX }
+            Self { bytes: vec![0xff; SLOTS * SLOT_BYTES], writable: usize::MAX, readable: usize::MAX }
         }
     }
 
     impl ReadStorage for Memory {
         type Error = &'static str;
         fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
+            if offset as usize + bytes.len() > self.readable {
+                return Err("no answer");
+            }
             bytes.copy_from_slice(&self.bytes[offset as usize..][..bytes.len()]);
             Ok(())
         }
@@ -329,6 +349,7 @@ mod tests {
             method: Method::TwoStage,
             scheme: String::try_from("bai").unwrap(),
             site: Site::default(),
+            utc_s: Some(1_790_000_000),
             temperature_c: 35.5,
             chi_square: 81.2,
             degrees_of_freedom: number,
@@ -397,8 +418,8 @@ mod tests {
         memory.bytes[40] ^= 1;
         let corrupt = Loaded::Corrupt { damage: [Some(Damage::Crc), None] };
         assert_eq!(CalibrationStore::new(memory.clone()).load(), Ok(corrupt));
-        memory.bytes[3] = b'2';
-        let other_version = Loaded::Corrupt { damage: [Some(Damage::Version(b'2')), None] };
+        memory.bytes[3] = b'1';
+        let other_version = Loaded::Corrupt { damage: [Some(Damage::Version(b'1')), None] };
         assert_eq!(CalibrationStore::new(memory).load(), Ok(other_version));
     }
 
@@ -420,6 +441,36 @@ mod tests {
         }
     }
 
+    /// A cut in the middle of programming leaves a page that is neither old nor new.
+    #[test]
+    fn a_page_left_half_programmed_keeps_the_record_before() {
+        const PAGE_BYTES: usize = 32;
+        for page in 0..used() / PAGE_BYTES {
+            let cut = page * PAGE_BYTES;
+            let mut store = CalibrationStore::new(Memory { writable: cut, ..saved(0..2).release() });
+            assert!(store.save(&record(2)).is_err());
+            let mut memory = Memory { writable: usize::MAX, ..store.release() };
+            let torn = (0..PAGE_BYTES).map(|byte| 0x5a ^ (byte as u8).wrapping_mul(37));
+            memory.bytes[cut..][..PAGE_BYTES].iter_mut().zip(torn).for_each(|(byte, torn)| *byte = torn);
+            let mut store = CalibrationStore::new(memory);
+            assert!(matches!(store.load(), Ok(Loaded::Found { record: kept, .. }) if kept == record(1)), "page {page}");
+            store.save(&record(2)).unwrap();
+            assert_eq!(store.load(), Ok(found(2)));
+        }
+    }
+
+    #[test]
+    fn memory_that_does_not_answer_is_a_fault_and_is_not_written() {
+        for readable in [0, 100, SLOT_BYTES, SLOT_BYTES + 100] {
+            let memory = Memory { readable, ..saved(0..2).release() };
+            let before = memory.bytes.clone();
+            let mut store = CalibrationStore::new(memory);
+            assert_eq!(store.load(), Err(StoreError::Memory("no answer")));
+            assert_eq!(store.save(&record(2)), Err(StoreError::Memory("no answer")));
+            assert_eq!(store.release().bytes, before);
+        }
+    }
+
     #[test]
     fn the_sequence_number_wraps() {
         let mut memory = Memory::blank();
@@ -433,7 +484,7 @@ mod tests {
 
     #[test]
     fn a_small_memory_is_refused() {
-        let mut store = CalibrationStore::new(Memory { bytes: vec![0xff; 512], writable: 0 });
+        let mut store = CalibrationStore::new(Memory { bytes: vec![0xff; 512], ..Memory::blank() });
         assert_eq!(store.load(), Err(StoreError::Capacity(512)));
         assert_eq!(store.save(&record(0)), Err(StoreError::Capacity(512)));
     }

@@ -4,6 +4,7 @@ use crate::calibrator::Progress;
 use crate::error_model::PARAMETERS;
 use crate::estimator::Solution;
 use crate::intake::IntakeCounts;
+use crate::policy::Decision;
 use crate::queue::Losses;
 use crate::self_calibration::ConfigError;
 use crate::sequencer::{AbortReason, State};
@@ -24,7 +25,11 @@ pub enum Message {
         found: bool,
         /// A slot is damaged.
         damaged: bool,
+        /// The memory does not answer, or is too small.
+        fault: bool,
     },
+    /// What is done at power-up or on command, and why.
+    Decided(Decision),
     /// The configuration is refused.
     Refused(ConfigError),
     /// The run has entered a state.

@@ -3,16 +3,22 @@
 //! Bounds follow from the distribution of each number under white noise of the configured size, at probabilities that
 //! together reject fewer than one good calibration in a thousand.
 
-use crate::constancy::{Change, Suspicion};
-use crate::error_model::{PARAMETER_INFO, PARAMETERS, ParameterInfo, block};
+mod reason;
+mod scale;
+
+pub use reason::{CHANNEL_NAMES, Reason, Sensors, Unrest};
+pub use scale::WrongScale;
+
+use crate::error_model::{PARAMETERS, block};
 use crate::estimator::{Estimate, Noise, Solution};
 use crate::intake::IntakeCounts;
 use crate::linear::{ComplexField, Real};
 use crate::segment::{CHANNELS, Segment, SegmentKind};
-use crate::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM};
-use crate::wiring::{Wiring, mistake};
-use core::fmt;
+use crate::site::Site;
+use crate::units::{DEG, DEG_H, MICRO_G, PPM};
+use crate::wiring::mistake;
 use core::ops::Range;
+use scale::wrong_scales;
 use serde::{Deserialize, Serialize};
 
 /// Chi-square of the fit: normal deviate of its bounds; 2e-4 above, 3e-7 below, where only the sigmas are too large.
@@ -35,17 +41,14 @@ const HELD_SAMPLES: u16 = 64;
 const LOST_PART: f64 = 0.03;
 /// A channel whose variance is this part of white noise's does not measure.
 const STUCK_RATIO: f64 = 0.01;
+/// A fit that is too good is explained by stops whose variance is this part of white noise's.
+const QUIET_RATIO: f64 = 0.5;
 /// A parameter is observed if its sigma is at most this part of its prior sigma.
 const OBSERVED_RATIO: f64 = 0.1;
 /// A change against the stored calibration is large beyond this many combined sigmas.
 const CHANGE_LIMIT: f64 = 6.0;
 /// Reasons that fit; more are counted.
 const MAX_REASONS: usize = 12;
-
-const HOUR_S: f64 = 3600.0;
-
-/// Names of the channels as reasons give them.
-pub const CHANNEL_NAMES: [&str; CHANNELS] = ["accel x", "accel y", "accel z", "gyro x", "gyro y", "gyro z"];
 
 /// What a result must fulfil beyond statistics.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -62,10 +65,43 @@ pub struct VerdictLimits {
     pub non_perpendicularity_rad: f64,
     /// Largest plausible tilt of the base, rad.
     pub base_tilt_rad: f64,
-    /// Required sigma of the twelve installation errors, rad.
-    pub required_sigma_rad: Option<f64>,
+    /// Greatest sigmas, in the order of the parameter vector, SI; infinite where there is no requirement.
+    pub required_sigmas: Option<[f64; PARAMETERS]>,
     /// Whether a result that differs from the stored calibration may replace it.
     pub accept_change: bool,
+}
+
+impl VerdictLimits {
+    /// Whether every limit is positive and finite.
+    pub fn are_positive(&self) -> bool {
+        let limits = [
+            self.installation_rad,
+            self.accel_bias_m_s2,
+            self.gyro_bias_rad_s,
+            self.scale,
+            self.non_perpendicularity_rad,
+            self.base_tilt_rad,
+        ];
+        let required = self.required_sigmas.iter().flatten();
+        limits.iter().all(|limit| limit.is_finite() && *limit > 0.0) && required.into_iter().all(|limit| *limit > 0.0)
+    }
+
+    /// With a greatest sigma of the twelve installation errors, rad.
+    #[must_use]
+    pub fn requiring(self, sigma_rad: f64) -> Self {
+        let mut required = [f64::INFINITY; PARAMETERS];
+        required.iter_mut().take(INSTALLATION.end).for_each(|required| *required = sigma_rad);
+        Self { required_sigmas: Some(required), ..self }
+    }
+
+    /// Parameters whose sigma, SI, exceeds the required one: index, sigma, required.
+    pub fn unmet<'a>(&'a self, sigmas: &'a [f64; PARAMETERS]) -> impl Iterator<Item = (u8, f64, f64)> + 'a {
+        let required = self.required_sigmas.iter().flatten();
+        let pairs = (0_u8..).zip(sigmas.iter().zip(required));
+        pairs
+            .filter(|(_, (sigma, required))| sigma > required)
+            .map(|(parameter, (sigma, required))| (parameter, *sigma, *required))
+    }
 }
 
 impl Default for VerdictLimits {
@@ -78,65 +114,10 @@ impl Default for VerdictLimits {
             scale: 5000.0 * PPM,
             non_perpendicularity_rad: 0.5 * DEG,
             base_tilt_rad: 15.0 * DEG,
-            required_sigma_rad: None,
+            required_sigmas: None,
             accept_change: false,
         }
     }
-}
-
-/// Why a stop does not look like an instrument at rest.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Unrest {
-    /// The variance of its block means is this many times that of white noise.
-    Variance(f32),
-    /// Its block means drift by this many sigmas.
-    Trend(f32),
-    /// The channel does not change.
-    Stuck,
-}
-
-/// One doubt. Parameters are given by index, segments counted from 0, channels as in [`CHANNEL_NAMES`].
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the text of a variant says what its fields are")]
-pub enum Reason {
-    /// There are too few segments to determine anything.
-    TooFewSegments(u16),
-    /// The estimate does not stand after this many sweeps.
-    NotConverged(u8),
-    /// A parameter or its sigma is not finite.
-    NotFinite { parameter: u8 },
-    /// A parameter is not observed: its sigma is this part of the prior.
-    Unobserved { parameter: u8, of_prior: f64 },
-    /// A sigma, SI, exceeds the required one.
-    Sigma { parameter: u8, sigma: f64, required: f64 },
-    /// A parameter, SI, is outside its plausible range.
-    Implausible { parameter: u8, value: f64, limit: f64 },
-    /// The residual chi-square is outside its bounds.
-    ChiSquare { chi_square: f64, degrees_of_freedom: u32, low: f64, high: f64 },
-    /// One measurement disagrees with all others.
-    Innovation { segment: u16, channel: u8, normalized: f64 },
-    /// A stop was not at rest.
-    Unrest { segment: u16, channel: u8, unrest: Unrest },
-    /// The noise of a channel, over all stops from a segment on, is this many times the configured one.
-    Noise { segment: u16, channel: u8, ratio: f64 },
-    /// A channel drifts during the stops: its trends are this many times those of white noise.
-    Trends { channel: u8, ratio: f64 },
-    /// A channel does not change over this many samples.
-    Held { segment: u16, channel: u8, samples: u16 },
-    /// This many samples of a segment repeat the one before.
-    Stale { segment: u16, samples: u16 },
-    /// Too many samples are missing, of so many.
-    Missing { missing: u32, of: u64 },
-    /// What should be constant changed.
-    Changing(Suspicion),
-    /// A channel or an encoder is not what it claims to be.
-    Wiring(Wiring),
-    /// Samples are missing in a segment for too long, us.
-    Gap { segment: u16, longest_us: u64 },
-    /// More segments than fit were left out.
-    LeftOut(u16),
-    /// Differs from the stored calibration by this many combined sigmas.
-    Changed { parameter: u8, sigmas: f64 },
 }
 
 /// Accepted, or rejected with reasons.
@@ -174,21 +155,32 @@ pub struct Assessment<'a, T: Real> {
     pub segments: &'a [Segment<T>],
     /// The configured noise.
     pub noise: &'a Noise,
+    /// Where the instrument stands.
+    pub site: &'a Site,
     /// What became of the samples.
     pub counts: IntakeCounts,
     /// The calibration in store.
     pub stored: Option<&'a Estimate>,
 }
 
-/// Judges a solution.
+/// Judges a solution. Of doubts of which one follows from another, only the cause is named.
 pub fn judge<T: Real>(assessment: &Assessment<'_, T>, limits: &VerdictLimits) -> Verdict {
     let mut verdict = Verdict::default();
+    for wrong in wrong_scales(assessment.segments, assessment.site.gravity_m_s2(), limits) {
+        verdict.doubt(Reason::Scale(wrong));
+    }
+    if !verdict.accepted() {
+        // Whatever else is wrong follows from it.
+        return verdict;
+    }
     if let Some(wiring) = mistake(assessment.segments) {
         verdict.doubt(Reason::Wiring(wiring));
     }
     judge_samples(&mut verdict, assessment);
-    judge_segments(&mut verdict, assessment);
-    judge_noise(&mut verdict, assessment);
+    let levels = noise_levels(assessment);
+    judge_noise_levels(&mut verdict, &levels);
+    judge_segments(&mut verdict, assessment, &levels);
+    judge_noise(&mut verdict, assessment, &levels);
     judge_fit(&mut verdict, assessment.solution);
     judge_parameters(&mut verdict, assessment, limits);
     if let Some(stored) = assessment.stored {
@@ -213,7 +205,51 @@ fn judge_samples<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>)
     }
 }
 
-fn judge_segments<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>) {
+/// Of each channel whose variance is far from white noise's at most stops, what it is in units of that.
+type NoiseLevels = [Option<f64>; CHANNELS];
+
+/// One stop may be disturbed. If most are, the configured noise is not the instrument's. Too much of it is no fault by
+/// itself, but explains a fit that is too good.
+fn noise_levels<T: Real>(assessment: &Assessment<'_, T>) -> NoiseLevels {
+    let Solution { fit, degrees_of_freedom, .. } = assessment.solution;
+    let [low, _] = chi_square_bounds(*degrees_of_freedom);
+    let quiet = if fit.chi_square < low { QUIET_RATIO } else { STUCK_RATIO };
+    let mut levels = [None; CHANNELS];
+    for (channel, level) in (0_u8..).zip(&mut levels) {
+        let mut far = Pooled::default();
+        let (mut stops, mut stops_far) = (0, 0);
+        for stop in assessment.segments {
+            let Some((variance, _)) = scatter_ratios(stop, assessment.noise, channel) else { continue };
+            let freedom = u32::from(stop.scatter.blocks) - 1;
+            stops += 1;
+            // A channel that is dead has no noise at all.
+            if is_unrest(variance, freedom) || (0.0 < variance && variance < quiet) {
+                stops_far += 1;
+                far.add(variance, freedom);
+            }
+        }
+        *level = (2 * stops_far > stops && stops > 2).then(|| far.ratio());
+    }
+    levels
+}
+
+fn judge_noise_levels(verdict: &mut Verdict, levels: &NoiseLevels) {
+    let mut doubt = |sensors, variance| {
+        verdict.doubt(Reason::NoiseLevel { sensors, ratio: ComplexField::sqrt(variance) });
+    };
+    let [ax, ay, az, gx, gy, gz] = *levels;
+    for (sensors, first, triad) in [(Sensors::Accelerometers, 0, [ax, ay, az]), (Sensors::Gyros, 3, [gx, gy, gz])] {
+        if let [Some(x), Some(y), Some(z)] = triad {
+            doubt(sensors, (x + y + z) / 3.0);
+        } else {
+            for (channel, level) in (first..).zip(triad) {
+                level.into_iter().for_each(|variance| doubt(Sensors::Channel(channel), variance));
+            }
+        }
+    }
+}
+
+fn judge_segments<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, levels: &NoiseLevels) {
     if assessment.segments.len() < 3 {
         verdict.doubt(Reason::TooFewSegments(assessment.segments.len() as u16));
     }
@@ -221,7 +257,7 @@ fn judge_segments<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>
         if segment.is_broken() {
             verdict.doubt(Reason::Gap { segment: number, longest_us: segment.longest_interval_us });
         }
-        if let Some((channel, unrest)) = unrest(segment, assessment.noise) {
+        if let Some((channel, unrest)) = unrest_but(segment, assessment.noise, levels) {
             verdict.doubt(Reason::Unrest { segment: number, channel, unrest });
         }
     }
@@ -233,8 +269,8 @@ fn judge_segments<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>
 }
 
 /// The stops together: noise that has grown, and drift, too little for each of them to show.
-fn judge_noise<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>) {
-    for channel in 0..CHANNELS as u8 {
+fn judge_noise<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, levels: &NoiseLevels) {
+    for channel in unnamed(levels) {
         let mut noise = Pooled::default();
         let mut trends = Pooled::default();
         let mut noisiest: Option<(u16, Pooled)> = None;
@@ -286,21 +322,33 @@ fn judge_fit(verdict: &mut Verdict, solution: &Solution) {
     if solution.suspicion.is_founded() {
         verdict.doubt(Reason::Changing(solution.suspicion));
     }
+    if solution.fit.refused > 0 {
+        verdict.doubt(Reason::Refused(solution.fit.refused));
+    }
     if !solution.converged {
         verdict.doubt(Reason::NotConverged(solution.sweeps));
     }
-    let freedom = solution.degrees_of_freedom;
-    let low = chi_square_quantile(freedom, CHI_SQUARE_LOWER_Z);
-    let high = chi_square_quantile(freedom, CHI_SQUARE_UPPER_Z);
+    let degrees_of_freedom = solution.degrees_of_freedom;
     let chi_square = solution.fit.chi_square;
-    if freedom > 0 && !(low..=high).contains(&chi_square) {
-        verdict.doubt(Reason::ChiSquare { chi_square, degrees_of_freedom: freedom, low, high });
+    let [low, high] = chi_square_bounds(degrees_of_freedom);
+    if degrees_of_freedom > 0 && !(low..=high).contains(&chi_square) {
+        verdict.doubt(Reason::ChiSquare { chi_square, degrees_of_freedom, low, high });
     }
     let largest = solution.fit.largest;
     if largest.normalized.abs() > INNOVATION_LIMIT {
         let (segment, channel) = (largest.segment, largest.channel);
         verdict.doubt(Reason::Innovation { segment, channel, normalized: largest.normalized });
     }
+}
+
+/// Whether a residual chi-square is within its bounds.
+pub fn is_good_fit(chi_square: f64, degrees_of_freedom: u32) -> bool {
+    let [low, high] = chi_square_bounds(degrees_of_freedom);
+    (low..=high).contains(&chi_square)
+}
+
+fn chi_square_bounds(degrees_of_freedom: u32) -> [f64; 2] {
+    [CHI_SQUARE_LOWER_Z, CHI_SQUARE_UPPER_Z].map(|z| chi_square_quantile(degrees_of_freedom, z))
 }
 
 fn judge_parameters<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, limits: &VerdictLimits) {
@@ -320,12 +368,9 @@ fn judge_parameters<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, 
         if usize::from(parameter) != HEADING && *sigma > OBSERVED_RATIO * prior {
             verdict.doubt(Reason::Unobserved { parameter, of_prior: sigma / prior });
         }
-        if let Some(required) = limits.required_sigma_rad
-            && INSTALLATION.contains(&usize::from(parameter))
-            && *sigma > required
-        {
-            verdict.doubt(Reason::Sigma { parameter, sigma: *sigma, required });
-        }
+    }
+    for (parameter, sigma, required) in limits.unmet(&estimate.sigmas) {
+        verdict.doubt(Reason::Sigma { parameter, sigma, required });
     }
 }
 
@@ -339,6 +384,10 @@ fn judge_change<T: Real>(
     let difference = now.errors.to_vector() - stored.errors.to_vector();
     let sigmas = now.sigmas.iter().zip(&stored.sigmas);
     for ((parameter, difference), (new, old)) in (0_u8..).zip(difference.iter()).zip(sigmas) {
+        if *new == 0.0 || *old == 0.0 {
+            // One of them took the parameter as known.
+            continue;
+        }
         let combined = ComplexField::hypot(*new, *old);
         let constant =
             INSTALLATION.contains(&usize::from(parameter)) || usize::from(parameter) == block::NON_PERPENDICULARITY;
@@ -374,18 +423,32 @@ fn plausible(parameter: usize, limits: &VerdictLimits) -> f64 {
 /// What shows that a stop was not at rest, if anything, with its channel: the variance and the trend of its block means
 /// against white noise of the configured size.
 pub fn unrest<T: Real>(segment: &Segment<T>, noise: &Noise) -> Option<(u8, Unrest)> {
+    unrest_but(segment, noise, &[None; CHANNELS])
+}
+
+/// As [`unrest`], without the channels whose noise is another one throughout.
+fn unrest_but<T: Real>(segment: &Segment<T>, noise: &Noise, levels: &NoiseLevels) -> Option<(u8, Unrest)> {
     let freedom = u32::from(segment.scatter.blocks).saturating_sub(1);
-    for channel in 0..CHANNELS as u8 {
+    for channel in unnamed(levels) {
         let (ratio, trend) = scatter_ratios(segment, noise, channel)?;
         if trend.abs() > TREND_LIMIT {
             return Some((channel, Unrest::Trend(trend as f32)));
-        } else if ratio * f64::from(freedom) > chi_square_quantile(freedom, SCATTER_Z) {
+        } else if is_unrest(ratio, freedom) {
             return Some((channel, Unrest::Variance(ratio as f32)));
         } else if ratio < STUCK_RATIO {
             return Some((channel, Unrest::Stuck));
         }
     }
     None
+}
+
+/// Channels whose noise is not another one throughout.
+fn unnamed(levels: &NoiseLevels) -> impl Iterator<Item = u8> {
+    (0_u8..).zip(levels).filter(|(_, level)| level.is_none()).map(|(channel, _)| channel)
+}
+
+fn is_unrest(variance_ratio: f64, freedom: u32) -> bool {
+    variance_ratio * f64::from(freedom) > chi_square_quantile(freedom, SCATTER_Z)
 }
 
 /// Of one channel at a stop: the variance of its block means over that of white noise, and their trend over its sigma.
@@ -411,137 +474,18 @@ fn chi_square_quantile(degrees_of_freedom: u32, z: f64) -> f64 {
     n * root * root * root
 }
 
-fn info(parameter: u8) -> ParameterInfo {
-    const UNKNOWN: ParameterInfo = ParameterInfo { name: "?", unit: "", unit_si: 1.0 };
-    PARAMETER_INFO.get(usize::from(parameter)).copied().unwrap_or(UNKNOWN)
-}
-
-/// As [`info`], with the attitude's small changes in arcsec.
-fn change_info(parameter: u8) -> ParameterInfo {
-    let info = info(parameter);
-    if usize::from(parameter) < block::ATTITUDE {
-        info
-    } else {
-        ParameterInfo { unit: "arcsec", unit_si: ARCSEC, ..info }
-    }
-}
-
-fn channel_name(channel: u8) -> &'static str {
-    CHANNEL_NAMES.get(usize::from(channel)).copied().unwrap_or("?")
-}
-
-fn encoder_name(axis: u8) -> &'static str {
-    if axis == 0 { "outer encoder" } else { "inner encoder" }
-}
-
-fn write_suspicion(f: &mut fmt::Formatter<'_>, suspicion: &Suspicion) -> fmt::Result {
-    let Suspicion { change, segment, size, sigmas, limit } = *suspicion;
-    match change {
-        Change::Step(parameter) => {
-            let ParameterInfo { name, unit, unit_si } = change_info(parameter);
-            write!(f, "from segment {segment} on, {name} differs by {:.3} {unit}", size / unit_si)
-        }
-        Change::Ramp(parameter) => {
-            let ParameterInfo { name, unit, unit_si } = change_info(parameter);
-            write!(f, "from segment {segment} on, {name} drifts by {:.1} {unit} an hour", size * HOUR_S / unit_si)
-        }
-        Change::Slip(axis) => {
-            write!(f, "segment {segment}, {}: slip of {:.2} arcsec", encoder_name(axis), size / ARCSEC)
-        }
-        Change::EncoderScale(axis) => {
-            write!(f, "from segment {segment} on, {}: scale error of {:.2} ppm", encoder_name(axis), size / PPM)
-        }
-        Change::Outlier(channel) => {
-            let (size, unit) = if channel < 3 { (size / MICRO_G, "ug") } else { (size / ARCSEC, "arcsec") };
-            write!(f, "segment {segment}, {}: off by {size:.2} {unit}", channel_name(channel))
-        }
-    }?;
-    write!(f, ", {sigmas:.1} sigma, limit {limit:.1}")
-}
-
-fn write_wiring(f: &mut fmt::Formatter<'_>, wiring: Wiring) -> fmt::Result {
-    match wiring {
-        Wiring::Reversed(channel) => write!(f, "the sign of {} is wrong", channel_name(channel)),
-        Wiring::Swapped(channel) => {
-            let next = channel / 3 * 3 + (channel + 1) % 3;
-            write!(f, "{} and {} are swapped", channel_name(channel), channel_name(next))
-        }
-        Wiring::EncoderReversed(axis) => write!(f, "the sign of the {} is wrong", encoder_name(axis)),
-        Wiring::EncodersSwapped => write!(f, "the encoders are swapped, or an axis is wired wrongly"),
-    }
-}
-
-impl fmt::Display for Reason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match *self {
-            Self::TooFewSegments(count) => write!(f, "only {count} segments: no stop, move and stop to calibrate from"),
-            Self::NotConverged(sweeps) => write!(f, "the estimate does not stand after {sweeps} sweeps"),
-            Self::NotFinite { parameter } => write!(f, "{} is not finite", info(parameter).name),
-            Self::Unobserved { parameter, of_prior } => {
-                write!(f, "{} is not observed: its sigma is still {of_prior:.2} of the prior's", info(parameter).name)
-            }
-            Self::Sigma { parameter, sigma, required } => {
-                let info = info(parameter);
-                let (sigma, required) = (sigma / info.unit_si, required / info.unit_si);
-                write!(f, "sigma of {} is {sigma:.3} {}, required {required:.3}", info.name, info.unit)
-            }
-            Self::Implausible { parameter, value, limit } => {
-                let info = info(parameter);
-                let (value, limit) = (value / info.unit_si, limit / info.unit_si);
-                write!(f, "{} is {value:.1} {}, plausible up to {limit:.1}", info.name, info.unit)
-            }
-            Self::ChiSquare { chi_square, degrees_of_freedom, low, high } => write!(
-                f,
-                "chi-square {chi_square:.1} with {degrees_of_freedom} degrees of freedom is outside {low:.1} to {high:.1}"
-            ),
-            Self::Innovation { segment, channel, normalized } => {
-                write!(f, "segment {segment}, {}: innovation of {normalized:.1} sigma", channel_name(channel))
-            }
-            Self::Unrest { segment, channel, unrest } => {
-                write!(f, "segment {segment}, {}: ", channel_name(channel))?;
-                match unrest {
-                    Unrest::Variance(ratio) => write!(f, "variance {ratio:.1} times that of the configured noise"),
-                    Unrest::Trend(sigmas) => write!(f, "drift of {sigmas:.1} sigma during the stop"),
-                    Unrest::Stuck => write!(f, "the channel does not change"),
-                }
-            }
-            Self::Noise { segment, channel, ratio } => write!(
-                f,
-                "{} from segment {segment} on: {ratio:.2} times the variance of the configured noise",
-                channel_name(channel)
-            ),
-            Self::Trends { channel, ratio } => {
-                write!(f, "{}: drift during the stops, {ratio:.1} times that of white noise", channel_name(channel))
-            }
-            Self::Held { segment, channel, samples } => {
-                write!(f, "segment {segment}, {}: does not change over {samples} samples", channel_name(channel))
-            }
-            Self::Stale { segment, samples } => {
-                write!(f, "segment {segment}: {samples} samples repeat the one before")
-            }
-            Self::Missing { missing, of } => write!(f, "{missing} of {of} samples are missing"),
-            Self::Changing(suspicion) => write_suspicion(f, &suspicion),
-            Self::Wiring(wiring) => write_wiring(f, wiring),
-            Self::Gap { segment, longest_us } => {
-                write!(f, "segment {segment}: no samples for {} ms", longest_us / 1000)
-            }
-            Self::LeftOut(count) => write!(f, "{count} segments did not fit and were left out"),
-            Self::Changed { parameter, sigmas } => {
-                write!(f, "{} differs from the stored calibration by {sigmas:.1} combined sigma", info(parameter).name)
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::angle::Angle;
+    use crate::constancy::{Change, Suspicion};
     use crate::error_model::InstrumentErrors;
     use crate::estimator::{Fit, LargestInnovation};
     use crate::linear::Vector3;
     use crate::options::OptionalEstimate;
     use crate::segment::{GimbalSums, Held, Scatter};
+    use crate::units::ARCSEC;
+    use crate::wiring::Wiring;
     use std::string::ToString;
     use std::vec::Vec;
 
@@ -608,6 +552,7 @@ mod tests {
             prior_sigmas: &PRIOR,
             segments: &case.segments,
             noise: &NOISE,
+            site: &Site::default(),
             counts: case.counts,
             stored: case.stored.as_ref(),
         };
@@ -674,7 +619,10 @@ mod tests {
         let innovation = reasons(|case| {
             case.solution.fit.largest = LargestInnovation { normalized: -7.5, segment: 12, channel: 3 };
         });
+        let huge = reasons(|case| case.solution.fit.chi_square = 123_456_789_012.3);
+        assert_eq!(huge, ["chi-square 1.235e11 with 140 degrees of freedom is outside 71.5 to 208.4"]);
         assert_eq!(innovation, ["segment 12, gyro x: innovation of -7.5 sigma"]);
+        assert_eq!(reasons(|case| case.solution.fit.refused = 2), ["2 measurements are not finite"]);
         assert_eq!(reasons(|case| case.solution.converged = false), ["the estimate does not stand after 3 sweeps"]);
     }
 
@@ -719,7 +667,7 @@ mod tests {
         assert_eq!(far, ["beta is 21600.0 arcsec, plausible up to 18000.0"]);
         let unobserved = reasons(|case| case.solution.estimate.sigmas[0] = 0.025);
         assert_eq!(unobserved, ["Sgxy is not observed: its sigma is still 0.50 of the prior's"]);
-        let sigma = reasons(|case| case.limits.required_sigma_rad = Some(0.2 * ARCSEC));
+        let sigma = reasons(|case| case.limits = case.limits.requiring(0.2 * ARCSEC));
         assert_eq!((sigma.len(), sigma[0].as_str()), (12, "sigma of Sgxy is 0.300 arcsec, required 0.200"));
         let heading = reasons(|case| case.solution.estimate.sigmas[HEADING] = 0.05);
         assert_eq!(heading.len(), 0, "a heading that is not known says so by its sigma");
@@ -738,9 +686,93 @@ mod tests {
     }
 
     #[test]
+    fn a_parameter_that_only_one_method_estimates_is_not_compared() {
+        let mut case = good();
+        let mut two_stage = case.solution.estimate;
+        two_stage.sigmas[block::NON_PERPENDICULARITY] = 0.0;
+        case.stored = Some(two_stage);
+        case.solution.estimate.errors.axis_non_perpendicularity = 4.0 * ARCSEC;
+        assert!(verdict(&case).accepted(), "{:?}", verdict(&case).reasons);
+        std::mem::swap(&mut case.solution.estimate, case.stored.as_mut().unwrap());
+        assert!(verdict(&case).reasons.iter().all(|reason| !matches!(reason, Reason::Changed { .. })));
+    }
+
+    #[test]
+    fn wrong_units_are_the_only_reason() {
+        let spoilt = |case: &mut Case| {
+            case.solution.fit.chi_square = 1e9;
+            case.segments.iter_mut().for_each(|stop| stop.scatter.variance = [1.0; CHANNELS]);
+        };
+        let in_g = reasons(|case| {
+            spoilt(case);
+            case.segments.iter_mut().for_each(|stop| stop.force_a /= 9.8);
+        });
+        assert_eq!(in_g, ["accelerometers read 0.102 times gravity at the stops: g in place of m/s^2?"]);
+        let turning = |case: &mut Case, gyro: f64, encoder: f64| {
+            let turn = core::f64::consts::FRAC_PI_2;
+            for (number, segment) in case.segments.iter_mut().enumerate().filter(|(number, _)| number % 2 == 1) {
+                let (outer, inner) = if number % 4 == 1 { (turn, 0.0) } else { (0.0, turn) };
+                segment.kind = SegmentKind::Move;
+                segment.rotation_g = Vector3::new(outer, 0.0, inner) * gyro;
+                let (outer, inner) = (outer * encoder, inner * encoder);
+                segment.gimbals = GimbalSums { outer, inner, outer_cos_inner: outer, ..GimbalSums::default() };
+            }
+        };
+        assert!(reasons(|case| turning(case, 1.0, 1.0)).is_empty());
+        let degrees = 1.0 / DEG;
+        for (gyro, encoder, expected) in [
+            (degrees, 1.0, "gyros in deg/s"),
+            (1.0, degrees, "encoders in deg"),
+            (degrees, degrees, "gyros and encoders in deg"),
+        ] {
+            let found = reasons(|case| {
+                spoilt(case);
+                case.segments.iter_mut().for_each(|segment| segment.duration_us = 6_000_000);
+                turning(case, gyro, encoder);
+            });
+            assert!(found.len() == 1 && found[0].contains(&format!(": {expected} in place of rad")), "{found:?}");
+        }
+    }
+
+    #[test]
+    fn one_stop_or_channel_of_another_scale_is_no_matter_of_units() {
+        let one = reasons(|case| case.segments[3].force_a *= 0.1);
+        assert!(one.is_empty(), "left to the fit: {one:?}");
+        let dead = reasons(|case| {
+            case.segments.iter_mut().for_each(|stop| {
+                stop.force_a = Vector3::zeros();
+                stop.held = Held { samples: 2000, channel: 2, stale: 0 };
+            });
+        });
+        assert_eq!(dead[0], "segment 0, accel z: does not change over 2000 samples");
+    }
+
+    #[test]
+    fn noise_that_is_another_one_throughout_is_one_reason() {
+        let scaled = |channels: Range<usize>, factor: f32| {
+            reasons(|case| {
+                for stop in &mut case.segments {
+                    stop.scatter.variance[channels.clone()].iter_mut().for_each(|variance| *variance *= factor);
+                    stop.scatter.trend[channels.clone()].fill(6.0 * 1e-4 / 0.1_f32.sqrt());
+                }
+            })
+        };
+        assert_eq!(scaled(0..3, 9.0), ["accelerometers: noise is 3.00 times the configured"]);
+        assert_eq!(scaled(3..6, 1e-4), ["gyros: noise is 0.01 times the configured"]);
+        assert_eq!(scaled(4..5, 9.0), ["gyro y: noise is 3.00 times the configured"]);
+        let quiet = reasons(|case| {
+            case.solution.fit.chi_square = 60.0;
+            case.segments.iter_mut().for_each(|stop| stop.scatter.variance[5] *= 0.36);
+        });
+        assert_eq!((quiet.len(), quiet[0].as_str()), (2, "gyro z: noise is 0.60 times the configured"));
+        let few = reasons(|case| case.segments[..9].iter_mut().for_each(|stop| stop.scatter.variance[1] *= 9.0));
+        assert_eq!(few[0], "segment 0, accel y: variance 9.0 times that of the configured noise");
+    }
+
+    #[test]
     fn reasons_that_do_not_fit_are_counted() {
         let mut case = good();
-        case.limits.required_sigma_rad = Some(0.0);
+        case.limits = case.limits.requiring(0.0);
         case.solution.converged = false;
         assert_eq!((verdict(&case).reasons.len(), verdict(&case).more), (MAX_REASONS, 1));
     }

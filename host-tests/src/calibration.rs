@@ -10,6 +10,7 @@ use rins_selfcal::intake::IntakeCounts;
 use rins_selfcal::linear::{Matrix, Real, Vector3, real};
 use rins_selfcal::method::Method;
 use rins_selfcal::options::{OPTIONAL_INFO, Options};
+use rins_selfcal::queue::Losses;
 use rins_selfcal::sample::RawSample;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::SegmentKind;
@@ -182,12 +183,16 @@ pub struct Outcome {
     pub solution: Solution,
     /// Accepted, or why not.
     pub verdict: Verdict,
+    /// Whether the instrument could store it; none where there is nothing to store, or no store.
+    pub stored: Option<bool>,
     /// Covariance of the parameters, SI.
     pub covariance: Matrix<f64, PARAMETERS, PARAMETERS>,
     /// Sigmas before any data, SI.
     pub prior_sigmas: [f64; PARAMETERS],
     /// What became of the samples.
     pub counts: IntakeCounts,
+    /// Samples lost between the IMU and the core; unknown of a log.
+    pub losses: Option<Losses>,
     /// Stops found.
     pub stops: usize,
     /// Moves found.
@@ -200,7 +205,9 @@ pub struct Record {
     solution: Option<(Solution, IntakeCounts)>,
     covariance: Matrix<f64, PARAMETERS, PARAMETERS>,
     verdict: Option<Verdict>,
+    stored: Option<bool>,
     aborted: Option<AbortReason>,
+    losses: Option<Losses>,
     stops: usize,
     moves: usize,
 }
@@ -215,7 +222,9 @@ impl Record {
                 self.covariance.row_mut(usize::from(*row)).copy_from_slice(values);
             }
             Message::Judged(verdict) => self.verdict = Some(verdict.clone()),
+            Message::Saved(stored) => self.stored = Some(*stored),
             Message::Aborted(reason) => self.aborted = Some(*reason),
+            Message::Queue { losses, .. } => self.losses = Some(*losses),
             _ => {}
         }
     }
@@ -239,9 +248,11 @@ impl Record {
             setup: setup.clone(),
             solution,
             verdict: self.verdict?,
+            stored: self.stored,
             covariance: self.covariance,
             prior_sigmas: setup.config().estimator.prior_sigmas(),
             counts,
+            losses: self.losses,
             stops: self.stops,
             moves: self.moves,
         })
@@ -276,8 +287,41 @@ impl Outcome {
         reasons
     }
 
+    /// Whether the result is accepted, and in the store where there is one.
+    pub fn is_in_use(&self) -> bool {
+        self.verdict.accepted() && self.stored != Some(false)
+    }
+
     /// "accepted" or "rejected".
     pub fn verdict_name(&self) -> &'static str {
         if self.verdict.accepted() { "accepted" } else { "rejected" }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::table;
+    use crate::virtual_rins::VirtualUnit;
+    use crate::virtual_run::VirtualRun;
+
+    #[test]
+    fn a_result_that_could_not_be_stored_is_not_in_use() {
+        let scheme = Scheme::bai(1.0, 1);
+        let setup = Setup::new(&UnitConfig::default(), 50.0, Method::Joint, Precision::F64).on_scheme(&scheme);
+        let unit = VirtualUnit { rate_hz: 50.0, ..VirtualUnit::default() };
+        let outcome = VirtualRun { unit, scheme, seed: 1 }.calibrate(std::slice::from_ref(&setup)).remove(0);
+        let ended = |saved: Option<bool>| {
+            let mut record = Record::default();
+            record.note(&Message::Solved { solution: outcome.solution, counts: outcome.counts });
+            record.note(&Message::Judged(Verdict::default()));
+            saved.into_iter().for_each(|saved| record.note(&Message::Saved(saved)));
+            record.outcome(&setup).expect("solved and judged")
+        };
+        assert!(ended(None).is_in_use() && ended(Some(true)).is_in_use());
+        let lost = ended(Some(false));
+        assert!(!lost.is_in_use());
+        assert!(table::verdict(&lost).contains("\naccepted, but not stored: "), "{}", table::verdict(&lost));
+        assert!(!table::verdict(&ended(Some(true))).contains("not stored"));
     }
 }

@@ -2,6 +2,7 @@
 
 mod arguments;
 mod calibrate;
+mod files;
 mod monte_carlo;
 mod observability;
 mod plan;

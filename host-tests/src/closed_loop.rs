@@ -4,7 +4,7 @@
 use crate::bench::Bench;
 use crate::calibration::{Outcome, Precision, Record, Setup};
 use crate::drive::move_durations_s;
-use crate::emulator::{Run, Scalar, build};
+use crate::emulator::{Run, Scalar, Variant, build};
 use crate::power_up::{Switched, in_emulator, in_process, shared};
 use crate::virtual_rins::VirtualRins;
 use crate::virtual_run::VirtualRun;
@@ -69,10 +69,11 @@ impl<'a> PowerUp<'a> {
         on_log: impl FnMut(&str),
         on_message: impl FnMut(&Message),
     ) -> Result<(Ended, Run)> {
-        let image = build(match self.setup.precision {
+        let scalar = match self.setup.precision {
             Precision::F64 => Scalar::F64,
             Precision::F32 => Scalar::F32,
-        })?;
+        };
+        let image = build(Variant { scalar, optional_states: self.setup.options.needs_states() })?;
         let mut watch = Watch::new(self.run, on_message);
         let mut bench = Bench::new(watch.plant());
         let told = |message: &Message| watch.note(message);
@@ -122,10 +123,10 @@ impl<F: FnMut(&Message)> Watch<F> {
         match message {
             Message::State { state, .. } => self.state = *state,
             Message::Corrected { .. } => self.corrected += 1,
-            Message::Refused(error) => self.refused = Some(format!("{error:?}")),
+            Message::Refused(error) => self.refused = Some(error.to_string()),
             _ => {}
         }
-        if self.state == State::Parked || self.corrected >= CORRECTED_MESSAGES {
+        if matches!(self.state, State::Parked | State::Stranded) || self.corrected >= CORRECTED_MESSAGES {
             self.off.set(true);
         }
         (self.on_message)(message);

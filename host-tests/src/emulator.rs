@@ -49,30 +49,60 @@ impl Scalar {
     }
 }
 
+/// What an image is built for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Variant {
+    /// Its arithmetic.
+    pub scalar: Scalar,
+    /// Whether its filter has room for the optional states.
+    pub optional_states: bool,
+}
+
+impl Variant {
+    /// Name of its directory and in reports.
+    pub const fn name(self) -> &'static str {
+        match (self.scalar, self.optional_states) {
+            (scalar, false) => scalar.name(),
+            (Scalar::F64, true) => "f64-optional-states",
+            (Scalar::F32, true) => "f32-optional-states",
+        }
+    }
+
+    fn features(self) -> String {
+        let scalar = if self.scalar == Scalar::F32 { ",single-precision" } else { "" };
+        let states = if self.optional_states { ",optional-states" } else { "" };
+        format!("firmware{scalar}{states}")
+    }
+}
+
+impl From<Scalar> for Variant {
+    /// Without optional states.
+    fn from(scalar: Scalar) -> Self {
+        Self { scalar, optional_states: false }
+    }
+}
+
 // ------------------------------------------------------------------------------------------------------------- set-up
 
 /// Builds the firmware and returns its image. Installs the target if the toolchain lacks it.
 ///
 /// # Errors
 /// One line that says what is missing and the command that installs it, or cargo's own output.
-pub fn build(scalar: Scalar) -> Result<PathBuf> {
+pub fn build(variant: impl Into<Variant>) -> Result<PathBuf> {
+    let variant = variant.into();
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("host-tests has no parent")?;
     let targets = env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |dir| root.join(dir));
     // Directories of their own: a running `cargo test` holds the lock of the usual one, and the images differ.
-    let directory = targets.join(format!("firmware-{}", scalar.name()));
+    let directory = targets.join(format!("firmware-{}", variant.name()));
     fs::create_dir_all(&directory).with_context(|| format!("cannot make {}", directory.display()))?;
     // One build and one installation at a time, whichever process asks.
     let lock = File::create(directory.join(".lock"))?;
     lock.lock()?;
     ensure_target(root)?;
-    let features = match scalar {
-        Scalar::F64 => "firmware",
-        Scalar::F32 => "firmware,single-precision",
-    };
     let output = cargo()
         .current_dir(root)
         .args(["build", "--release", "--quiet", "--package", "rins-selfcal", "--bin", "firmware"])
-        .args(["--features", features, "--target", TARGET, "--target-dir"])
+        .args(["--features", &variant.features(), "--target", TARGET, "--target-dir"])
         .arg(&directory)
         .output()
         .context("cannot run cargo")?;
@@ -185,6 +215,42 @@ pub struct Run {
     pub stack_bytes: u64,
     /// Data-ready edges that came late because the processor was busy.
     pub late_edges: u64,
+    /// Most samples that waited in the queue at once.
+    pub queue_deepest: u64,
+    /// Samples that the queue holds.
+    pub queue_length: u64,
+    /// Instructions by kind of work, in the order of [`WORKS`], without transfers and telemetry.
+    pub loads: [Load; WORKS.len()],
+}
+
+/// Kinds of work that the firmware counts.
+pub const WORKS: [&str; 7] = [
+    "data-ready interrupt",
+    "sample of a stop",
+    "sample of a move",
+    "end of a segment",
+    "piece of the solution",
+    "corrected sample",
+    "anything else",
+];
+
+/// What one kind of work took.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Load {
+    /// How often it was done.
+    pub spans: u64,
+    /// Instructions on average, in all exact to 20.
+    pub mean_instructions: f64,
+    /// Instructions of the longest, to 20.
+    pub most_instructions: f64,
+}
+
+impl Load {
+    fn new(&[spans, ticks, longest]: &[u64; 3]) -> Self {
+        let instructions = |ticks: u64| ticks as f64 / TICKS_PER_S / (NS_PER_INSTRUCTION * 1e-9);
+        let mean_instructions = instructions(ticks) / spans.max(1) as f64;
+        Self { spans, mean_instructions, most_instructions: instructions(longest) }
+    }
 }
 
 /// Runs an image on a bench until the plant is exhausted and the firmware has ended. `on_log` gets each line of its log,
@@ -224,7 +290,8 @@ pub fn run<P: Plant>(
     }
     let status = served?;
     let report = fs::read(directory.path().join("run")).ok().and_then(|bytes| words(&bytes));
-    let Some([elapsed, idle, stack_used_bytes, stack_bytes, late_edges]) = report else {
+    let Some(([elapsed, idle, stack_used_bytes, stack_bytes, late_edges, queue_deepest, queue_length], loads)) = report
+    else {
         bail!("the firmware ended without a report, {status}: {}", host.complaints(directory.path()));
     };
     let elapsed_s = elapsed as f64 / TICKS_PER_S;
@@ -237,17 +304,19 @@ pub fn run<P: Plant>(
         stack_used_bytes,
         stack_bytes,
         late_edges,
+        queue_deepest,
+        queue_length,
+        loads: loads.each_ref().map(Load::new),
     })
 }
 
-/// The five numbers of the file `run`.
-fn words(bytes: &[u8]) -> Option<[u64; 5]> {
-    let bytes: [u8; 40] = bytes.try_into().ok()?;
-    let mut words = [0; 5];
-    for (word, bytes) in words.iter_mut().zip(bytes.chunks_exact(8)) {
-        *word = u64::from_le_bytes(bytes.try_into().ok()?);
-    }
-    Some(words)
+/// The numbers of the file `run`: some of the whole run, then three for each kind of work.
+fn words(bytes: &[u8]) -> Option<([u64; 7], [[u64; 3]; WORKS.len()])> {
+    let (words, rest) = bytes.as_chunks::<8>();
+    let words: Vec<u64> = words.iter().map(|word| u64::from_le_bytes(*word)).collect();
+    let (whole, loads) = words.split_first_chunk()?;
+    let (loads, more) = loads.as_chunks();
+    (rest.is_empty() && more.is_empty()).then_some((*whole, loads.try_into().ok()?))
 }
 
 /// Cuts a stream into COBS frames.

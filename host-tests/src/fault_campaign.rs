@@ -192,9 +192,12 @@ impl fmt::Display for Summary {
 
 fn reason_name(reason: &Reason) -> &'static str {
     match reason {
+        Reason::Scale(_) => "units",
+        Reason::NoiseLevel { .. } => "noise at most stops",
         Reason::TooFewSegments(_) => "too few segments",
         Reason::NotConverged(_) => "not converged",
         Reason::NotFinite { .. } => "not finite",
+        Reason::Refused(_) => "measurements refused",
         Reason::Unobserved { .. } => "not observed",
         Reason::Sigma { .. } => "sigma above the required one",
         Reason::Implausible { .. } => "implausible",

@@ -37,12 +37,12 @@ const LATEST_S: f64 = 3.2e9;
 #[derive(Debug, thiserror::Error)]
 pub enum LogError {
     /// The file cannot be opened, created or written.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {cause}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
         /// What the system says.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// The path is a directory.
     #[error("{}: is a directory", path.display())]
@@ -51,14 +51,14 @@ pub enum LogError {
         path: PathBuf,
     },
     /// Reading, or decompressing, fails on the way.
-    #[error("{}:{line}: {source}", path.display())]
+    #[error("{}:{line}: {cause}", path.display())]
     Read {
         /// The file.
         path: PathBuf,
         /// Line, from 1.
         line: u64,
         /// What the system or the decompressor says.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// Nothing in the file.
     #[error("{}:1: the file is empty, expected a header row", path.display())]
@@ -81,12 +81,14 @@ pub enum LogError {
         column: &'static str,
     },
     /// The header has a column twice.
-    #[error("{}:1: column {column} is there twice", path.display())]
+    #[error("{}:1: column {column} is there twice, as columns {} and {}", path.display(), numbers[0], numbers[1])]
     DuplicateColumn {
         /// The file.
         path: PathBuf,
         /// The column.
         column: &'static str,
+        /// Where it is, from 1.
+        numbers: [usize; 2],
     },
     /// A row has fewer or more fields than the header.
     #[error("{}:{line}: {found} fields, the header has {expected}; column {column} is the first {}",
@@ -340,7 +342,7 @@ impl Rows {
 }
 
 fn open_input(path: &Path) -> Result<Box<dyn Read>, LogError> {
-    let io = |source| LogError::Io { path: path.into(), source };
+    let io = |cause| LogError::Io { path: path.into(), cause };
     let file = File::open(path).map_err(io)?;
     if file.metadata().map_err(io)?.is_dir() {
         return Err(LogError::Directory { path: path.into() });
@@ -367,20 +369,21 @@ fn read_header(path: &Path, csv: &mut csv::Reader<Box<dyn Read>>) -> Result<Vec<
 
 fn find_column(path: &Path, header: &[String], column: &'static str) -> Result<Option<usize>, LogError> {
     let mut places = header.iter().enumerate().filter(|(_, name)| *name == column).map(|(position, _)| position);
-    let place = places.next();
-    match places.next() {
-        Some(_) => Err(LogError::DuplicateColumn { path: path.into(), column }),
-        None => Ok(place),
+    match (places.next(), places.next()) {
+        (Some(first), Some(second)) => {
+            Err(LogError::DuplicateColumn { path: path.into(), column, numbers: [first + 1, second + 1] })
+        }
+        (place, _) => Ok(place),
     }
 }
 
 fn read_error(path: &Path, error: csv::Error, csv: &csv::Reader<Box<dyn Read>>) -> LogError {
     let line = csv.position().line();
-    let source = match error.into_kind() {
-        csv::ErrorKind::Io(source) => source,
+    let cause = match error.into_kind() {
+        csv::ErrorKind::Io(cause) => cause,
         other => std::io::Error::other(format!("{other:?}")),
     };
-    LogError::Read { path: path.into(), line, source }
+    LogError::Read { path: path.into(), line, cause }
 }
 
 /// Writes a log.
@@ -411,7 +414,7 @@ impl LogWriter {
     /// # Errors
     /// The file cannot be created or written.
     pub fn create(path: &Path, temperature: bool) -> Result<Self, LogError> {
-        let file = File::create(path).map_err(|source| LogError::Io { path: path.into(), source })?;
+        let file = File::create(path).map_err(|cause| LogError::Io { path: path.into(), cause })?;
         let output = if path.extension().is_some_and(|extension| extension == "gz") {
             Output::Gzip(BufWriter::with_capacity(1 << 16, GzEncoder::new(file, Compression::fast())))
         } else {
@@ -440,7 +443,7 @@ impl LogWriter {
     /// # Errors
     /// The file cannot be written.
     pub fn finish(self) -> Result<(), LogError> {
-        let io = |source| LogError::Io { path: self.path.clone(), source };
+        let io = |cause| LogError::Io { path: self.path.clone(), cause };
         match self.output {
             Output::Plain(mut output) => output.flush().map_err(io),
             Output::Gzip(output) => {
@@ -467,7 +470,7 @@ impl LogWriter {
     fn write_line(&mut self) -> Result<(), LogError> {
         self.line.push('\n');
         let written = self.output.writer().write_all(self.line.as_bytes());
-        written.map_err(|source| LogError::Io { path: self.path.clone(), source })
+        written.map_err(|cause| LogError::Io { path: self.path.clone(), cause })
     }
 }
 

@@ -34,6 +34,9 @@ pub enum ErrorSource {
 }
 
 impl ErrorSource {
+    /// What [`Self::named`] knows.
+    const KNOWN: &str = "table1, table3, real, random, random:1deg, random:tactical";
+
     /// By name: `random`, `random:1deg` and the like, `random:tactical`, or what [`errors_named`] knows.
     ///
     /// # Errors
@@ -43,7 +46,10 @@ impl ErrorSource {
             ("real", _) => Ok(Self::Real),
             ("random", _) => Ok(Self::Random(RandomErrors::default())),
             (_, Some(sizes)) => Ok(Self::Random(sizes)),
-            _ => Ok(Self::Fixed(Box::new(errors_named(name, 0)?))),
+            _ => match errors_named(name, 0) {
+                Err(TomlFileError::Name { name, .. }) => Err(TomlFileError::Name { name, known: Self::KNOWN }),
+                found => Ok(Self::Fixed(Box::new(found?))),
+            },
         }
     }
 
@@ -119,9 +125,20 @@ impl MonteCarlo {
         methods.map(|(index, method)| MethodStatistics::new(*method, &of_method(index))).collect()
     }
 
+    /// Duration of a run, s.
+    pub fn duration_s(&self) -> f64 {
+        self.virtual_run(0).duration_s()
+    }
+
     fn run_one(&self, run: u64) -> Vec<RunResult> {
+        let run = self.virtual_run(run);
+        let setups: Vec<_> = self.methods.iter().map(|method| self.setup(*method)).collect();
+        run.calibrate(&setups).iter().map(|outcome| RunResult::new(outcome, &run.unit)).collect()
+    }
+
+    fn virtual_run(&self, run: u64) -> VirtualRun {
         let drawn = self.errors.draw(derived_seed(self.seed, run, Stream::Errors));
-        let run = VirtualRun {
+        VirtualRun {
             unit: VirtualUnit {
                 errors: drawn.errors,
                 effects: drawn.effects,
@@ -131,9 +148,7 @@ impl MonteCarlo {
             },
             scheme: self.scheme.clone(),
             seed: derived_seed(self.seed, run, Stream::Noise),
-        };
-        let setups: Vec<_> = self.methods.iter().map(|method| self.setup(*method)).collect();
-        run.calibrate(&setups).iter().map(|outcome| RunResult::new(outcome, &run.unit)).collect()
+        }
     }
 }
 

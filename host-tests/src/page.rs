@@ -3,8 +3,8 @@
 use crate::calibration::Outcome;
 use crate::report::{CONVENTION, CalibrationReport};
 use crate::table;
+use crate::truth::ParameterTable;
 use anyhow::Context;
-use rins_selfcal::error_model::InstrumentErrors;
 use std::path::Path;
 
 const STYLE: &str = "body{font-family:sans-serif;max-width:60em;margin:2em auto;padding:0 1em;color-scheme:light dark}\
@@ -15,11 +15,11 @@ pre{overflow-x:auto;padding:1em;border:1px solid #8888;border-radius:4px}\
 ///
 /// # Errors
 /// The file cannot be written; the message names it.
-pub fn write_page(path: &Path, outcome: &Outcome, truth: Option<&InstrumentErrors<f64>>) -> anyhow::Result<()> {
+pub fn write_page(path: &Path, outcome: &Outcome, truth: Option<&ParameterTable>) -> anyhow::Result<()> {
     std::fs::write(path, page(outcome, truth)?).with_context(|| path.display().to_string())
 }
 
-fn page(outcome: &Outcome, truth: Option<&InstrumentErrors<f64>>) -> anyhow::Result<String> {
+fn page(outcome: &Outcome, truth: Option<&ParameterTable>) -> anyhow::Result<String> {
     let verdict = outcome.verdict_name();
     let result = serde_json::to_string_pretty(&CalibrationReport::from(outcome))?;
     let sections = [

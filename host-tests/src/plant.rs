@@ -1,9 +1,9 @@
 //! What an instrument is to the bench: something that yields a reading per data-ready edge and takes rate commands.
 
-/// What the IMU and the encoders report at one data-ready edge, SI.
+/// What the IMU and the encoders report after one data-ready edge, SI.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
-    /// Time of the edge, us.
+    /// Middle of the interval over which rates and forces are means, us; the angles are those at that time.
     pub time_us: u64,
     /// Gyro outputs, rad/s.
     pub omega_g: [f64; 3],

@@ -8,7 +8,7 @@ use anyhow::{Context, Result, anyhow};
 use rins_selfcal::acquisition::Acquired;
 use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
-use rins_selfcal::device::rate_nrad_s;
+use rins_selfcal::device::command_rates;
 use rins_selfcal::estimator::MAX_SEGMENTS;
 use rins_selfcal::linear::Real;
 use rins_selfcal::queue::SampleQueue;
@@ -52,23 +52,27 @@ fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
     let mut queue = SampleQueue::<T, QUEUE>::new();
     let (producer, mut consumer) = queue.split();
     let (mut acquisition, mut drives) = drivers(bench, producer);
-    on_message(&Message::Store { found: stored.is_some(), damaged: false });
-    let refused = |error| anyhow!("the configuration is refused: {error:?}");
+    on_message(&Message::Store { found: stored.is_some(), damaged: false, fault: false });
+    let refused = |error| anyhow!("the configuration is refused: {error}");
     let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::UNCONFIGURED);
     let mut run = SelfCalibration::new(config.clone(), stored, &mut calibrator).map_err(refused)?;
     let (mut samples, mut saved) = (0, None);
+    let (mut board_s, interval_s) = (0.0, config.calibrator.rate_hz.recip());
     while acquisition.on_data_ready() != Acquired::PoweredOff {
         while let Some(sample) = consumer.pop() {
             samples += 1;
             let step = run.step(&sample, on_message);
-            for (drive, rate) in drives.iter_mut().zip(step.rates_rad_s) {
-                drive.command(rate_nrad_s(rate)).map_err(|error| anyhow!("a drive does not answer: {error:?}"))?;
-            }
+            run.drives_answered(command_rates(&mut drives, step.rates_rad_s));
             if step.save {
                 saved = run.record();
                 run.saved();
                 on_message(&Message::Saved(saved.is_some()));
             }
+        }
+        // The edges are the clock, whether they gave a sample or not.
+        board_s += interval_s;
+        if let Some(rates_rad_s) = run.tick((board_s * 1e6) as u64, on_message) {
+            command_rates(&mut drives, rates_rad_s);
         }
     }
     on_message(&Message::Queue { samples, losses: consumer.losses() });

@@ -122,7 +122,7 @@ pub fn real(seed: u64) -> InstrumentErrors<f64> {
 
 fn installation(arcsec: &[f64; 12]) -> InstrumentErrors<f64> {
     let mut table = ParameterTable::default();
-    table.0[..12].copy_from_slice(arcsec);
+    table.0[..12].copy_from_slice(&arcsec.map(Some));
     table.to_errors()
 }
 

@@ -1,20 +1,26 @@
 //! Parameters in report units: headings within a turn, errors against a truth, numbers with as many digits as they are
 //! worth.
 
-use crate::truth::ParameterTable;
 use rins_selfcal::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS, block};
 
 /// Index of the heading, the only parameter that is an angle of any size.
 pub const HEADING: usize = block::ATTITUDE + 2;
+
+/// Larger numbers are in scientific notation.
+const HUGE: f64 = 1e6;
 
 /// Significant digits of a sigma.
 const SIGMA_DIGITS: i32 = 3;
 
 /// Estimates in report units, the heading in 0 to 360 deg.
 pub fn values(errors: &InstrumentErrors<f64>) -> [f64; PARAMETERS] {
-    let mut values = ParameterTable::from_errors(errors).0;
-    values[HEADING] = within_turn_deg(values[HEADING]);
-    values
+    let x = errors.to_vector();
+    std::array::from_fn(|index| value(index, x[index] / PARAMETER_INFO[index].unit_si))
+}
+
+/// A parameter in report units, a heading in 0 to 360 deg.
+pub fn value(index: usize, value: f64) -> f64 {
+    if index == HEADING { within_turn_deg(value) } else { value }
 }
 
 /// Sigmas, SI, in report units.
@@ -22,13 +28,16 @@ pub fn sigmas(sigmas: &[f64; PARAMETERS]) -> [f64; PARAMETERS] {
     std::array::from_fn(|index| sigmas[index] / PARAMETER_INFO[index].unit_si)
 }
 
-/// Estimate less truth in report units, the heading's within 180 deg either way.
+/// Estimate less truth of a parameter in report units, the heading's within 180 deg either way.
+pub fn error(index: usize, estimate: f64, truth: f64) -> f64 {
+    let error = estimate - truth;
+    if index == HEADING { within_turn_deg(error + 180.0) - 180.0 } else { error }
+}
+
+/// As [`error`], of all.
 pub fn errors(estimate: &InstrumentErrors<f64>, truth: &InstrumentErrors<f64>) -> [f64; PARAMETERS] {
     let (estimate, truth) = (values(estimate), values(truth));
-    std::array::from_fn(|index| {
-        let error = estimate[index] - truth[index];
-        if index == HEADING { within_turn_deg(error + 180.0) - 180.0 } else { error }
-    })
+    std::array::from_fn(|index| error(index, estimate[index], truth[index]))
 }
 
 /// An angle in 0 to 360 deg, 360 not included.
@@ -49,7 +58,12 @@ pub fn decimals(sigma: f64) -> usize {
 
 /// `value` with as many decimals as show `sigma` well.
 pub fn rounded(value: f64, sigma: f64) -> String {
-    format!("{value:.*}", decimals(sigma))
+    fixed(value, decimals(sigma))
+}
+
+/// `value` with so many decimals, or in scientific notation where it is huge.
+pub fn fixed(value: f64, decimals: usize) -> String {
+    if value.abs() < HUGE { format!("{value:.decimals$}") } else { format!("{value:.3e}") }
 }
 
 /// `value` with three significant digits.
@@ -78,5 +92,7 @@ mod tests {
         assert_eq!(rounded(1.2, 0.0), "1");
         assert_eq!(significant(0.000_123_456), "0.000123");
         assert_eq!(significant(1234.5), "1234");
+        assert_eq!((significant(999_999.0).as_str(), significant(-1.234_56e12).as_str()), ("999999", "-1.235e12"));
+        assert_eq!(rounded(123_456_789_012.3, 0.1), "1.235e11");
     }
 }

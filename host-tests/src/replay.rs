@@ -24,7 +24,8 @@ pub enum ReplayError {
         path: PathBuf,
     },
     /// The axes never stand.
-    #[error("{}:{line}: columns outer_rad and inner_rad: no stop up to the last line", path.display())]
+    #[error("{}:{line}: columns outer_rad and inner_rad: no stop up to the last line, where both keep within 20 arcsec",
+            path.display())]
     NoStop {
         /// The file.
         path: PathBuf,

@@ -8,6 +8,7 @@ use rins_selfcal::error_model::{Calibration, PARAMETER_INFO, ParameterInfo};
 use rins_selfcal::estimator::LargestInnovation;
 use rins_selfcal::intake::IntakeCounts;
 use rins_selfcal::linear::{Matrix3, Vector3};
+use rins_selfcal::queue::Losses;
 use rins_selfcal::site::Site;
 use rins_selfcal::units::DEG;
 use rins_selfcal::verdict::CHANNEL_NAMES;
@@ -113,6 +114,7 @@ struct InnovationReport {
 pub struct CalibrationReport {
     verdict: &'static str,
     reasons: Vec<String>,
+    stored: Option<bool>,
     method: &'static str,
     duration_s: f64,
     segments: u16,
@@ -131,6 +133,7 @@ pub struct CalibrationReport {
     moves: usize,
     left_out: u16,
     samples: IntakeCounts,
+    samples_lost: Option<Losses>,
     fit: FitReport,
     sweeps: u8,
     converged: bool,
@@ -145,6 +148,7 @@ impl From<&Outcome> for CalibrationReport {
         Self {
             verdict: outcome.verdict_name(),
             reasons: outcome.reasons(),
+            stored: outcome.stored,
             method: method_name(outcome.setup.method),
             duration_s: solution.duration_s,
             segments: solution.segments,
@@ -163,6 +167,7 @@ impl From<&Outcome> for CalibrationReport {
             moves: outcome.moves,
             left_out: solution.left_out,
             samples: outcome.counts,
+            samples_lost: outcome.losses,
             fit: fit(outcome),
             sweeps: solution.sweeps,
             converged: solution.converged,

@@ -68,7 +68,8 @@ pub fn scheme_named(name: &str, stop_s: Option<f64>, periods: Option<u8>) -> Res
         scheme.legs.iter_mut().for_each(|leg| leg.stop_s = stop_s);
     }
     scheme.periods = periods.unwrap_or(scheme.periods);
-    let invalid = |error| TomlFileError::Content { path: path.into(), line: 1, message: describe(error) };
+    let invalid =
+        |error: SchemeError| TomlFileError::Content { path: path.into(), line: 1, message: error.to_string() };
     scheme.check().map_err(invalid).map(|()| scheme)
 }
 
@@ -85,7 +86,7 @@ pub fn read_scheme(path: &Path) -> Result<Scheme, TomlFileError> {
     let scheme = from_table(&table, path).ok_or_else(|| file.wrong_value("", "name", "longer than 32 bytes"))?;
     match scheme.check() {
         Ok(()) => Ok(scheme),
-        Err(error) => Err(file.wrong_value("", key_of(&scheme, error), &describe(error))),
+        Err(error) => Err(file.wrong_value("", key_of(&scheme, error), &error.to_string())),
     }
 }
 
@@ -107,7 +108,7 @@ pub fn write_scheme(path: &Path, scheme: &Scheme) -> Result<(), TomlFileError> {
         periods: scheme.periods,
         legs: legs.collect(),
     };
-    let io = |source| TomlFileError::Io { path: path.into(), source };
+    let io = |cause| TomlFileError::Io { path: path.into(), cause };
     let text = toml::to_string(&table).map_err(|error| io(std::io::Error::other(error)))?;
     std::fs::write(path, text).map_err(io)
 }
@@ -143,16 +144,5 @@ fn key_of(scheme: &Scheme, error: SchemeError) -> &'static str {
         SchemeError::Motion | SchemeError::OpenPeriod => "periods",
         SchemeError::Stop(0) => "first_stop_s",
         SchemeError::Stop(_) | SchemeError::Leg(_) | SchemeError::Legs => "legs",
-    }
-}
-
-fn describe(error: SchemeError) -> String {
-    match error {
-        SchemeError::Motion => "rate, acceleration and number of periods must be finite and positive".into(),
-        SchemeError::Stop(0) => "the first stop must be finite and positive".into(),
-        SchemeError::Stop(leg) => format!("the stop of leg {leg} must be finite and positive"),
-        SchemeError::Leg(leg) => format!("leg {leg} has an angle that is not finite, or moves nothing"),
-        SchemeError::Legs => "there are no legs".into(),
-        SchemeError::OpenPeriod => "several periods, and the first does not end where it began".into(),
     }
 }

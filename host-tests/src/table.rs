@@ -1,10 +1,12 @@
 //! Results as text: tables that a navigation engineer reads.
 
 use crate::calibration::{Outcome, method_name};
-use crate::quantity::{self, rounded, significant};
+use crate::quantity::{self, fixed, rounded, significant};
+use crate::truth::ParameterTable;
 use comfy_table::{Cell, CellAlignment, Table, presets};
-use rins_selfcal::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS, block};
+use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS, block};
 use rins_selfcal::method::Method;
+use rins_selfcal::queue::Losses;
 use rins_selfcal::verdict::CHANNEL_NAMES;
 use std::ops::Range;
 
@@ -79,21 +81,22 @@ fn trimmed(table: &Table) -> String {
     table.lines().map(|line| format!("{}\n", line.strip_prefix(' ').unwrap_or(&line).trim_end())).collect()
 }
 
-/// Estimates with sigmas and, where the truth is known, errors.
-pub fn parameters(outcome: &Outcome, truth: Option<&InstrumentErrors<f64>>) -> String {
+/// Estimates with sigmas and errors, as far as the truth is known.
+pub fn parameters(outcome: &Outcome, truth: Option<&ParameterTable>) -> String {
     let estimate = outcome.estimate();
     let (values, sigmas) = (quantity::values(&estimate.errors), quantity::sigmas(&estimate.sigmas));
-    let compared = truth.map(|truth| (quantity::values(truth), quantity::errors(&estimate.errors, truth)));
-    let columns: &[&str] = match compared {
+    let columns: &[&str] = match truth {
         None => &["estimate", "sigma"],
         Some(_) => &["estimate", "sigma", "truth", "error", "error/sigma"],
     };
     by_parameter(columns, |index| {
         let sigma = sigmas[index];
         let mut cells = vec![rounded(values[index], sigma), significant(sigma)];
-        if let Some((truths, errors)) = &compared {
-            let error = errors[index];
-            cells.extend([rounded(truths[index], sigma), rounded(error, sigma), format!("{:.2}", error / sigma)]);
+        if let Some(truth) = truth {
+            let truth = truth.0[index].map(|truth| quantity::value(index, truth));
+            let error = truth.map(|truth| quantity::error(index, values[index], truth));
+            cells.extend([truth, error].map(|number| number_or_none(number, |number| rounded(number, sigma))));
+            cells.push(number_or_none(error, |error| fixed(error / sigma, 2)));
         }
         outcome.is_estimated(index).then_some(cells)
     })
@@ -128,6 +131,9 @@ pub fn samples(outcome: &Outcome) -> String {
         (u64::from(counts.non_finite), "not finite"),
         (u64::from(outcome.solution.left_out), "segments left out"),
     ];
+    if let Some(Losses { overrun, bus, crc, status, unread }) = outcome.losses {
+        text += &format!("samples lost: overrun {overrun}, bus {bus}, crc {crc}, status {status}, unread {unread}\n");
+    }
     let seen = oddities.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
     let seen: Vec<_> = seen.collect();
     if !seen.is_empty() {
@@ -141,12 +147,12 @@ pub fn verdict(outcome: &Outcome) -> String {
     let solution = &outcome.solution;
     let largest = &solution.fit.largest;
     let mut text = format!(
-        "{} method: chi-square {:.1} with {} degrees of freedom, largest innovation {:.1} sigma (segment {}, {}), \
+        "{} method: chi-square {} with {} degrees of freedom, largest innovation {} sigma (segment {}, {}), \
          {} sweeps\n",
         method_name(outcome.setup.method),
-        solution.fit.chi_square,
+        fixed(solution.fit.chi_square, 1),
         solution.degrees_of_freedom,
-        largest.normalized,
+        fixed(largest.normalized, 1),
         largest.segment,
         CHANNEL_NAMES[usize::from(largest.channel)],
         solution.sweeps
@@ -158,6 +164,9 @@ pub fn verdict(outcome: &Outcome) -> String {
         text += &format!("temperature {:.1} deg C\n", solution.temperature_c);
     }
     text += &format!("verdict: {}\n", outcome.verdict_name());
+    if outcome.stored == Some(false) {
+        text += "accepted, but not stored: writing to the calibration store failed; the one before stays in it\n";
+    }
     for reason in outcome.reasons() {
         text += &format!("  - {reason}\n");
     }

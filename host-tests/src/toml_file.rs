@@ -7,15 +7,15 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum TomlFileError {
     /// The file cannot be read or written.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {cause}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
         /// What the system says.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// A name that is neither built in nor a file.
-    #[error("{name}: no such file, and not one of {known}")]
+    #[error("unknown '{name}'; known: {known}, or a file")]
     Name {
         /// What was asked for.
         name: String,
@@ -46,7 +46,7 @@ impl TomlFile {
     /// # Errors
     /// The file cannot be read, or is not UTF-8.
     pub fn read(path: &Path) -> Result<Self, TomlFileError> {
-        let text = std::fs::read_to_string(path).map_err(|source| TomlFileError::Io { path: path.into(), source })?;
+        let text = std::fs::read_to_string(path).map_err(|cause| TomlFileError::Io { path: path.into(), cause })?;
         Ok(Self { path: path.into(), text })
     }
 

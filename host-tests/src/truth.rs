@@ -8,33 +8,34 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// The 28 parameters in report units, a map from name to value in files. A name left out is zero, an unknown or repeated
-/// one an error.
+/// Some or all of the 28 parameters in report units, a map from name to value in files. An unknown or repeated name is an
+/// error.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ParameterTable(pub [f64; PARAMETERS]);
+pub struct ParameterTable(pub [Option<f64>; PARAMETERS]);
 
 impl ParameterTable {
     /// SI to report units.
     pub fn from_errors(errors: &InstrumentErrors<f64>) -> Self {
         let x = errors.to_vector();
-        Self(std::array::from_fn(|index| x[index] / PARAMETER_INFO[index].unit_si))
+        Self(std::array::from_fn(|index| Some(x[index] / PARAMETER_INFO[index].unit_si)))
     }
 
-    /// Report units to SI.
+    /// Report units to SI; what is left out is zero.
     pub fn to_errors(&self) -> InstrumentErrors<f64> {
-        let x: [f64; PARAMETERS] = std::array::from_fn(|index| self.0[index] * PARAMETER_INFO[index].unit_si);
+        let x: [f64; PARAMETERS] =
+            std::array::from_fn(|index| self.0[index].unwrap_or(0.0) * PARAMETER_INFO[index].unit_si);
         InstrumentErrors::from_vector(&Vector::from(x))
     }
 
     /// Value in report units by name.
     pub fn value(&self, name: &str) -> Option<f64> {
-        position(name).map(|index| self.0[index])
+        self.0[position(name)?]
     }
 
     /// Name of the first value that is not finite.
     pub(crate) fn not_finite(&self) -> Option<&'static str> {
         let values = PARAMETER_INFO.iter().zip(&self.0);
-        values.filter(|(_, value)| !value.is_finite()).map(|(info, _)| info.name).next()
+        values.filter(|(_, value)| value.is_some_and(|value| !value.is_finite())).map(|(info, _)| info.name).next()
     }
 }
 
@@ -44,9 +45,11 @@ fn position(name: &str) -> Option<usize> {
 
 impl Serialize for ParameterTable {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut map = serializer.serialize_map(Some(PARAMETERS))?;
+        let mut map = serializer.serialize_map(None)?;
         for (info, value) in PARAMETER_INFO.iter().zip(&self.0) {
-            map.serialize_entry(info.name, value)?;
+            if let Some(value) = value {
+                map.serialize_entry(info.name, value)?;
+            }
         }
         map.end()
     }
@@ -75,7 +78,7 @@ impl<'de> Visitor<'de> for TableVisitor {
                 return Err(A::Error::custom(format!("parameter `{name}` given twice")));
             }
         }
-        Ok(ParameterTable(values.map(Option::unwrap_or_default)))
+        Ok(ParameterTable(values))
     }
 }
 
@@ -84,8 +87,9 @@ impl<'de> Visitor<'de> for TableVisitor {
 #[serde(deny_unknown_fields)]
 pub struct Truth {
     /// The units in words.
+    #[serde(default)]
     pub units: String,
-    /// True parameters, report units.
+    /// True parameters, report units, as far as they are known.
     pub parameters: ParameterTable,
     /// Sigmas an exact estimator reaches on the log, report units.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -96,21 +100,31 @@ pub struct Truth {
 #[derive(Debug, thiserror::Error)]
 pub enum TruthError {
     /// The file cannot be opened, read or written.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {cause}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
         /// What the system says.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
-    /// The text is not a truth file; the message carries line and column.
-    #[error("{}: {source}", path.display())]
-    Json {
+    /// The text is not a truth file.
+    #[error("{}:{line}: {message}", path.display())]
+    Content {
         /// The file.
         path: PathBuf,
-        /// What is wrong, and where.
-        source: serde_json::Error,
+        /// Line, from 1.
+        line: usize,
+        /// What is wrong; names the key.
+        message: String,
     },
+}
+
+impl TruthError {
+    fn content(path: &Path, error: &serde_json::Error) -> Self {
+        let text = error.to_string();
+        let message = text.rsplit_once(" at line ").map_or(text.as_str(), |(message, _)| message);
+        Self::Content { path: path.into(), line: error.line().max(1), message: message.into() }
+    }
 }
 
 impl Truth {
@@ -124,10 +138,10 @@ impl Truth {
     /// Reads a file.
     ///
     /// # Errors
-    /// One line that names the file and, for its contents, line and column.
+    /// One line that names the file and, for its contents, line and key.
     pub fn read(path: &Path) -> Result<Self, TruthError> {
-        let text = std::fs::read_to_string(path).map_err(|source| TruthError::Io { path: path.into(), source })?;
-        serde_json::from_str(&text).map_err(|source| TruthError::Json { path: path.into(), source })
+        let text = std::fs::read_to_string(path).map_err(|cause| TruthError::Io { path: path.into(), cause })?;
+        serde_json::from_str(&text).map_err(|error| TruthError::content(path, &error))
     }
 
     /// Writes a file.
@@ -135,9 +149,9 @@ impl Truth {
     /// # Errors
     /// One line that names the file.
     pub fn write(&self, path: &Path) -> Result<(), TruthError> {
-        let text =
-            serde_json::to_string_pretty(self).map_err(|source| TruthError::Json { path: path.into(), source })?;
-        std::fs::write(path, text + "\n").map_err(|source| TruthError::Io { path: path.into(), source })
+        let io = |cause| TruthError::Io { path: path.into(), cause };
+        let text = serde_json::to_string_pretty(self).map_err(|error| io(error.into()))?;
+        std::fs::write(path, text + "\n").map_err(io)
     }
 }
 
@@ -147,9 +161,9 @@ mod tests {
 
     #[test]
     fn table_round_trips_through_si_and_json() {
-        let table = ParameterTable(std::array::from_fn(|index| index as f64 - 9.5));
+        let table = ParameterTable(std::array::from_fn(|index| Some(index as f64 - 9.5)));
         let back = ParameterTable::from_errors(&table.to_errors());
-        assert!(table.0.iter().zip(&back.0).all(|(a, b)| (a - b).abs() < 1e-12));
+        assert!(table.0.iter().flatten().zip(back.0.iter().flatten()).all(|(a, b)| (a - b).abs() < 1e-12));
         let json = serde_json::to_string(&table).unwrap();
         assert_eq!(serde_json::from_str::<ParameterTable>(&json).unwrap(), table);
         assert_eq!(table.value("heading"), Some(17.5));

@@ -17,11 +17,13 @@
 //! heading_sigma_deg = 1.0                # its sigma; default 1
 //! ```
 
+use crate::quantity::significant;
 use crate::toml_file::{TomlFile, TomlFileError};
 use rins_selfcal::site::Site;
 use rins_selfcal::units::{ARCSEC, DEG, DEG_SQRT_H, MICRO_G};
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+use std::fmt;
+use std::path::{Path, PathBuf};
 
 /// Noise of a unit's sensors and encoders.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -40,6 +42,23 @@ pub struct Noise {
 impl Default for Noise {
     fn default() -> Self {
         Self::navigation()
+    }
+}
+
+impl fmt::Display for Noise {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "accelerometers {} ug/sqrt(Hz), gyros {} deg/sqrt(h), encoders {} arcsec",
+            significant(self.accel_vrw_ug_sqrt_hz),
+            significant(self.gyro_arw_deg_sqrt_h),
+            significant(self.encoder_repeatability_arcsec)
+        )?;
+        if self.rate_reference_arcsec_sqrt_s > 0.0 {
+            let walk = significant(self.rate_reference_arcsec_sqrt_s);
+            write!(f, " and {walk} arcsec/sqrt(s) while turning")?;
+        }
+        Ok(())
     }
 }
 
@@ -179,7 +198,55 @@ pub struct UnitConfig {
     pub initial: InitialTable,
 }
 
+/// Where the numbers of a unit come from: the keys that its file gives, if there is one.
+#[derive(Clone, Debug, Default)]
+pub struct Origin {
+    file: Option<(PathBuf, toml::Table)>,
+}
+
+impl Origin {
+    /// Of these keys of a table: the file, or "default", or both.
+    fn of(&self, table: &str, keys: &[&str]) -> String {
+        let Some((path, tables)) = &self.file else { return "default".into() };
+        let given = |key: &str| tables.get(table).is_some_and(|table| table.get(key).is_some());
+        let missing: Vec<_> = keys.iter().copied().filter(|key| !given(key)).collect();
+        match missing.len() {
+            0 => path.display().to_string(),
+            all if all == keys.len() => "default".into(),
+            _ => format!("{}, {} by default", path.display(), missing.join(" and ")),
+        }
+    }
+}
+
 impl UnitConfig {
+    /// As [`UnitConfig::read`], and what of it the file gives.
+    ///
+    /// # Errors
+    /// One line that names file, line and key.
+    pub fn read_with_origin(path: &Path) -> Result<(Self, Origin), TomlFileError> {
+        let keys = TomlFile::read(path)?.parse()?;
+        Ok((Self::read(path)?, Origin { file: Some((path.into(), keys)) }))
+    }
+
+    /// Site, noise and, where it is known, heading in words, a line each with its origin.
+    pub fn described(&self, origin: &Origin) -> String {
+        let SiteTable { latitude_deg, height_m, gravity_m_s2 } = self.site;
+        let source = if gravity_m_s2.is_some() { "measured" } else { "WGS-84" };
+        let mut text = format!(
+            "site: latitude {latitude_deg} deg, height {height_m} m, gravity {:.6} m/s^2 {source} ({})\n",
+            self.site().gravity_m_s2(),
+            origin.of("site", &["latitude_deg", "height_m"])
+        );
+        let keys = ["accel_vrw_ug_sqrt_hz", "gyro_arw_deg_sqrt_h", "encoder_repeatability_arcsec"];
+        text += &format!("noise: {} ({})\n", self.noise, origin.of("noise", &keys));
+        if let Some(heading_deg) = self.initial.heading_deg {
+            let keys = ["heading_deg", "heading_sigma_deg"];
+            let sigma_deg = self.initial.heading_sigma_deg;
+            text += &format!("heading: {heading_deg} +- {sigma_deg} deg ({})\n", origin.of("initial", &keys));
+        }
+        text
+    }
+
     /// Reads a file and checks every number.
     ///
     /// # Errors

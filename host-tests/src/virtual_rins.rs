@@ -156,6 +156,12 @@ impl VirtualRins {
         }
     }
 
+    /// With the axes standing at these angles of (outer, inner), rad, in place of (0, 0).
+    #[must_use]
+    pub fn standing_at(self, angles_rad: [f64; 2]) -> Self {
+        Self { angles_rad, read_rad: angles_rad, ..self }
+    }
+
     /// Says how long the moves to come will take, s: over these times the encoder errors go from stop to stop. The last
     /// one, 5.5 s where there is none, also serves for all moves after it.
     pub fn expect_moves(&mut self, durations_s: &[f64]) {

@@ -3,6 +3,8 @@
 //! Bounds of errors are 4.5 standard deviations: one of 28 parameters is beyond by chance in 2 of 10 000 runs. Seeds are
 //! fixed.
 
+use host_tests::log::{LogReader, LogWriter};
+use host_tests::plant::Reading;
 use host_tests::statistics::chi_square_mean_bounds;
 use serde_json::Value;
 use std::fs;
@@ -43,7 +45,10 @@ fn refused(arguments: &[&str]) -> String {
     let line = text(&output.stderr);
     assert_eq!(line.lines().count(), 1, "{line}");
     let folder = PathBuf::from(scratch("")).display().to_string();
-    line.trim_end().strip_prefix("error: ").expect("says that it is an error").replace(&folder, "")
+    let line = line.trim_end().strip_prefix("error: ").expect("says that it is an error").replace(&folder, "");
+    let parts: Vec<_> = line.split(": ").collect();
+    assert!((1..parts.len()).all(|part| !parts[..part].contains(&parts[part])), "says it once: {line}");
+    line
 }
 
 fn json(path: &str) -> Value {
@@ -188,7 +193,10 @@ fn logs_without_stops_or_moves_and_what_is_no_log_are_refused() {
     let turning =
         (0..2000).map(|k| format!("{:.3},0.1,0,0,0,0,9.8,{:.6},0\n", f64::from(k) * 0.005, f64::from(k) * 5e-4));
     let message = replay_refused(&log("turning.csv", &format!("{HEADER}\n{}", turning.collect::<String>())));
-    assert_eq!(message, format!("turning.csv:2001: {columns}: no stop up to the last line"));
+    assert_eq!(
+        message,
+        format!("turning.csv:2001: {columns}: no stop up to the last line, where both keep within 20 arcsec")
+    );
     assert!(replay_refused(&scratch("")).ends_with("is a directory"));
     assert!(replay_refused(&scratch("nowhere.csv")).starts_with("nowhere.csv: No such file"));
 }
@@ -198,7 +206,20 @@ fn wrong_arguments_and_configurations_are_refused_in_one_line() {
     assert!(refused(&["replay"]).contains("<LOG.csv>"));
     assert!(refused(&["bogus"]).contains("unrecognized subcommand 'bogus'"));
     assert!(refused(&["calibrate", "--stop", "-3"]).contains("--stop"));
-    assert!(refused(&["calibrate", "--errors", "table9"]).contains("table9: no such file, and not one of"));
+    let names = "table1, table3, real, random, random:1deg, random:tactical, or a file";
+    let message = refused(&["calibrate", "--errors", "table9"]);
+    assert_eq!(message, format!("--errors: unknown 'table9'; known: {names}"));
+    let message = refused(&["montecarlo", "--noise", "quiet"]);
+    assert_eq!(message, "--noise: unknown 'quiet'; known: bai, navigation, tactical, or a file");
+    let message = refused(&["simulate", "--out", &scratch("never.csv"), "--scheme", "bay"]);
+    assert_eq!(message, "--scheme: unknown 'bay'; known: bai, or a file");
+    assert!(
+        refused(&["replay", &data("sample.csv.gz"), "--config", "nowhere.toml"]).starts_with("nowhere.toml: No su")
+    );
+    assert!(refused(&["replay", &data("sample.csv.gz"), "--truth", "nowhere.json"]).starts_with("nowhere.json: No su"));
+    let truth = log("unknown.json", "{\"parameters\": {\n\"Sgxx\": 1}}");
+    let message = refused(&["replay", &data("sample.csv.gz"), "--truth", &truth]);
+    assert_eq!(message, "unknown.json:2: unknown parameter `Sgxx`");
     assert!(refused(&["montecarlo", "--runs", "0"]).contains("--runs"));
     let unit = log("unknown.toml", "[site]\nlatitude_deg = 30.0\naltitude_m = 3.0\n");
     let message = refused(&["replay", &data("sample.csv.gz"), "--config", &unit]);
@@ -206,6 +227,98 @@ fn wrong_arguments_and_configurations_are_refused_in_one_line() {
     let nowhere = scratch("no-such-folder/out.json");
     let message = refused(&["observability", "--json", &nowhere]);
     assert!(message.starts_with("no-such-folder/out.json: No such file"), "{message}");
+}
+
+#[test]
+fn files_that_would_be_lost_or_cannot_be_written_are_refused_before_the_run() {
+    let out = scratch("same.csv");
+    let message = refused(&["simulate", "--out", &out, "--truth", &out]);
+    assert_eq!(message, "--out and --truth are the same file: same.csv");
+    let page = scratch("same.html");
+    let message = refused(&["calibrate", "--json", &page, "--report", &page]);
+    assert_eq!(message, "--json and --report are the same file: same.html");
+    let copy = scratch("copy.csv.gz");
+    fs::copy(data("sample.csv.gz"), &copy).unwrap();
+    let message = refused(&["replay", &copy, "--csv-estimates", &copy]);
+    assert_eq!(message, "--csv-estimates would overwrite LOG.csv: copy.csv.gz");
+    assert_eq!(fs::read(&copy).unwrap(), fs::read(data("sample.csv.gz")).unwrap());
+    let nowhere = scratch("no-such-folder/out.html");
+    for command in [&["calibrate"][..], &["replay", &copy]] {
+        // A run takes half a second or more.
+        let message = refused(&[command, &["--report", &nowhere]].concat());
+        assert!(message.starts_with("no-such-folder/out.html: No such file"), "{message}");
+    }
+    let message = refused(&["montecarlo", "--runs", "1000000", "--json", &nowhere]);
+    assert!(message.starts_with("no-such-folder/out.html: No such file"), "{message}");
+}
+
+#[test]
+fn replay_says_what_it_takes_for_granted() {
+    let unit = data("sample.toml");
+    let stdout = run(0, &["replay", &data("sample.csv.gz"), "--config", &unit]);
+    let lines: Vec<_> = stdout.lines().take(2).collect();
+    let site = "site: latitude 47.3769 deg, height 408 m, gravity 9.807092 m/s^2 measured";
+    assert_eq!(lines[0], format!("{site} ({unit})"), "{stdout}");
+    assert!(lines[1].starts_with("noise: accelerometers 10.0 ug/sqrt(Hz), gyros 0.00100 deg/sqrt(h)"), "{stdout}");
+}
+
+#[test]
+fn parameters_whose_truth_is_not_known_are_not_compared() {
+    let truth = log("partial.json", "{\"parameters\": {\"Sgzx\": 210.0}}");
+    let stdout = run(0, &["replay", &data("sample.csv.gz"), "--config", &data("sample.toml"), "--truth", &truth]);
+    let row = |name: &str| -> Vec<String> {
+        let row = stdout.lines().find(|line| line.split_whitespace().next() == Some(name)).expect("a row");
+        row.split_whitespace().map(String::from).collect()
+    };
+    assert_eq!(row("alpha")[3..], ["-", "-", "-", "arcsec"]);
+    assert!(row("Sgzx")[3].starts_with("210") && row("Sgzx")[5].parse::<f64>().unwrap().abs() < 4.5);
+}
+
+/// Reasons that a replay of the sample log gives, all of whose readings are changed.
+fn reasons_with(name: &str, config: &str, change: impl Fn(&mut Reading)) -> Vec<String> {
+    let (path, out) = (scratch(&format!("{name}.csv.gz")), scratch(&format!("{name}.reasons.json")));
+    let mut writer = LogWriter::create(Path::new(&path), false).unwrap();
+    for row in LogReader::open(Path::new(&data("sample.csv.gz"))).unwrap() {
+        let mut reading = row.unwrap().reading;
+        change(&mut reading);
+        writer.write(&reading).unwrap();
+    }
+    writer.finish().unwrap();
+    run(2, &["replay", &path, "--config", config, "--json", &out]);
+    let reasons = json(&out)["reasons"].as_array().unwrap().clone();
+    reasons.iter().map(|reason| reason.as_str().unwrap().into()).collect()
+}
+
+#[test]
+fn logs_in_other_units_are_rejected_for_that_alone() {
+    let unit = data("sample.toml");
+    let in_g = reasons_with("in-g", &unit, |reading| reading.force_a = reading.force_a.map(|force| force / 9.806_65));
+    assert_eq!(in_g, ["accelerometers read 0.102 times gravity at the stops: g in place of m/s^2?"]);
+    let gyros = reasons_with("in-deg-s", &unit, |reading| reading.omega_g = reading.omega_g.map(f64::to_degrees));
+    assert_eq!(gyros, ["gyros turn 57.3 times as far as the encoders: gyros in deg/s in place of rad/s?"]);
+    let in_degrees = |reading: &mut Reading| {
+        (reading.outer_rad, reading.inner_rad) = (reading.outer_rad.to_degrees(), reading.inner_rad.to_degrees());
+    };
+    let encoders = reasons_with("in-deg", &unit, in_degrees);
+    assert_eq!(encoders, ["gyros turn 0.0175 times as far as the encoders: encoders in deg in place of rad?"]);
+    let all = reasons_with("all-in-deg", &unit, |reading| {
+        in_degrees(reading);
+        reading.omega_g = reading.omega_g.map(f64::to_degrees);
+    });
+    assert_eq!(all.len(), 1);
+    assert!(all[0].ends_with(" rad/s: gyros and encoders in deg in place of rad?"), "{all:?}");
+}
+
+#[test]
+fn noise_far_from_the_configured_one_is_one_reason_per_triad() {
+    let text = fs::read_to_string(data("sample.toml")).unwrap();
+    let unit = log("quiet.toml", &text.replace("accel_vrw_ug_sqrt_hz = 10.0", "accel_vrw_ug_sqrt_hz = 2.0"));
+    let reasons = reasons_with("quiet", &unit, |_| ());
+    // 19 stops of 99 degrees of freedom and 3 channels: known to 1 %.
+    let ratio = reasons[0].strip_prefix("accelerometers: noise is ").and_then(|text| text.split(' ').next());
+    assert!((4.9..5.1).contains(&ratio.expect("the noise first").parse::<f64>().unwrap()), "{reasons:?}");
+    let of_stops = |reason: &&String| reason.contains("variance") || reason.contains("drift of");
+    assert_eq!(reasons.iter().filter(of_stops).count(), 0, "{reasons:?}");
 }
 
 #[test]
@@ -297,5 +410,11 @@ fn monte_carlo_puts_both_methods_side_by_side() {
         "{stdout}"
     );
     let arguments = ["montecarlo", "--method", "two-stage", "--runs", "4", "--stop", "5", "--errors", "table1"];
-    assert!(run(0, &[&arguments[..], &["--noise", "bai"]].concat()).contains("Bai Table 1"));
+    let stdout = run(0, &[&arguments[..], &["--noise", "bai"]].concat());
+    assert!(stdout.contains("\nBai Table 1: errors of Bai's own simulation as published"), "{stdout}");
+    let head: Vec<_> = stdout.lines().take(5).collect();
+    assert!(head[0].starts_with("4 runs of ") && head[0].ends_with(" s at 200 Hz, seed 1"), "{stdout}");
+    assert_eq!(head[1..4], ["scheme: bai, 2 periods, 37 stops of 5 s", "method: two-stage", "errors: table1"]);
+    assert!(head[4].starts_with("noise: accelerometers 2.12 ug/sqrt(Hz), gyros 0.000236 deg/sqrt(h)"), "{stdout}");
+    assert!(!stdout.contains("wall time"), "{stdout}");
 }

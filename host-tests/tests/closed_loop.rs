@@ -1,65 +1,326 @@
-//! The core calibrates the virtual RINS in closed loop: its own rate commands turn the gimbals.
+//! The core calibrates the virtual RINS in closed loop, its own rate commands turning the gimbals, and brings it to rest
+//! when something fails.
 
+use host_tests::bench::{Bench, Chip};
+use host_tests::calibration::raw_sample;
 use host_tests::drive::move_durations_s;
 use host_tests::plant::{Plant, Reading};
+use host_tests::power_up::{in_process, shared};
 use host_tests::presets;
-use host_tests::unit::Noise;
 use host_tests::virtual_rins::{VirtualRins, VirtualUnit};
-use rins_selfcal::angle::Angle;
+use rins_selfcal::assignment::Assignment;
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
+use rins_selfcal::device::STATUS_POWERED_OFF;
 use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS};
-use rins_selfcal::linear::{Real, Vector3, real};
+use rins_selfcal::estimator::{BASIC_STATES, Solution};
 use rins_selfcal::method::Method;
-use rins_selfcal::sample::RawSample;
+use rins_selfcal::policy::{Cause, Decision, PowerUpPolicy};
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
-use rins_selfcal::sequencer::State;
+use rins_selfcal::sequencer::{AbortReason, Pace, State};
+use rins_selfcal::store::StoredCalibration;
 use rins_selfcal::telemetry::Message;
+use rins_selfcal::units::{ARCSEC, DEG};
+use rins_selfcal::verdict::{Reason, Verdict, VerdictLimits};
 
-fn config(unit: &VirtualUnit, scheme: Scheme) -> SelfCalibrationConfig {
-    SelfCalibrationConfig::new(CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz), scheme)
+/// Longer than the scheme and the way back.
+const RUN_S: f64 = 400.0;
+/// Time into the run at which the axes surely turn: the first turn away from (0, 0) begins after 1 s of waiting, 0.3 s of
+/// settling and 10 s of standing.
+const TURNING_S: f64 = 13.5;
+/// Time into the run at which they surely stand, at the second stop.
+const STANDING_S: f64 = 20.0;
+
+/// A unit that is switched off after a time; its clock and its numbers may fail.
+struct Faulty<F> {
+    rins: VirtualRins,
+    left: u32,
+    fault: F,
 }
 
-fn sample<T: Real>(reading: &Reading) -> RawSample<T> {
-    RawSample {
-        time_us: reading.time_us,
-        omega_g: Vector3::from(reading.omega_g.map(real)),
-        force_a: Vector3::from(reading.force_a.map(real)),
-        outer: Angle::from_rad(reading.outer_rad),
-        inner: Angle::from_rad(reading.inner_rad),
-        temperature_c: reading.temperature_c,
+impl<F: FnMut(&mut Reading)> Plant for Faulty<F> {
+    fn next_reading(&mut self) -> Option<Reading> {
+        self.left = self.left.checked_sub(1)?;
+        let mut reading = self.rins.advance();
+        (self.fault)(&mut reading);
+        Some(reading)
+    }
+
+    fn command_rates(&mut self, rates_rad_s: [f64; 2]) {
+        self.rins.command_rates(rates_rad_s);
+    }
+}
+
+fn unit() -> VirtualUnit {
+    VirtualUnit { errors: presets::real(1), ..VirtualUnit::default() }
+}
+
+/// What a run told, what it stored, and the unit after it.
+struct Run {
+    messages: Vec<Message>,
+    saved: Option<StoredCalibration>,
+    rins: VirtualRins,
+}
+
+impl Run {
+    fn states(&self) -> impl Iterator<Item = State> {
+        self.messages.iter().filter_map(|message| match message {
+            Message::State { state, .. } => Some(*state),
+            _ => None,
+        })
+    }
+
+    fn last_state(&self) -> Option<State> {
+        self.states().last()
+    }
+
+    fn aborted(&self) -> Vec<AbortReason> {
+        let reasons = self.messages.iter().filter_map(|message| match message {
+            Message::Aborted(reason) => Some(*reason),
+            _ => None,
+        });
+        reasons.collect()
+    }
+
+    fn accepted(&self) -> bool {
+        self.messages.iter().any(|message| matches!(message, Message::Judged(verdict) if verdict.accepted()))
+    }
+
+    fn corrected(&self) -> bool {
+        self.messages.iter().any(|message| matches!(message, Message::Corrected { .. }))
+    }
+
+    fn parked(&self) -> bool {
+        let at_rest = self.rins.true_rates_rad_s() == [0.0; 2];
+        at_rest && self.rins.true_angles_rad().iter().all(|angle| angle.abs() < 10.0 * ARCSEC)
+    }
+}
+
+/// Runs a unit that stands at these angles for a time, with faults in its readings and in the frames of its chips.
+fn run(
+    standing_deg: [f64; 2],
+    run_s: f64,
+    stored: Option<&StoredCalibration>,
+    fault: impl FnMut(&mut Reading),
+    damage: impl FnMut(Chip, &mut [u8]) + 'static,
+) -> Run {
+    let unit = unit();
+    let scheme = Scheme::bai(10.0, 1);
+    let mut rins = VirtualRins::new(&unit, 1).standing_at(standing_deg.map(|angle| angle * DEG));
+    rins.expect_moves(&move_durations_s(&scheme, unit.rate_hz));
+    let bench = shared(Faulty { rins, left: (run_s * unit.rate_hz) as u32, fault });
+    bench.borrow_mut().damage(damage);
+    let calibrator = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
+    let assignment = Assignment::SelfCalibrate(SelfCalibrationConfig::new(calibrator, scheme));
+    let mut messages = Vec::new();
+    let note = |message: &Message| messages.push(message.clone());
+    let saved = in_process::<f64, BASIC_STATES, _>(&assignment, stored, &bench, note).expect("a good configuration");
+    let rins = std::rc::Rc::into_inner(bench).map(|bench| Bench::into_plant(bench.into_inner()).rins);
+    Run { messages, saved, rins: rins.expect("the run is over") }
+}
+
+fn sound(_: &mut Reading) {}
+
+fn intact(_: Chip, _: &mut [u8]) {}
+
+/// Spoils the frames of a chip from one time to another, counted in readings of the IMU.
+fn spoiled(chip: Chip, from_s: f64, to_s: f64) -> impl FnMut(Chip, &mut [u8]) {
+    let mut time_s = 0.0;
+    move |read, frame| {
+        if read == Chip::Imu {
+            time_s += 0.005;
+        }
+        // The answer of an IMU that is switched off shall arrive.
+        if read == chip
+            && frame[1] != STATUS_POWERED_OFF
+            && (from_s..to_s).contains(&time_s)
+            && let Some(last) = frame.last_mut()
+        {
+            *last ^= 1;
+        }
     }
 }
 
 #[test]
-fn power_up_ends_correcting_with_the_truth() {
-    let unit = VirtualUnit { errors: presets::real(1), noise: Noise::navigation(), ..VirtualUnit::default() };
-    let scheme = Scheme::bai(10.0, 1);
-    let mut rins = VirtualRins::new(&unit, 1);
-    rins.expect_moves(&move_durations_s(&scheme, unit.rate_hz));
-    let mut calibrator = Calibrator::<f64>::UNCONFIGURED;
-    let mut run = SelfCalibration::new(config(&unit, scheme), None, &mut calibrator).expect("a good configuration");
+fn power_up_ends_correcting_with_the_truth_wherever_the_gimbals_stand() {
+    for standing_deg in [[0.0, 0.0], [200.0, -130.0]] {
+        let run = run(standing_deg, RUN_S, None, sound, intact);
+        assert_eq!(run.last_state(), Some(State::Correcting));
+        let record = run.saved.as_ref().expect("a stored calibration");
+        let difference = record.errors.to_vector() - unit().errors.to_vector();
+        for (index, (difference, sigma)) in difference.iter().zip(&record.sigmas).enumerate() {
+            let turn = std::f64::consts::TAU;
+            let heading = index == PARAMETERS - 1;
+            let error = if heading { difference - (difference / turn).round() * turn } else { *difference };
+            // One of 56 beyond 4.5 sigma by chance: 4e-4.
+            assert!(error.abs() < 4.5 * sigma, "{}: {:.1} sigma", PARAMETER_INFO[index].name, error / sigma);
+        }
+        let segments = run.messages.iter().filter(|message| matches!(message, Message::Segment(_))).count();
+        assert_eq!(segments, 37);
+        assert!(run.accepted() && run.corrected());
+    }
+}
+
+#[test]
+fn a_stored_calibration_is_used_wherever_the_gimbals_stand() {
+    let stored = run([0.0, 0.0], RUN_S, None, sound, intact).saved.expect("a stored calibration");
+    let run = run([200.0, -130.0], 3.0, Some(&stored), sound, intact);
+    assert_eq!(run.states().collect::<Vec<_>>(), [State::Correcting]);
+    assert!(run.corrected());
+    assert_eq!(run.rins.true_angles_rad(), [200.0 * DEG, -130.0 * DEG]);
+}
+
+#[test]
+fn an_imu_or_encoder_that_falls_silent_stops_the_gimbals() {
+    for chip in [Chip::Imu, Chip::OuterEncoder] {
+        // 0.1 s to notice, a third of a second to stop from 20 deg/s at 60 deg/s^2.
+        let run = run([0.0, 0.0], TURNING_S + 0.5, None, sound, spoiled(chip, TURNING_S, TURNING_S + 0.5));
+        assert_eq!(run.aborted(), [AbortReason::SampleLoss]);
+        assert_eq!(run.last_state(), Some(State::Stopping));
+        assert_eq!(run.rins.true_rates_rad_s(), [0.0; 2]);
+        assert!(run.rins.true_angles_rad()[0].abs() > DEG, "it turned");
+    }
+}
+
+#[test]
+fn gimbals_are_parked_when_samples_come_again() {
+    let run = run([0.0, 0.0], TURNING_S + 20.0, None, sound, spoiled(Chip::Imu, TURNING_S, TURNING_S + 2.0));
+    assert_eq!(run.aborted(), [AbortReason::SampleLoss]);
+    assert_eq!(run.last_state(), Some(State::Parked));
+    assert!(run.parked() && run.saved.is_none());
+}
+
+#[test]
+fn samples_that_cannot_be_used_are_as_good_as_none() {
+    let not_finite = |reading: &mut Reading| {
+        if reading.time_us as f64 > TURNING_S * 1e6 {
+            reading.force_a[1] = f64::NAN;
+        }
+    };
+    let run = run([0.0, 0.0], TURNING_S + 0.5, None, not_finite, intact);
+    assert_eq!(run.aborted(), [AbortReason::SampleLoss]);
+    assert_eq!(run.rins.true_rates_rad_s(), [0.0; 2]);
+}
+
+#[test]
+fn a_clock_that_starts_anew_ends_the_run() {
+    let restarted = |reading: &mut Reading| reading.time_us %= (TURNING_S * 1e6) as u64;
+    let run = run([0.0, 0.0], TURNING_S + 13.0, None, restarted, intact);
+    assert_eq!(run.aborted(), [AbortReason::SampleLoss]);
+    assert_eq!(run.last_state(), Some(State::Parked));
+    assert!(run.parked());
+}
+
+#[test]
+fn a_gap_at_a_stop_repeats_the_stop() {
+    let run = run([0.0, 0.0], RUN_S, None, sound, spoiled(Chip::Imu, STANDING_S, STANDING_S + 0.3));
+    assert!(run.aborted().is_empty() && run.accepted());
+    let solved = run.messages.iter().find_map(|message| match message {
+        Message::Solved { solution, counts } => Some((solution.left_out, counts.missing)),
+        _ => None,
+    });
+    assert_eq!(solved, Some((0, 60)));
+}
+
+#[test]
+fn a_drive_is_commanded_again_and_given_up_after_ten_failures() {
+    let briefly = run([0.0, 0.0], RUN_S, None, sound, spoiled(Chip::OuterDrive, TURNING_S, TURNING_S + 0.04));
+    assert!(briefly.aborted().is_empty() && briefly.accepted());
+    let forever = run([0.0, 0.0], TURNING_S + 5.0, None, sound, spoiled(Chip::InnerDrive, TURNING_S, f64::INFINITY));
+    assert_eq!(forever.aborted(), [AbortReason::InnerDrive]);
+    assert_eq!(forever.last_state(), Some(State::Stranded));
+    assert_eq!(forever.rins.true_rates_rad_s(), [0.0; 2]);
+}
+
+/// Runs a sound unit to its end with these limits and this pace.
+fn paced(limits: VerdictLimits, pace: Pace) -> Vec<Message> {
+    let unit = unit();
+    let calibrator = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
+    let config = SelfCalibrationConfig { limits, pace, ..SelfCalibrationConfig::new(calibrator, Scheme::bai(10.0, 1)) };
+    let mut rins = VirtualRins::new(&unit, 2);
+    rins.expect_moves(&move_durations_s(&config.scheme, unit.rate_hz));
+    let bench = shared(Faulty { rins, left: (RUN_S * unit.rate_hz) as u32, fault: sound });
     let mut messages = Vec::new();
-    let mut seconds_left = 600.0;
-    while run.state() != State::Correcting && seconds_left > 0.0 {
+    let note = |message: &Message| messages.push(message.clone());
+    in_process::<f64, BASIC_STATES, _>(&Assignment::SelfCalibrate(config), None, &bench, note).expect("it runs");
+    messages
+}
+
+fn solution(messages: &[Message]) -> &Solution {
+    let solved = messages.iter().find_map(|message| match message {
+        Message::Solved { solution, .. } => Some(solution),
+        _ => None,
+    });
+    solved.expect("a solution")
+}
+
+fn verdict(messages: &[Message]) -> &Verdict {
+    let judged = messages.iter().find_map(|message| match message {
+        Message::Judged(verdict) => Some(verdict),
+        _ => None,
+    });
+    judged.expect("a verdict")
+}
+
+#[test]
+fn a_run_ends_as_soon_as_it_is_good_enough() {
+    let required_rad = 1.0 * ARCSEC;
+    let early = Pace { early_finish: true, ..Pace::default() };
+    let whole = paced(VerdictLimits::default(), early);
+    assert_eq!(solution(&whole).segments, 37, "without a requirement it is never enough");
+    let messages = paced(VerdictLimits::default().requiring(required_rad), early);
+    assert!(verdict(&messages).accepted());
+    let solution = solution(&messages);
+    assert!(solution.segments < 37, "{} segments", solution.segments);
+    assert!(solution.estimate.sigmas[..12].iter().all(|sigma| *sigma <= required_rad));
+    let at_the_stop_before = messages.iter().find_map(|message| match message {
+        Message::Segment(progress) if progress.segments + 2 == solution.segments => Some(progress.estimate.sigmas),
+        _ => None,
+    });
+    assert!(at_the_stop_before.is_some_and(|sigmas| sigmas[..12].iter().any(|sigma| *sigma > required_rad)));
+}
+
+#[test]
+fn a_run_ends_when_its_time_is_over_and_says_what_is_missing() {
+    let pace = Pace { early_finish: true, longest_s: Some(120.0), ..Pace::default() };
+    let messages = paced(VerdictLimits::default().requiring(0.1 * ARCSEC), pace);
+    let measured_s = solution(&messages).duration_s;
+    // The stop under way at 120 s is finished.
+    assert!((120.0..140.0).contains(&measured_s), "{measured_s}");
+    let reasons = &verdict(&messages).reasons;
+    assert!(reasons.iter().any(|reason| matches!(reason, Reason::Sigma { .. })), "{reasons:?}");
+}
+
+#[test]
+fn a_run_is_started_on_command_and_judged_against_the_one_before() {
+    let unit = unit();
+    let calibrator_config = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
+    let mut config = SelfCalibrationConfig::new(calibrator_config, Scheme::bai(2.0, 1));
+    (config.policy, config.utc_s) = (PowerUpPolicy::OnCommand, Some(1_790_000_000));
+    let mut rins = VirtualRins::new(&unit, 1);
+    rins.expect_moves(&move_durations_s(&config.scheme, unit.rate_hz));
+    let mut calibrator = Calibrator::<f64>::UNCONFIGURED;
+    let mut run = SelfCalibration::new(config, None, &mut calibrator).expect("a good configuration");
+    let (mut decisions, mut verdicts, mut records) = (Vec::new(), Vec::new(), Vec::new());
+    for edge in 0..400 * 200 {
         let reading = rins.next_reading().expect("it never ends");
-        let step = run.step(&sample(&reading), &mut |message: &Message| messages.push(message.clone()));
+        let step = run.step(&raw_sample(&reading), &mut |message| match message {
+            Message::Decided(decision) => decisions.push(*decision),
+            Message::Judged(verdict) => verdicts.push(verdict.accepted()),
+            _ => {}
+        });
         if step.save {
+            records.push(run.record().expect("a record"));
             run.saved();
         }
+        if edge % (200 * 200) == 200 {
+            assert!(run.start());
+        }
         rins.command_rates(step.rates_rad_s);
-        seconds_left -= 1.0 / unit.rate_hz;
     }
-    assert_eq!(run.state(), State::Correcting);
-    let record = run.record().expect("a solution");
-    let difference = record.errors.to_vector() - unit.errors.to_vector();
-    for (index, (difference, sigma)) in difference.iter().zip(&record.sigmas).enumerate() {
-        let turn = std::f64::consts::TAU;
-        let error = if index == PARAMETERS - 1 { difference - (difference / turn).round() * turn } else { *difference };
-        // One of 28 beyond 4.5 sigma by chance: 2e-4.
-        assert!(error.abs() < 4.5 * sigma, "{}: {:.1} sigma", PARAMETER_INFO[index].name, error / sigma);
-    }
-    let segments = messages.iter().filter(|message| matches!(message, Message::Segment(_))).count();
-    assert_eq!(segments, 37);
-    assert!(messages.iter().any(|message| matches!(message, Message::Judged(verdict) if verdict.accepted())));
+    let commanded = Decision::Calibrate(Cause::Commanded);
+    assert_eq!(decisions, [Decision::StandBy(Cause::Policy), commanded, commanded]);
+    assert_eq!(verdicts, [true, true]);
+    assert!(records[0].utc_s.zip(records[1].utc_s).is_some_and(|(first, second)| second - first == 200));
+    assert!(records[0].errors != records[1].errors);
 }

@@ -150,20 +150,20 @@ fn a_unit_calibrates_at_power_up_and_finds_its_record_at_the_next() {
     let directory = tempfile::tempdir().expect("a directory");
     let eeprom = directory.path().join("eeprom.bin");
     let first = boot(&image, &eeprom);
-    assert_eq!(first.messages.first(), Some(&Message::Store { found: false, damaged: false }));
+    assert_eq!(first.messages.first(), Some(&Message::Store { found: false, damaged: false, fault: false }));
     assert_eq!(first.states().last(), Some(&State::Correcting), "{:?}", first.log);
     assert!(first.messages.contains(&Message::Saved(true)));
     assert_eq!(first.queue().1, Losses::default());
     within_sigmas(&first.record().expect("a solution"), &unit().0);
     let second = boot(&image, &eeprom);
-    assert_eq!(second.messages.first(), Some(&Message::Store { found: true, damaged: false }));
+    assert_eq!(second.messages.first(), Some(&Message::Store { found: true, damaged: false, fault: false }));
     assert_eq!(second.states(), [State::Correcting]);
     assert_eq!(second.record(), None);
     corrected_as_felt(&second);
     // The only record is damaged now: the unit says so and calibrates itself anew.
     flip(&eeprom, 100);
     let third = boot(&image, &eeprom);
-    assert_eq!(third.messages.first(), Some(&Message::Store { found: false, damaged: true }));
+    assert_eq!(third.messages.first(), Some(&Message::Store { found: false, damaged: true, fault: false }));
     assert!(third.log.iter().any(|line| line.contains("a slot damaged: true")), "{:?}", third.log);
     assert_eq!(third.record(), first.record(), "the same unit, the same noise");
     assert!(third.messages.contains(&Message::Saved(true)));

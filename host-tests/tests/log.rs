@@ -92,7 +92,10 @@ fn wrong_headers_are_named() {
     let lacking = header().replace("gyro_y_rad_s,", "");
     assert_eq!(refused("lacking.csv", lacking.as_bytes()), "lacking.csv:1: column gyro_y_rad_s is missing");
     let twice = header() + ",time_s";
-    assert_eq!(refused("twice.csv", twice.as_bytes()), "twice.csv:1: column time_s is there twice");
+    assert_eq!(
+        refused("twice.csv", twice.as_bytes()),
+        "twice.csv:1: column time_s is there twice, as columns 1 and 10"
+    );
     assert_eq!(refused("empty.csv", b""), "empty.csv:1: the file is empty, expected a header row");
     assert_eq!(refused("header.csv", header().as_bytes()), "header.csv:2: no samples after the header row");
     assert_eq!(refused("latin.csv", b"time_s,\xe9\n0,0\n"), "latin.csv:1: column 2: not UTF-8");
@@ -211,7 +214,32 @@ fn truth_round_trips() {
     assert_eq!(Truth::read(&path).unwrap(), truth);
     std::fs::write(&path, "{\"units\": \"\",\n \"parameters\": {\"Sgxx\": 1}}").unwrap();
     let message = Truth::read(&path).unwrap_err().to_string();
-    assert!(message.contains("truth.json: unknown parameter `Sgxx` at line 2"), "{message}");
+    assert!(message.ends_with("truth.json:2: unknown parameter `Sgxx`"), "{message}");
+    std::fs::write(&path, "{\"parameters\": {\"Sgxy\": 1.5, \"heading\": -3}}").unwrap();
+    let partial = Truth::read(&path).unwrap();
+    let value = |name| partial.parameters.value(name);
+    assert_eq!((value("Sgxy"), value("heading"), value("alpha")), (Some(1.5), Some(-3.0), None));
+    partial.write(&path).unwrap();
+    assert_eq!(Truth::read(&path).unwrap(), partial, "what is not known is not written");
+}
+
+#[test]
+fn a_unit_says_where_its_numbers_come_from() {
+    assert_eq!(
+        UnitConfig::default().described(&Default::default()),
+        "site: latitude 30.93041 deg, height 20 m, gravity 9.793920 m/s^2 WGS-84 (default)\n\
+         noise: accelerometers 10.0 ug/sqrt(Hz), gyros 0.00100 deg/sqrt(h), encoders 0.500 arcsec (default)\n"
+    );
+    let path = written("origin.toml", b"[site]\nlatitude_deg = 45\ngravity_m_s2 = 9.81\n[initial]\nheading_deg = 7\n");
+    let (config, origin) = UnitConfig::read_with_origin(&path).unwrap();
+    let text = config.described(&origin).replace(&format!("{}/", env!("CARGO_TARGET_TMPDIR")), "");
+    let lines: Vec<_> = text.lines().collect();
+    assert_eq!(
+        lines[0],
+        "site: latitude 45 deg, height 20 m, gravity 9.810000 m/s^2 measured (origin.toml, height_m by default)"
+    );
+    assert!(lines[1].ends_with("(default)"), "{text}");
+    assert_eq!(lines[2], "heading: 7 +- 1 deg (origin.toml, heading_sigma_deg by default)");
 }
 
 fn config_refused(name: &str, text: &str) -> String {
@@ -251,7 +279,7 @@ fn schemes_come_by_name_and_from_files() {
     assert_eq!(read_scheme(&path).unwrap(), Scheme::bai(10.0, 2));
     assert_eq!(scheme_named(path.to_str().unwrap(), Some(20.0), None).unwrap(), Scheme::bai(20.0, 2));
     let unknown = scheme_named("bay", None, None).unwrap_err().to_string();
-    assert_eq!(unknown, "bay: no such file, and not one of bai");
+    assert_eq!(unknown, "unknown 'bay'; known: bai, or a file");
 }
 
 #[test]
@@ -295,7 +323,7 @@ fn errors_and_noise_come_by_name_and_from_files() {
     let path = written("infinite.toml", b"[parameters]\nalpha = inf\n");
     let message = errors_named(path.to_str().unwrap(), 0).unwrap_err().to_string();
     assert!(message.ends_with("infinite.toml:2: alpha: must be finite"), "{message}");
-    assert!(errors_named("table2", 0).unwrap_err().to_string().contains("not one of table1, table3, real"));
+    assert!(errors_named("table2", 0).unwrap_err().to_string().ends_with("known: table1, table3, real, or a file"));
     assert_eq!(noise_named("tactical").unwrap(), Noise::tactical());
     let path = written("noise.toml", b"[noise]\nencoder_repeatability_arcsec = 2.0\n");
     assert_eq!(noise_named(path.to_str().unwrap()).unwrap().encoder_repeatability_arcsec, 2.0);

@@ -1,12 +1,13 @@
 //! What the firmware image takes and what is linked into it.
 //!
-//! `firmware-report [IMAGE]`: builds the f64 and the f32 image, or takes the given one; prints flash, static RAM, painted
-//! stack of a whole calibration and instructions to a sample of an idle run in the emulator. Exits with 1 if a panic or an allocation is linked.
+//! `firmware-report [IMAGE]`: builds the images for f64, with and without optional states, and f32, or takes the given one; prints flash, static RAM, painted
+//! stack, depth of the queue and instructions by kind of work of a whole calibration in the emulator. Exits with 1 if a panic or an allocation
+//! is linked.
 
 use anyhow::{Context, Result};
-use host_tests::bench::{AtRest, Bench};
+use host_tests::bench::Bench;
 use host_tests::drive::move_durations_s;
-use host_tests::emulator::{Run, Scalar, Setup, build, run};
+use host_tests::emulator::{Run, Scalar, Variant, WORKS, build};
 use host_tests::power_up::{Switched, in_emulator};
 use host_tests::virtual_rins::{VirtualRins, VirtualUnit};
 use object::{Object, ObjectSegment, ObjectSymbol};
@@ -19,9 +20,6 @@ use rins_selfcal::sequencer::State;
 use rins_selfcal::telemetry::Message;
 use std::path::Path;
 use std::process::ExitCode;
-
-/// Samples of the short run.
-const SAMPLES: u32 = 2000;
 
 /// Where the RAM begins, see `memory.x`.
 const RAM: u64 = 0x2000_0000;
@@ -60,8 +58,9 @@ fn report() -> Result<bool> {
         return report_image("image", Path::new(&image));
     }
     let mut clean = true;
-    for scalar in [Scalar::F64, Scalar::F32] {
-        clean &= report_image(scalar.name(), &build(scalar)?)?;
+    let optional = Variant { scalar: Scalar::F64, optional_states: true };
+    for variant in [Scalar::F64.into(), optional, Scalar::F32.into()] {
+        clean &= report_image(variant.name(), &build(variant)?)?;
     }
     Ok(clean)
 }
@@ -71,14 +70,16 @@ fn report_image(name: &str, image: &Path) -> Result<bool> {
     let bytes = std::fs::read(image).with_context(|| format!("cannot read {}", image.display()))?;
     let file = object::File::parse(&*bytes)?;
     let sizes = Sizes::of(&file);
-    let short = run(&Setup::new(image), &mut Bench::new(AtRest::new(SAMPLES / 2)), |_| (), |_| ())?;
-    let long = run(&Setup::new(image), &mut Bench::new(AtRest::new(3 * SAMPLES / 2)), |_| (), |_| ())?;
     println!("{name}");
     println!("  flash                {:>8} bytes", sizes.flash);
     println!("  static RAM           {:>8} bytes", sizes.ram);
     let calibration = calibration(image)?;
     println!("  stack used           {:>8} bytes of {}", calibration.stack_used_bytes, calibration.stack_bytes);
-    println!("  instructions/sample  {:>8.0}", (long.instructions - short.instructions) / f64::from(SAMPLES));
+    println!("  queue used           {:>8} samples of {}", calibration.queue_deepest, calibration.queue_length);
+    println!("  {:<21}{:>8} {:>8}   instructions, without transfers and telemetry", "", "mean", "most");
+    for (work, load) in WORKS.iter().zip(&calibration.loads) {
+        println!("  {work:<21}{:>8.0} {:>8.0}", load.mean_instructions, load.most_instructions);
+    }
     let forbidden = forbidden(&file);
     match forbidden.as_slice() {
         [] => println!("  no panic, no allocation linked"),

@@ -1,5 +1,6 @@
 //! The command line.
 
+use super::files::Named;
 use crate::calibration::{Precision, Setup};
 use crate::monte_carlo::ErrorSource;
 use crate::plan::information::Pace;
@@ -11,13 +12,14 @@ use crate::toml_file::TomlFileError;
 use crate::unit::UnitConfig;
 use crate::virtual_rins::{DEFAULT_RATE_HZ, VirtualUnit};
 use crate::virtual_run::{Stream, VirtualRun, derived_seed};
+use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use rins_selfcal::axis::AxisLimits;
 use rins_selfcal::method::Method;
 use rins_selfcal::options::Options;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::units::{DEG, DEG_H, MICRO_G};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Self-calibration of a dual-axis rotational INS.
 ///
@@ -386,10 +388,16 @@ pub struct SchemeArguments {
 
 impl SchemeArguments {
     /// The scheme, as long as this method wants it where nothing else is asked for.
-    pub fn scheme(&self, method: Method) -> Result<Scheme, TomlFileError> {
+    pub fn scheme(&self, method: Method) -> anyhow::Result<Scheme> {
         let usual = (self.scheme == "bai").then(|| Scheme::default_for(method));
         let stop_s = self.stop.or(usual.as_ref().map(|usual| usual.first_stop_s));
-        scheme_named(&self.scheme, stop_s, self.periods.or(usual.map(|usual| usual.periods)))
+        let periods = self.periods.or(usual.map(|usual| usual.periods));
+        of_option("--scheme", scheme_named(&self.scheme, stop_s, periods))
+    }
+
+    /// The file that it may be.
+    pub fn input(&self) -> Named<'_> {
+        ("--scheme", Some(Path::new(&self.scheme)))
     }
 }
 
@@ -413,13 +421,18 @@ pub struct UnitArguments {
 }
 
 impl UnitArguments {
-    pub fn config(&self) -> Result<UnitConfig, TomlFileError> {
+    pub fn config(&self) -> anyhow::Result<UnitConfig> {
         unit_config(self.config.as_ref(), self.noise.as_deref(), self.rate)
     }
 
+    /// The files that describe it.
+    pub fn inputs(&self) -> [Named<'_>; 3] {
+        unit_inputs(&self.errors, self.noise.as_deref(), self.config.as_deref())
+    }
+
     /// The unit on a scheme.
-    pub fn run(&self, config: &UnitConfig, scheme: Scheme) -> Result<VirtualRun, TomlFileError> {
-        let drawn = ErrorSource::named(&self.errors)?.draw(derived_seed(self.seed, 0, Stream::Errors));
+    pub fn run(&self, config: &UnitConfig, scheme: Scheme) -> anyhow::Result<VirtualRun> {
+        let drawn = errors(&self.errors)?.draw(derived_seed(self.seed, 0, Stream::Errors));
         let unit = VirtualUnit {
             errors: drawn.errors,
             effects: drawn.effects,
@@ -431,15 +444,29 @@ impl UnitArguments {
     }
 }
 
+/// Errors by name or from a file.
+pub fn errors(name: &str) -> anyhow::Result<ErrorSource> {
+    of_option("--errors", ErrorSource::named(name))
+}
+
+/// The files that may describe a unit.
+pub fn unit_inputs<'a>(errors: &'a str, noise: Option<&'a str>, config: Option<&'a Path>) -> [Named<'a>; 3] {
+    [("--errors", Some(Path::new(errors))), ("--noise", noise.map(Path::new)), ("--config", config)]
+}
+
+/// An unknown name says whose value it is; what is wrong in a file, the file says.
+fn of_option<T>(option: &'static str, found: Result<T, TomlFileError>) -> anyhow::Result<T> {
+    match found {
+        Err(error @ TomlFileError::Name { .. }) => Err(error).context(option),
+        found => Ok(found?),
+    }
+}
+
 /// Unit description from a file, or the default one, with other noise or another rate where asked for.
-pub fn unit_config(
-    config: Option<&PathBuf>,
-    noise: Option<&str>,
-    rate_hz: Option<f64>,
-) -> Result<UnitConfig, TomlFileError> {
+pub fn unit_config(config: Option<&PathBuf>, noise: Option<&str>, rate_hz: Option<f64>) -> anyhow::Result<UnitConfig> {
     let mut unit = config.map_or_else(|| Ok(UnitConfig::default()), |path| UnitConfig::read(path))?;
     if let Some(noise) = noise {
-        unit.noise = noise_named(noise)?;
+        unit.noise = of_option("--noise", noise_named(noise))?;
     }
     unit.sampling.rate_hz = rate_hz.or(unit.sampling.rate_hz);
     Ok(unit)

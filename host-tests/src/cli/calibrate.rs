@@ -1,7 +1,7 @@
 //! `rins calibrate`
 
 use super::arguments::CalibrateArguments;
-use super::{Ending, progress, replay};
+use super::{Ending, files, progress, replay};
 use crate::calibration::Setup;
 use crate::closed_loop::{Ended, PowerUp};
 use crate::emulator::Run;
@@ -15,8 +15,13 @@ use rins_selfcal::error_model::block;
 use rins_selfcal::sequencer::State;
 use rins_selfcal::telemetry::Message;
 use std::path::Path;
+use std::time::Instant;
 
 pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
+    let [errors, noise, config] = arguments.unit.inputs();
+    // The EEPROM is read and written; nothing else may be written there.
+    let inputs = [arguments.scheme.input(), errors, noise, config, ("--eeprom", arguments.eeprom.as_deref())];
+    files::check(&inputs, &[("--json", arguments.json.as_deref()), ("--report", Some(&arguments.report))])?;
     let config = arguments.unit.config()?;
     let method = arguments.method.method();
     let scheme = arguments.scheme.scheme(method)?;
@@ -28,11 +33,13 @@ pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
         return firmware(arguments, &run, &setup);
     }
     let bar = progress::bar(run.duration_s().ceil() as u64, "s");
-    let started = std::time::Instant::now();
+    let started = Instant::now();
     let ended = PowerUp::new(&run, &setup).in_process(|message| show(&bar, message))?;
     bar.finish_and_clear();
-    eprintln!("wall time: {:.2} s", started.elapsed().as_secs_f64());
-    conclude(arguments, &run, &ended)
+    let wall = started.elapsed();
+    let ending = conclude(arguments, &run, &ended)?;
+    progress::wall_time(wall);
+    Ok(ending)
 }
 
 /// Boots twice with the same EEPROM: the second boot shall find what the first one stored.
@@ -63,12 +70,15 @@ fn boot(number: u32, run: &VirtualRun, setup: &Setup, eeprom: &Path) -> anyhow::
 
 fn figures(run: &Run) -> String {
     format!(
-        "{:.1} s of instrument time, {:.1} s wall time, {:.0} million instructions, stack {} of {} bytes",
+        "{:.1} s of instrument time, {:.1} s wall time, {:.0} million instructions, stack {} of {} bytes, \
+         at most {} of {} samples waiting",
         run.elapsed_s,
         run.wall_s,
         run.instructions * 1e-6,
         run.stack_used_bytes,
-        run.stack_bytes
+        run.stack_bytes,
+        run.queue_deepest,
+        run.queue_length
     )
 }
 

@@ -1,15 +1,16 @@
 //! `rins montecarlo`
 
-use super::arguments::{MethodsArgument, MonteCarloArguments, rate_hz, unit_config};
-use super::{Ending, progress};
+use super::arguments::{self, MethodsArgument, MonteCarloArguments};
+use super::{Ending, files, progress};
 use crate::calibration::method_name;
-use crate::monte_carlo::{CONFIDENCE, ErrorSource, FitStatistics, MethodStatistics, MonteCarlo};
-use crate::quantity::significant;
+use crate::monte_carlo::{CONFIDENCE, FitStatistics, MethodStatistics, MonteCarlo};
+use crate::quantity::{fixed, rounded, significant};
 use crate::report::{Named, SOFTWARE, Software, write_json};
 use crate::statistics::ErrorStatistics;
 use crate::table;
 use rins_selfcal::error_model::PARAMETER_INFO;
 use rins_selfcal::method::Method;
+use rins_selfcal::scheme::Scheme;
 use serde::Serialize;
 use std::time::Instant;
 
@@ -17,14 +18,21 @@ use std::time::Instant;
 const BAI_TABLE_1_ERRORS: [f64; 12] =
     [0.389, 0.575, 0.474, 0.488, 0.544, 0.406, 0.255, 0.164, 0.119, 0.145, 0.042, 0.067];
 
+/// What the column is.
+const BAI_TABLE_1_NOTE: &str = "Bai Table 1: errors of Bai's own simulation as published (Sensors 2019, 19, 4005, Table 1), to compare with RMS error\n";
+
 pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
+    let [errors, noise, config] =
+        arguments::unit_inputs(&arguments.errors, arguments.noise.as_deref(), arguments.config.as_deref());
+    let inputs = [arguments.scheme.input(), errors, noise, config];
+    files::check(&inputs, &[("--json", arguments.json.as_deref())])?;
     let monte_carlo = monte_carlo(arguments)?;
+    print!("{}", head(arguments, &monte_carlo));
     let bar = progress::bar(arguments.runs, "runs");
     let start = Instant::now();
     let methods = monte_carlo.run(|| bar.inc(1));
     bar.finish_and_clear();
-    let head = format!("{} runs, scheme {}", arguments.runs, monte_carlo.scheme.name);
-    println!("{head}, errors {}, {:.0} s of computing", arguments.errors, start.elapsed().as_secs_f64());
+    let wall = start.elapsed();
     let beside_bai = arguments.errors == "table1";
     methods.iter().for_each(|method| print!("\n{}", text(method, beside_bai)));
     if let [joint, two_stage] = methods.as_slice() {
@@ -34,11 +42,38 @@ pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
         write_json(path, &Report::new(arguments, &monte_carlo, &methods))?;
         println!("statistics: {}", path.display());
     }
+    progress::wall_time(wall);
     Ok(Ending::Done)
 }
 
+/// What is run.
+fn head(arguments: &MonteCarloArguments, monte_carlo: &MonteCarlo) -> String {
+    let MonteCarlo { scheme, unit, rate_hz, seed, .. } = monte_carlo;
+    let periods = if scheme.periods == 1 { "1 period".into() } else { format!("{} periods", scheme.periods) };
+    let methods: Vec<_> = monte_carlo.methods.iter().map(|method| method_name(*method)).collect();
+    format!(
+        "{} runs of {:.1} s at {rate_hz} Hz, seed {seed}\nscheme: {}, {periods}, {} stops of {}\nmethod: {}\n\
+         errors: {}\nnoise: {}\n",
+        monte_carlo.runs,
+        monte_carlo.duration_s(),
+        scheme.name,
+        scheme.moves() + 1,
+        stops(scheme),
+        methods.join(" and "),
+        arguments.errors,
+        unit.noise
+    )
+}
+
+/// How long the stops are.
+fn stops(scheme: &Scheme) -> String {
+    let all = || scheme.legs.iter().map(|leg| leg.stop_s).chain([scheme.first_stop_s]);
+    let (shortest, longest) = (all().fold(f64::INFINITY, f64::min), all().fold(0.0, f64::max));
+    if shortest < longest { format!("{shortest} to {longest} s") } else { format!("{longest} s") }
+}
+
 fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo> {
-    let unit = unit_config(arguments.config.as_ref(), arguments.noise.as_deref(), arguments.rate)?;
+    let unit = arguments::unit_config(arguments.config.as_ref(), arguments.noise.as_deref(), arguments.rate)?;
     let longest = if matches!(arguments.method, MethodsArgument::Joint) { Method::Joint } else { Method::TwoStage };
     Ok(MonteCarlo {
         runs: arguments.runs,
@@ -46,8 +81,8 @@ fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo> {
         precision: arguments.precision,
         options: arguments.options.options(),
         scheme: arguments.scheme.scheme(longest)?,
-        errors: ErrorSource::named(&arguments.errors)?,
-        rate_hz: rate_hz(&unit),
+        errors: arguments::errors(&arguments.errors)?,
+        rate_hz: arguments::rate_hz(&unit),
         unit,
         seed: arguments.seed,
     })
@@ -64,7 +99,8 @@ fn text(method: &MethodStatistics, beside_bai: bool) -> String {
         text += &format!("  - {reason}\n");
     }
     let beside_bai = beside_bai && method.method == Method::TwoStage;
-    text + "\n" + &errors(method, beside_bai) + &summary(method)
+    let note = if beside_bai { BAI_TABLE_1_NOTE } else { "" };
+    text + "\n" + &errors(method, beside_bai) + note + &summary(method)
 }
 
 fn errors(method: &MethodStatistics, beside_bai: bool) -> String {
@@ -83,13 +119,13 @@ fn errors(method: &MethodStatistics, beside_bai: bool) -> String {
 }
 
 fn error_cells(found: &ErrorStatistics, [low, high]: [f64; 2]) -> Vec<String> {
-    let outside = if (low..=high).contains(&found.mean_normalized_squared) { ' ' } else { '!' };
+    let outside = if (low..=high).contains(&found.mean_normalized_squared) { " " } else { "!" };
     vec![
         significant(found.rms_error),
-        crate::quantity::rounded(found.mean_error, found.rms_error),
+        rounded(found.mean_error, found.rms_error),
         significant(found.bound),
-        format!("{:.3}", found.ratio),
-        format!("{:.3}{outside}", found.mean_normalized_squared),
+        fixed(found.ratio, 3),
+        fixed(found.mean_normalized_squared, 3) + outside,
     ]
 }
 
@@ -102,10 +138,15 @@ fn summary(method: &MethodStatistics) -> String {
     format!(
         "wrong: one of the twelve installation errors off by more than 4.5 sigma and 1 arcsec\n\
          bound: Cramer-Rao, root mean square over the runs of the filter's sigma, linearized at its estimate\n\
-         RMS/bound: mean {mean:.3}, largest {largest:.3}\n\
+         RMS/bound: mean {}, largest {}\n\
          mean (error/sigma)^2: {inside} of {all} inside {low:.3} to {high:.3} ({percent} %; outside: !)\n\
-         chi-square of the fit: mean {:.2} with {:.1} degrees of freedom, {percent} % bounds {:.2} to {:.2}\n",
-        fit.mean_chi_square, fit.mean_degrees_of_freedom, fit.bounds[0], fit.bounds[1]
+         chi-square of the fit: mean {} with {:.1} degrees of freedom, {percent} % bounds {:.2} to {:.2}\n",
+        fixed(mean, 3),
+        fixed(largest, 3),
+        fixed(fit.mean_chi_square, 2),
+        fit.mean_degrees_of_freedom,
+        fit.bounds[0],
+        fit.bounds[1]
     )
 }
 
@@ -115,7 +156,7 @@ fn side_by_side(joint: &MethodStatistics, two_stage: &MethodStatistics) -> Strin
     let table = table::by_parameter(&columns, |index| {
         let (ours, theirs) = (joint.parameters[index]?, two_stage.parameters[index]?);
         let numbers = [theirs.rms_error, theirs.bound, ours.rms_error, ours.bound].map(significant);
-        Some(numbers.into_iter().chain([format!("{:.1}", theirs.rms_error / ours.rms_error)]).collect())
+        Some(numbers.into_iter().chain([fixed(theirs.rms_error / ours.rms_error, 1)]).collect())
     });
     format!("both methods on the same data\n\n{table}")
 }

@@ -2,7 +2,7 @@
 
 use super::Ending;
 use super::arguments::ReplayArguments;
-use super::progress;
+use super::{files, progress};
 use crate::calibration::Outcome;
 use crate::page::write_page;
 use crate::quantity;
@@ -10,7 +10,7 @@ use crate::replay::{Replay, config_beside};
 use crate::report::{CalibrationReport, write_json};
 use crate::table;
 use crate::truth::Truth;
-use crate::unit::UnitConfig;
+use crate::unit::{Origin, UnitConfig};
 use anyhow::Context;
 use rins_selfcal::calibrator::Progress;
 use rins_selfcal::error_model::PARAMETER_INFO;
@@ -18,10 +18,22 @@ use rins_selfcal::segment::SegmentKind;
 use std::path::Path;
 
 pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
+    let inputs = [
+        ("LOG.csv", Some(arguments.log.as_path())),
+        ("--config", arguments.config.as_deref()),
+        ("--truth", arguments.truth.as_deref()),
+    ];
+    let outputs = [
+        ("--json", arguments.json.as_deref()),
+        ("--report", arguments.report.as_deref()),
+        ("--csv-estimates", arguments.csv_estimates.as_deref()),
+    ];
+    files::check(&inputs, &outputs)?;
     let truth = arguments.truth.as_deref().map(Truth::read).transpose()?;
+    let (unit, origin) = unit(arguments)?;
     let replay = Replay {
         path: arguments.log.clone(),
-        unit: unit(arguments)?,
+        unit,
         method: arguments.method.method(),
         precision: arguments.method.precision,
         options: arguments.method.options.options(),
@@ -30,6 +42,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
     let counter = progress::counter("rows");
     let outcome = replay.run(|rows| counter.set_position(rows), |progress| segments.push(*progress))?;
     counter.finish_and_clear();
+    print!("{}", unit.described(&origin));
     if let Some(path) = &arguments.csv_estimates {
         write_estimates(path, &segments).with_context(|| path.display().to_string())?;
     }
@@ -43,30 +56,30 @@ pub fn report(
     json: Option<&Path>,
     page: Option<&Path>,
 ) -> anyhow::Result<Ending> {
-    let errors = truth.map(|truth| truth.parameters.to_errors());
+    let truth = truth.map(|truth| &truth.parameters);
     println!("{}", table::samples(outcome));
-    println!("{}", table::parameters(outcome, errors.as_ref()));
+    println!("{}", table::parameters(outcome, truth));
     print!("{}{}", table::optional_states(outcome), table::verdict(outcome));
     if let Some(path) = json {
         write_json(path, &CalibrationReport::from(outcome))?;
         println!("result: {}", path.display());
     }
     if let Some(path) = page {
-        write_page(path, outcome, errors.as_ref())?;
+        write_page(path, outcome, truth)?;
         println!("report: {}", path.display());
     }
-    Ok(if outcome.verdict.accepted() { Ending::Done } else { Ending::NotAccepted })
+    Ok(if outcome.is_in_use() { Ending::Done } else { Ending::NotAccepted })
 }
 
-fn unit(arguments: &ReplayArguments) -> anyhow::Result<UnitConfig> {
+fn unit(arguments: &ReplayArguments) -> anyhow::Result<(UnitConfig, Origin)> {
     if let Some(path) = &arguments.config {
-        return Ok(UnitConfig::read(path)?);
+        return Ok(UnitConfig::read_with_origin(path)?);
     }
     if let Some(beside) = config_beside(&arguments.log) {
         let beside = beside.display();
         eprintln!("note: {beside} is not used; give it as --config {beside} if it describes this unit");
     }
-    Ok(UnitConfig::default())
+    Ok(Default::default())
 }
 
 /// Live estimates and sigmas in report units, one row per segment.

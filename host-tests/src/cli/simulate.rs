@@ -2,7 +2,7 @@
 
 use super::Ending;
 use super::arguments::SimulateArguments;
-use super::progress;
+use super::{files, progress};
 use crate::log::LogWriter;
 use crate::truth::Truth;
 use crate::unit::UnitConfig;
@@ -15,6 +15,13 @@ use std::path::Path;
 const TICK: u64 = 10_000;
 
 pub fn run(arguments: &SimulateArguments) -> anyhow::Result<Ending> {
+    let [errors, noise, config] = arguments.unit.inputs();
+    let outputs = [
+        ("--out", Some(arguments.out.as_path())),
+        ("--truth", arguments.truth.as_deref()),
+        ("--write-config", arguments.write_config.as_deref()),
+    ];
+    files::check(&[arguments.scheme.input(), errors, noise, config], &outputs)?;
     let config = arguments.unit.config()?;
     let run = arguments.unit.run(&config, arguments.scheme.scheme(Method::Joint)?)?;
     let samples = write_log(&run, &arguments.out)?;

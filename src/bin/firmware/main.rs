@@ -8,12 +8,16 @@ mod mps2_an500;
 
 use cortex_m::singleton;
 use cortex_m_rt::entry;
-use mps2_an500::{Board, Telemetry};
+use mps2_an500::{Board, Span, Telemetry, Work, count};
 use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
-use rins_selfcal::device::rate_nrad_s;
-
-use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
+use rins_selfcal::device::command_rates;
+#[cfg(not(feature = "optional-states"))]
+use rins_selfcal::estimator::BASIC_STATES;
+use rins_selfcal::estimator::{FULL_STATES, MAX_SEGMENTS};
+use rins_selfcal::policy::Decision;
+use rins_selfcal::self_calibration::{ConfigError, SelfCalibration, SelfCalibrationConfig};
+use rins_selfcal::sequencer::State;
 use rins_selfcal::store::{Loaded, StoredCalibration};
 use rins_selfcal::telemetry::{MAX_FRAME_BYTES, Message, encode};
 use rins_selfcal::verdict::VerdictLimits;
@@ -25,17 +29,26 @@ pub type Scalar = f64;
 #[cfg(feature = "single-precision")]
 pub type Scalar = f32;
 
+/// States of the filter of this image.
+#[cfg(not(feature = "optional-states"))]
+const STATES: usize = BASIC_STATES;
+/// States of the filter of this image.
+#[cfg(feature = "optional-states")]
+const STATES: usize = FULL_STATES;
+
+type ImageCalibrator = Calibrator<Scalar, MAX_SEGMENTS, STATES>;
+
 #[entry]
 fn main() -> ! {
     let mut board = Board::start();
-    let status = match singleton!(: Calibrator<Scalar> = Calibrator::UNCONFIGURED) {
+    let status = match singleton!(: ImageCalibrator = Calibrator::UNCONFIGURED) {
         Some(calibrator) => run(&mut board, calibrator),
         None => Err(()),
     };
     board.finish(status)
 }
 
-fn run(board: &mut Board, calibrator: &mut Calibrator<Scalar>) -> Result<(), ()> {
+fn run(board: &mut Board, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
     match assignment(board) {
         Assignment::SelfCalibrate(config) => self_calibrate(board, config, calibrator),
         Assignment::Replay(config) => replay(board, &config, calibrator),
@@ -59,34 +72,32 @@ fn assignment(board: &mut Board) -> Assignment {
 fn self_calibrate(
     board: &mut Board,
     config: SelfCalibrationConfig,
-    calibrator: &mut Calibrator<Scalar>,
+    calibrator: &mut ImageCalibrator,
 ) -> Result<(), ()> {
     let stored = load(board);
     let mut run = match SelfCalibration::new(config, stored.as_ref(), calibrator) {
         Ok(run) => run,
-        Err(error) => {
-            defmt::error!("the configuration is refused");
-            send(&mut board.telemetry, &Message::Refused(error));
-            return Err(());
-        }
+        Err(error) => return refuse(board, error),
     };
     let mut samples = 0;
     while board.powered() {
         while let Some(sample) = board.samples.pop() {
             samples += 1;
-            let step = run.step(&sample, &mut |message| send(&mut board.telemetry, message));
-            let mut commanded = true;
-            for (drive, rate) in board.drives.iter_mut().zip(step.rates_rad_s) {
-                commanded &= drive.command(rate_nrad_s(rate)).is_ok();
-            }
-            if !commanded && board.powered() {
-                run.abort();
-            }
+            let (span, mut work) = (Span::start(), work_in(run.state()));
+            let step = run.step(&sample, &mut |message| {
+                work = if matches!(message, Message::Segment(_)) { Work::Segment } else { Work::Other };
+                send(&mut board.telemetry, message);
+            });
+            run.drives_answered(command_rates(&mut board.drives, step.rates_rad_s));
+            count(work, &span);
             if step.save {
                 let saved = run.record().is_some_and(|record| board.store.save(&record).is_ok());
                 run.saved();
                 send(&mut board.telemetry, &Message::Saved(saved));
             }
+        }
+        if let Some(rates_rad_s) = run.tick(board.now_us(), &mut |message| send(&mut board.telemetry, message)) {
+            command_rates(&mut board.drives, rates_rad_s);
         }
         board.wait();
     }
@@ -94,7 +105,27 @@ fn self_calibrate(
     Ok(())
 }
 
-fn replay(board: &mut Board, config: &CalibratorConfig, calibrator: &mut Calibrator<Scalar>) -> Result<(), ()> {
+fn refuse(board: &mut Board, error: ConfigError) -> Result<(), ()> {
+    defmt::error!("the configuration is refused: {}", defmt::Display2Format(&error));
+    send(&mut board.telemetry, &Message::Refused(error));
+    Err(())
+}
+
+/// What a sample is for in this state, unless there is something to tell.
+fn work_in(state: State) -> Work {
+    match state {
+        State::Dwell(_) => Work::Stop,
+        State::Turn(_) => Work::Move,
+        State::Compute => Work::Solve,
+        State::Correcting => Work::Correct,
+        _ => Work::Other,
+    }
+}
+
+fn replay(board: &mut Board, config: &CalibratorConfig, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
+    if config.estimator.options.needs_states() && STATES < FULL_STATES {
+        return refuse(board, ConfigError::States);
+    }
     calibrator.restart(config);
     let mut samples = 0;
     while board.powered() {
@@ -115,14 +146,20 @@ fn replay(board: &mut Board, config: &CalibratorConfig, calibrator: &mut Calibra
 
 /// The stored calibration, if there is a good one.
 fn load(board: &mut Board) -> Option<StoredCalibration> {
-    let (record, damaged) = match board.store.load() {
-        Ok(Loaded::Empty) => (None, false),
-        Ok(Loaded::Found { record, damage }) => (Some(record), damage.is_some()),
-        Ok(Loaded::Corrupt { .. }) => (None, true),
-        Err(_) => (None, true),
+    let (record, damaged, fault) = match board.store.load() {
+        Ok(Loaded::Empty) => (None, false, false),
+        Ok(Loaded::Found { record, damage }) => (Some(record), damage.is_some(), false),
+        Ok(Loaded::Corrupt { .. }) => (None, true, false),
+        Err(_) => (None, false, true),
     };
-    defmt::info!("calibration in store: {=bool}, a slot damaged: {=bool}", record.is_some(), damaged);
-    send(&mut board.telemetry, &Message::Store { found: record.is_some(), damaged });
+    let found = record.is_some();
+    defmt::info!(
+        "calibration in store: {=bool}, a slot damaged: {=bool}, memory at fault: {=bool}",
+        found,
+        damaged,
+        fault
+    );
+    send(&mut board.telemetry, &Message::Store { found, damaged, fault });
     record
 }
 
@@ -133,11 +170,13 @@ fn report_queue(board: &mut Board, samples: u64) {
 }
 
 fn send(telemetry: &mut Telemetry, message: &Message) {
+    let span = Span::start();
     log(message);
     let mut buffer = [0; MAX_FRAME_BYTES];
     if let Some(frame) = encode(message, &mut buffer) {
         telemetry.send(frame);
     }
+    span.put_aside();
 }
 
 /// The milestones of a run, for whoever reads the log and not the telemetry.
@@ -146,6 +185,9 @@ fn log(message: &Message) {
         Message::State { time_us, legs, .. } => {
             defmt::debug!("{=u64} us: next state, {=u16} legs in all", *time_us, *legs);
         }
+        Message::Decided(Decision::Calibrate(_)) => defmt::info!("a calibration begins"),
+        Message::Decided(Decision::UseStored(_)) => defmt::info!("the stored calibration corrects"),
+        Message::Decided(Decision::StandBy(_)) => defmt::info!("standing by without a calibration"),
         Message::Solved { solution, .. } => defmt::info!(
             "solved: chi-square {=f64} with {=u32} degrees of freedom",
             solution.fit.chi_square,

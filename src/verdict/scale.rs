@@ -1,0 +1,183 @@
+//! Are the samples in the units they claim to be? Specific force against gravity, and what the gyros turn against what
+//! the encoders turn.
+//!
+//! A wrong unit is the same factor in every stop or move. Anything else that is wrong is not, and is left to others.
+
+use super::VerdictLimits;
+use crate::linear::{ComplexField, Real};
+use crate::segment::{Segment, SegmentKind};
+use crate::units::{DEG, DEG_H, MICRO_G};
+use core::fmt;
+use serde::{Deserialize, Serialize};
+
+/// Standard gravity, m/s^2.
+const G: f64 = 1e6 * MICRO_G;
+/// Moves that turn less say too little about the scale, rad.
+const LEAST_TURN_RAD: f64 = 0.1;
+/// Faster than drives can be commanded (2.147 rad/s), and slower than any useful move that is in degrees.
+const FASTEST_TURN_RAD_S: f64 = 2.2;
+/// A factor names a unit if it is the unit's within this part: more than the errors of an instrument, less than the way
+/// to the next unit.
+const UNIT_TOLERANCE: f64 = 0.15;
+
+/// A scale that no instrument in the right units has.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum WrongScale {
+    /// The accelerometers read this many times gravity at the stops.
+    Force {
+        /// Mean specific force over gravity.
+        of_gravity: f64,
+        /// Sample interval, s.
+        interval_s: f64,
+    },
+    /// The gyros turn this many times as far as the encoders.
+    Turn {
+        /// Angle of the gyros over that of the encoders.
+        of_encoders: f64,
+        /// Sample interval, s.
+        interval_s: f64,
+    },
+    /// Gyros and encoders agree that the axes turn faster than they can, rad/s.
+    Speed(f64),
+}
+
+impl WrongScale {
+    /// The unit that such a factor comes from, and the right one.
+    fn unit(&self) -> Option<&'static str> {
+        let named = |factor: f64, units: &[(f64, &'static str)]| {
+            let fits = |unit: &&(f64, &str)| (factor / unit.0 - 1.0).abs() < UNIT_TOLERANCE;
+            units.iter().find(fits).map(|(_, unit)| *unit)
+        };
+        match *self {
+            Self::Force { of_gravity, interval_s } => named(
+                of_gravity,
+                &[
+                    (1.0 / G, "g in place of m/s^2"),
+                    (1000.0 / G, "mg in place of m/s^2"),
+                    (1000.0, "mm/s^2 in place of m/s^2"),
+                    (1.0 / 0.3048, "ft/s^2 in place of m/s^2"),
+                    (interval_s, "increments in place of m/s^2"),
+                    (interval_s / G, "increments of g in place of m/s^2"),
+                ],
+            ),
+            Self::Turn { of_encoders, interval_s } => named(
+                of_encoders,
+                &[
+                    (1.0 / DEG, "gyros in deg/s in place of rad/s"),
+                    (1.0 / DEG_H, "gyros in deg/h in place of rad/s"),
+                    (1000.0, "gyros in mrad/s in place of rad/s"),
+                    (interval_s, "gyro increments in place of rad/s"),
+                    (interval_s / DEG, "gyro increments in deg in place of rad/s"),
+                    (DEG, "encoders in deg in place of rad"),
+                ],
+            ),
+            Self::Speed(_) => Some("gyros and encoders in deg in place of rad"),
+        }
+    }
+}
+
+impl fmt::Display for WrongScale {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Force { of_gravity, .. } => {
+                write!(f, "accelerometers read {} times gravity at the stops", Significant(of_gravity))
+            }
+            Self::Turn { of_encoders, .. } => {
+                write!(f, "gyros turn {} times as far as the encoders", Significant(of_encoders))
+            }
+            Self::Speed(rad_s) => write!(f, "the axes turn at {} rad/s", Significant(rad_s)),
+        }?;
+        match self.unit() {
+            Some(unit) => write!(f, ": {unit}?"),
+            None => write!(f, ": in which unit?"),
+        }
+    }
+}
+
+/// A number with three digits or more.
+struct Significant(f64);
+
+impl fmt::Display for Significant {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0.abs() {
+            0.01..0.1 => write!(f, "{:.4}", self.0),
+            0.1..10.0 => write!(f, "{:.3}", self.0),
+            10.0..1e3 => write!(f, "{:.1}", self.0),
+            1e3..1e6 => write!(f, "{:.0}", self.0),
+            _ => write!(f, "{:.2e}", self.0),
+        }
+    }
+}
+
+/// What is wrong with the scales of accelerometers and of gyros and encoders, if anything.
+pub fn wrong_scales<T: Real>(
+    segments: &[Segment<T>],
+    gravity_m_s2: f64,
+    limits: &VerdictLimits,
+) -> impl Iterator<Item = WrongScale> {
+    [wrong_force(segments, gravity_m_s2, limits), wrong_turn(segments, limits)].into_iter().flatten()
+}
+
+/// Non-orthogonality and bias change the length of a mean force, too.
+fn wrong_force<T: Real>(segments: &[Segment<T>], gravity_m_s2: f64, limits: &VerdictLimits) -> Option<WrongScale> {
+    let plausible = limits.scale + limits.installation_rad + limits.accel_bias_m_s2 / gravity_m_s2;
+    let stops = segments.iter().filter(|segment| segment.kind == SegmentKind::Stop);
+    let pairs = stops.map(|stop| (stop.force_a.norm().widened(), gravity_m_s2));
+    let of_gravity = common_factor(pairs, plausible).filter(|factor| (factor - 1.0).abs() > plausible)?;
+    Some(WrongScale::Force { of_gravity, interval_s: interval_s(segments) })
+}
+
+fn wrong_turn<T: Real>(segments: &[Segment<T>], limits: &VerdictLimits) -> Option<WrongScale> {
+    let plausible = limits.scale + limits.installation_rad;
+    let moves = segments.iter().filter(|segment| segment.kind == SegmentKind::Move);
+    let turns = moves.map(|segment| (segment, turn_rad(segment))).filter(|(_, turn)| *turn > LEAST_TURN_RAD);
+    let of_encoders =
+        common_factor(turns.clone().map(|(segment, turn)| (segment.rotation_g.norm().widened(), turn)), plausible)?;
+    if (of_encoders - 1.0).abs() > plausible {
+        return Some(WrongScale::Turn { of_encoders, interval_s: interval_s(segments) });
+    }
+    let seconds = turns.clone().map(|(segment, _)| segment.duration_s().widened()).sum::<f64>();
+    let rate_rad_s = turns.map(|(_, turn)| turn).sum::<f64>() / seconds;
+    (rate_rad_s > FASTEST_TURN_RAD_S).then_some(WrongScale::Speed(rate_rad_s))
+}
+
+/// Angle of a move by the encoders, rad: with both axes turning, that of the sum that the gyros give, too. (12)
+fn turn_rad<T: Real>(segment: &Segment<T>) -> f64 {
+    let gimbals = &segment.gimbals;
+    let outer = ComplexField::hypot(gimbals.outer_cos_inner.widened(), gimbals.outer_sin_inner.widened());
+    ComplexField::hypot(outer, gimbals.inner.widened())
+}
+
+/// The factor between what is measured and what is expected, if it is the same for all within `spread`.
+fn common_factor(pairs: impl Iterator<Item = (f64, f64)> + Clone, spread: f64) -> Option<f64> {
+    let (measured, expected) = pairs.clone().fold((0.0, 0.0), |sums, pair| (sums.0 + pair.0, sums.1 + pair.1));
+    let factor: f64 = measured / expected;
+    let same = |(measured, expected): (f64, f64)| (measured - factor * expected).abs() <= spread * factor * expected;
+    (factor > 0.0 && factor.is_finite() && pairs.into_iter().all(same)).then_some(factor)
+}
+
+fn interval_s<T: Real>(segments: &[Segment<T>]) -> f64 {
+    let duration_us: u64 = segments.iter().map(|segment| segment.duration_us).sum();
+    let samples: u64 = segments.iter().map(|segment| u64::from(segment.samples)).sum();
+    duration_us as f64 * 1e-6 / samples.max(1) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::string::ToString;
+
+    #[test]
+    fn factors_name_their_units() {
+        let force = |of_gravity| WrongScale::Force { of_gravity, interval_s: 0.005 }.to_string();
+        assert_eq!(force(0.102), "accelerometers read 0.102 times gravity at the stops: g in place of m/s^2?");
+        assert_eq!(force(1004.0), "accelerometers read 1004 times gravity at the stops: mm/s^2 in place of m/s^2?");
+        assert!(force(0.005_02).ends_with("5.02e-3 times gravity at the stops: increments in place of m/s^2?"));
+        assert_eq!(force(1e7), "accelerometers read 1.00e7 times gravity at the stops: in which unit?");
+        let turn = |of_encoders| WrongScale::Turn { of_encoders, interval_s: 0.01 }.to_string();
+        assert_eq!(turn(57.3), "gyros turn 57.3 times as far as the encoders: gyros in deg/s in place of rad/s?");
+        assert!(turn(0.017_46).ends_with("encoders in deg in place of rad?"));
+        assert!(turn(0.010_02).ends_with("gyro increments in place of rad/s?"));
+        assert!(WrongScale::Speed(16.0).to_string().starts_with("the axes turn at 16.0 rad/s: gyros and encoders in"));
+    }
+}
