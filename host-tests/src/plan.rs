@@ -14,10 +14,11 @@ pub mod search;
 use crate::calibration::Setup;
 use crate::prediction::duration_s;
 use crate::virtual_run::SETTLING_S;
-use information::{Forecast, GUARD_S, Pace, Stand};
+use information::Forecast;
 use objective::Objective;
 use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES, MAX_SEGMENTS};
 use rins_selfcal::method::Method;
+use rins_selfcal::rehearsal::{GUARD_S, Stand, Turning};
 use rins_selfcal::scheme::{Leg, MAX_LEGS, Scheme};
 use rins_selfcal::units::DEG;
 use search::{Problem, search};
@@ -46,7 +47,7 @@ pub struct PlanRequest {
     /// Time for everything, first stop, ramps and settling included, s.
     pub time_s: f64,
     /// How the axes turn.
-    pub pace: Pace,
+    pub turning: Turning,
     /// Time after a move that the accelerometers need to settle, s; the core waits 0.3 s in any case.
     pub settling_s: f64,
     /// Travel of the outer and the inner axis.
@@ -91,11 +92,7 @@ pub enum PlanError {
 ///
 /// # Errors
 /// Why there is none.
-pub fn plan(
-    request: &PlanRequest,
-    name: &str,
-    progress: &(impl Fn(u64, f64) + Sync),
-) -> Result<Planned, PlanError> {
+pub fn plan(request: &PlanRequest, name: &str, progress: &(impl Fn(u64, f64) + Sync)) -> Result<Planned, PlanError> {
     let name = name.try_into().map_err(|_| PlanError::Name)?;
     if request.setup.method == Method::TwoStage {
         return Err(PlanError::TwoStage);
@@ -108,8 +105,8 @@ pub fn plan(
     let (value, stands) = stands.ok_or(PlanError::TooShort)?;
     let scheme = Scheme {
         name,
-        rate_rad_s: request.pace.rate_rad_s,
-        acceleration_rad_s2: request.pace.acceleration_rad_s2,
+        rate_rad_s: request.turning.rate_rad_s,
+        acceleration_rad_s2: request.turning.acceleration_rad_s2,
         first_stop_s: stands[0].stop_s,
         legs: stands.iter().skip(1).map(leg).collect(),
         periods: 1,
@@ -123,7 +120,7 @@ fn found<const STATES: usize>(
     progress: &(impl Fn(u64, f64) + Sync),
 ) -> Option<(f64, Vec<Stand>)> {
     let problem = Problem {
-        forecast: Forecast::<STATES>::new(&request.setup, request.pace, request.settling_s),
+        forecast: Forecast::<STATES>::new(&request.setup, request.turning, request.settling_s),
         objective: &request.objective,
         time_s: request.time_s,
         sample_s: request.setup.rate_hz.recip(),

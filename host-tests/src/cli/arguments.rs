@@ -3,7 +3,6 @@
 use super::files::Named;
 use crate::calibration::{Precision, Setup};
 use crate::monte_carlo::ErrorSource;
-use crate::plan::information::Pace;
 use crate::plan::objective::{Criterion, Objective};
 use crate::plan::{PlanRequest, Travel};
 use crate::presets::noise_named;
@@ -17,6 +16,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use rins_selfcal::axis::AxisLimits;
 use rins_selfcal::method::Method;
 use rins_selfcal::options::Options;
+use rins_selfcal::rehearsal::Turning;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::units::{DEG, DEG_H, MICRO_G};
 use std::path::{Path, PathBuf};
@@ -194,7 +194,7 @@ impl PlanArguments {
         Ok(PlanRequest {
             setup,
             time_s: self.time,
-            pace: Pace { rate_rad_s: self.axis_rate * DEG, acceleration_rad_s2: self.acceleration * DEG },
+            turning: Turning { rate_rad_s: self.axis_rate * DEG, acceleration_rad_s2: self.acceleration * DEG },
             settling_s: self.settling,
             travel: self.limits.and_then(|limits| limits.0).unwrap_or([usual; 2]),
             angle_step_rad: self.angles.0,
@@ -375,7 +375,7 @@ impl MethodArguments {
 
 #[derive(Debug, Args)]
 pub struct SchemeArguments {
-    /// bai, or a file
+    /// A scheme of the library (`rins observability --all` lists them), or a file
     #[arg(long, value_name = "NAME|FILE", default_value = "bai")]
     scheme: String,
     /// Time of every stop, s [default of bai: 10, two-stage 200]

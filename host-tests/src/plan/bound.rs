@@ -19,12 +19,13 @@
 //! `max g` is taken on a grid of 3 deg; g is a trigonometric polynomial of degree 2 in each angle, so that the true
 //! maximum is no more than 1 / cos^2(3 deg) times that.
 
-use super::information::{Forecast, GUARD_S, Stand};
+use super::information::Forecast;
 use super::objective::{Criterion, info_of};
 use super::{PlanRequest, Travel};
 use rayon::prelude::*;
 use rins_selfcal::error_model::block;
 use rins_selfcal::linear::Matrix;
+use rins_selfcal::rehearsal::{GUARD_S, Stand};
 use rins_selfcal::units::DEG;
 
 /// Accelerometer non-orthogonality, mounting, bias and scale; roll and pitch of the base.
@@ -80,7 +81,7 @@ fn squared_weights(request: &PlanRequest) -> Option<[f64; STATES]> {
 /// Time for the accelerometers in a scheme that reaches at least this far, s.
 fn standing_s(request: &PlanRequest, reach_rad: f64) -> f64 {
     let there = Stand { outer_rad: reach_rad, inner_rad: 0.0, stop_s: 0.0 };
-    let moves_s = request.pace.move_s(&Stand { outer_rad: 0.0, ..there }, &there);
+    let moves_s = request.turning.move_s(&Stand { outer_rad: 0.0, ..there }, &there);
     request.time_s - moves_s - (LEAST_STOPS - 1.0) * (request.settling_s.max(GUARD_S) + GUARD_S)
 }
 
@@ -94,7 +95,7 @@ impl Design {
     fn new(request: &PlanRequest, reach_rad: f64) -> Self {
         let forecast = Forecast::<{ rins_selfcal::estimator::BASIC_STATES }>::new(
             &request.setup,
-            request.pace,
+            request.turning,
             request.settling_s,
         );
         let psd_sqrt = request.setup.noise.psd().accel_psd_sqrt;

@@ -12,23 +12,15 @@
 use crate::calibration::Setup;
 use crate::virtual_run::SETTLING_S;
 use rins_selfcal::angle::Angle;
-use rins_selfcal::axis::Profile;
 use rins_selfcal::error_model::{InstrumentErrors, PARAMETERS, block};
 use rins_selfcal::estimator::{BASIC_STATES, EstimatorConfig, Noise};
-use rins_selfcal::linear::{ComplexField, Matrix, Vector, Vector3};
+use rins_selfcal::linear::{ComplexField, Matrix, Vector};
 use rins_selfcal::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
 use rins_selfcal::options::{Circumstances, OptionalColumns, force_columns, rotation_columns};
-use rins_selfcal::scheme::Scheme;
-use rins_selfcal::segment::{GimbalSums, Held, Scatter, Segment, SegmentKind};
+use rins_selfcal::rehearsal::{BLOCK_LOSS_S, GUARD_S, Stand, Turning, move_segment, stop_segment, usable_s};
+use rins_selfcal::segment::SegmentKind;
 use std::borrow::Borrow;
 
-/// Settling after a move and guard before the next, as the segmenter cuts them, s.
-pub const GUARD_S: f64 = 0.3;
-/// What a stop loses on average because its window is made of whole blocks of 0.1 s, less the ends of the ramps that count
-/// as still, s.
-pub const BLOCK_LOSS_S: f64 = 0.05;
-/// Steps of the integrals over a move: midpoint rule, good to 4e-4 over half a turn.
-const STEPS: u32 = 32;
 /// Encoder errors below this are taken as this, arcsec/1000, so that their information stays finite.
 const LEAST_ENCODER_SIGMA_RAD: f64 = 5e-9;
 
@@ -155,46 +147,6 @@ impl<const STATES: usize> Information<STATES> {
     }
 }
 
-/// A stop of a scheme: where, and for how long after settling.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Stand {
-    /// Outer angle, rad.
-    pub outer_rad: f64,
-    /// Inner angle, rad.
-    pub inner_rad: f64,
-    /// Time after settling, s.
-    pub stop_s: f64,
-}
-
-/// The stops of all periods of a scheme.
-pub fn stands(scheme: &Scheme) -> Vec<Stand> {
-    let first = Stand { outer_rad: 0.0, inner_rad: 0.0, stop_s: scheme.first_stop_s };
-    let legs = (0..).map_while(|index| scheme.leg(index));
-    let stands = legs.map(|leg| Stand { outer_rad: leg.outer_rad, inner_rad: leg.inner_rad, stop_s: leg.stop_s });
-    std::iter::once(first).chain(stands).collect()
-}
-
-/// Rate and acceleration of a turning axis.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pace {
-    /// rad/s
-    pub rate_rad_s: f64,
-    /// rad/s^2
-    pub acceleration_rad_s2: f64,
-}
-
-impl Pace {
-    fn profile(&self, way_rad: f64) -> Profile<f64> {
-        Profile::new(way_rad, self.rate_rad_s, self.acceleration_rad_s2)
-    }
-
-    /// Time from one stop to another, s.
-    pub fn move_s(&self, from: &Stand, to: &Stand) -> f64 {
-        let [outer, inner] = [to.outer_rad - from.outer_rad, to.inner_rad - from.inner_rad].map(|way| self.profile(way));
-        outer.duration_s().max(inner.duration_s())
-    }
-}
-
 /// What a stop and the move that leads to it measure. It does not depend on how long the stop is.
 #[derive(Clone, Debug)]
 pub struct LegModel {
@@ -211,16 +163,16 @@ pub struct LegModel {
 pub struct Forecast<const STATES: usize = BASIC_STATES> {
     model: MeasurementModel<f64>,
     config: EstimatorConfig,
-    pace: Pace,
+    turning: Turning,
     /// Time after a move that the accelerometers need to settle, s.
     settling_s: f64,
     prior_sigmas: Vector<f64, STATES>,
 }
 
 impl<const STATES: usize> Forecast<STATES> {
-    /// For a unit with this configuration, by the joint method. Its axes turn at `pace`, and its accelerometers are good
+    /// For a unit with this configuration, by the joint method. Its axes turn as `turning` says, and its accelerometers are good
     /// `settling_s` after a move; the core's 0.3 s at least.
-    pub fn new(setup: &Setup, pace: Pace, settling_s: f64) -> Self {
+    pub fn new(setup: &Setup, turning: Turning, settling_s: f64) -> Self {
         let config = setup.config().estimator;
         let encoder_sigma = config.noise.encoder_sigma_rad.max(LEAST_ENCODER_SIGMA_RAD);
         let encoder = std::iter::repeat_n(encoder_sigma, ENCODER_ERRORS);
@@ -228,20 +180,12 @@ impl<const STATES: usize> Forecast<STATES> {
         let mut prior_sigmas = Vector::<f64, STATES>::zeros();
         prior_sigmas.iter_mut().zip(all).for_each(|(prior, sigma)| *prior = sigma);
         let model = MeasurementModel::new(&InstrumentErrors::default(), &setup.site);
-        Self { model, config, pace, settling_s: settling_s.max(GUARD_S), prior_sigmas }
+        Self { model, config, turning, settling_s: settling_s.max(GUARD_S), prior_sigmas }
     }
 
     /// How the axes turn.
-    pub fn pace(&self) -> &Pace {
-        &self.pace
-    }
-
-    /// Time that a stop of `stop_s` gives to the accelerometers, s. The first stop follows on no move, and no move on the
-    /// last.
-    pub fn usable_s(&self, stop_s: f64, is_first: bool, is_last: bool) -> f64 {
-        let settling = if is_first { 0.0 } else { self.settling_s };
-        let guard = if is_last { 0.0 } else { GUARD_S };
-        SETTLING_S + stop_s - settling - guard - BLOCK_LOSS_S
+    pub fn turning(&self) -> &Turning {
+        &self.turning
     }
 
     /// Derivative of the mean specific force at a stop by the parameters, (3 x 28), SI.
@@ -251,8 +195,8 @@ impl<const STATES: usize> Forecast<STATES> {
 
     /// The model of a leg; the first stop has no move before it.
     pub fn leg(&self, from: &Stand, to: &Stand) -> LegModel {
-        let move_s = self.pace.move_s(from, to);
-        let turn = move_segment(from, to, &self.pace, move_s);
+        let move_s = self.turning.move_s(from, to);
+        let turn = move_segment(from, to, &self.turning);
         let at_rest = stop_segment(to, 1.0);
         let mut rest = self.model.rotation(&at_rest);
         // The same encoder error at both ends.
@@ -288,7 +232,7 @@ impl<const STATES: usize> Forecast<STATES> {
                 time_s += leg.move_s;
                 on_segment(SegmentKind::Move, total_s + time_s, &information);
             }
-            let usable_s = self.usable_s(stand.stop_s, is_first, is_last);
+            let usable_s = usable_s(stand.stop_s, self.settling_s, is_first, is_last);
             self.walk(&mut information, usable_s);
             let at = self.circumstances(stops, time_s + 0.5 * (stand.stop_s + SETTLING_S));
             let optional = at.map(|at| (force_columns(&leg.force, &at), rotation_columns(&leg.rest, &at)));
@@ -328,60 +272,6 @@ impl<const STATES: usize> Forecast<STATES> {
     }
 }
 
-fn stop_segment(stand: &Stand, usable_s: f64) -> Segment<f64> {
-    let (so, co) = ComplexField::sin_cos(stand.outer_rad);
-    let (si, ci) = ComplexField::sin_cos(stand.inner_rad);
-    let attitude_s = [1.0, ci, si].map(|inner| [1.0, co, so].map(|outer| inner * outer * usable_s));
-    let gimbals = GimbalSums { attitude_s, ..GimbalSums::default() };
-    segment(SegmentKind::Stop, stand, gimbals, usable_s)
-}
-
-/// The move with the settling and guard at its ends.
-fn move_segment(from: &Stand, to: &Stand, pace: &Pace, move_s: f64) -> Segment<f64> {
-    let ways = [to.outer_rad - from.outer_rad, to.inner_rad - from.inner_rad];
-    let profiles = ways.map(|way| pace.profile(way));
-    let guard_s = GUARD_S + 0.5 * BLOCK_LOSS_S;
-    let mut gimbals = GimbalSums { outer: ways[0], inner: ways[1], ..GimbalSums::default() };
-    let mut add = |[outer, inner]: [f64; 2], time_s: f64, outer_way: f64| {
-        let (so, co) = ComplexField::sin_cos(from.outer_rad + outer);
-        let (si, ci) = ComplexField::sin_cos(from.inner_rad + inner);
-        for (row, inner) in gimbals.attitude_s.iter_mut().zip([1.0, ci, si]) {
-            row.iter_mut().zip([1.0, co, so]).for_each(|(sum, outer)| *sum += inner * outer * time_s);
-        }
-        gimbals.outer_cos_inner += ci * outer_way;
-        gimbals.outer_sin_inner += si * outer_way;
-    };
-    add([0.0; 2], guard_s, 0.0);
-    let step_s = move_s / f64::from(STEPS);
-    let mut outer_before = 0.0;
-    for step in 0..STEPS {
-        let middle = profiles.map(|profile| profile.at((f64::from(step) + 0.5) * step_s).0);
-        let outer_after = profiles[0].at(f64::from(step + 1) * step_s).0;
-        add(middle, step_s, outer_after - outer_before);
-        outer_before = outer_after;
-    }
-    add(ways, guard_s, 0.0);
-    segment(SegmentKind::Move, to, gimbals, move_s + 2.0 * guard_s)
-}
-
-fn segment(kind: SegmentKind, stand: &Stand, gimbals: GimbalSums<f64>, duration_s: f64) -> Segment<f64> {
-    Segment {
-        kind,
-        start_us: 0,
-        duration_us: (duration_s * 1e6).round() as u64,
-        samples: 0,
-        longest_interval_us: 0,
-        held: Held::NONE,
-        temperature_c: 0.0,
-        rotation_g: Vector3::zeros(),
-        force_a: Vector3::zeros(),
-        outer: Angle::from_rad(stand.outer_rad),
-        inner: Angle::from_rad(stand.inner_rad),
-        gimbals,
-        scatter: Scatter::default(),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -389,10 +279,12 @@ mod tests {
     use crate::prediction::predicted_sigmas_si;
     use crate::unit::UnitConfig;
     use crate::virtual_rins::VirtualUnit;
-    use rins_selfcal::estimator::FULL_STATES;
     use rins_selfcal::error_model::PARAMETER_INFO;
+    use rins_selfcal::estimator::FULL_STATES;
     use rins_selfcal::method::Method;
     use rins_selfcal::options::Options;
+    use rins_selfcal::rehearsal::stands;
+    use rins_selfcal::scheme::Scheme;
     use rins_selfcal::units::{DEG_H, MICRO_G};
 
     fn setup() -> Setup {
@@ -400,8 +292,8 @@ mod tests {
     }
 
     fn sigmas<const STATES: usize>(setup: &Setup, scheme: &Scheme) -> [f64; PARAMETERS] {
-        let pace = Pace { rate_rad_s: scheme.rate_rad_s, acceleration_rad_s2: scheme.acceleration_rad_s2 };
-        let information = Forecast::<STATES>::new(setup, pace, GUARD_S).of_stands(&stands(scheme));
+        let stands: Vec<Stand> = stands(scheme).collect();
+        let information = Forecast::<STATES>::new(setup, Turning::of(scheme), GUARD_S).of_stands(&stands);
         information.sigmas().expect("positive definite")
     }
 

@@ -54,7 +54,8 @@ impl Objective {
         let by_name = |(name, factor): &(String, f64)| {
             let parameter = PARAMETER_INFO.iter().chain(&OPTIONAL_INFO).position(|info| info.name == name);
             let parameter = parameter.ok_or_else(|| format!("{name}: no such parameter"))?;
-            let optional = parameter.checked_sub(PARAMETERS).and_then(|index| options.prior_sigmas().get(index).copied());
+            let optional =
+                parameter.checked_sub(PARAMETERS).and_then(|index| options.prior_sigmas().get(index).copied());
             if optional == Some(0.0) {
                 return Err(format!("{name}: its effect is not estimated"));
             }
@@ -133,7 +134,8 @@ mod tests {
     #[test]
     fn the_determinant_is_a_volume() {
         // A box of 2 x 3 x 4, sheared.
-        let columns = vec![Vector::from([2.0, 0.0, 0.0]), Vector::from([5.0, 3.0, 0.0]), Vector::from([-7.0, 1.0, 4.0])];
+        let columns =
+            vec![Vector::from([2.0, 0.0, 0.0]), Vector::from([5.0, 3.0, 0.0]), Vector::from([-7.0, 1.0, 4.0])];
         assert!((mean_edge(columns).powi(3) - 24.0).abs() < 1e-12);
     }
 

@@ -6,13 +6,14 @@
 //! crates at hand know neither schemes whose number of stops changes nor chains without a common state.)
 
 use super::Travel;
-use super::information::{Forecast, LegModel, Stand};
+use super::information::{Forecast, LegModel};
 use super::objective::Objective;
 use crate::virtual_run::{SETTLING_S, Stream, derived_seed};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;
 use rins_selfcal::linear::ComplexField;
+use rins_selfcal::rehearsal::Stand;
 use rins_selfcal::units::DEG;
 use std::collections::HashMap;
 use std::rc::Rc;
@@ -185,7 +186,8 @@ impl<'a, const STATES: usize> Chain<'a, STATES> {
         for number in 0..evaluations {
             let part = number as f64 / evaluations as f64;
             let temperature = cooled(cooling.temperature, part);
-            let mut stands = if number == 0 { best.1.clone() } else { self.neighbour(&current.1, cooled(cooling.step, part)) };
+            let mut stands =
+                if number == 0 { best.1.clone() } else { self.neighbour(&current.1, cooled(cooling.step, part)) };
             if let Some(value) = self.value(&mut stands, cooling.exponent)
                 && self.accepts(ComplexField::ln(value / current.0), temperature)
             {
