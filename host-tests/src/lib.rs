@@ -25,6 +25,7 @@ pub mod monte_carlo;
 pub mod page;
 pub mod plan;
 pub mod plant;
+pub mod plot;
 pub mod power_up;
 pub mod prediction;
 pub mod presets;

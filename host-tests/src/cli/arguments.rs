@@ -124,6 +124,12 @@ pub struct ObservabilityArguments {
     pub noise: Option<String>,
     #[command(flatten)]
     pub method: MethodArguments,
+    /// Compare all schemes of the library
+    #[arg(long)]
+    pub all: bool,
+    /// Draw the sigmas of Bai's twelve against time
+    #[arg(long, value_name = "OUT.svg", conflicts_with = "all")]
+    pub plot: Option<PathBuf>,
     /// Write the prediction
     #[arg(long, value_name = "OUT.json")]
     pub json: Option<PathBuf>,
