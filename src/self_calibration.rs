@@ -127,7 +127,7 @@ impl fmt::Display for ConfigError {
             }
             Self::Travel { leg, axis } => write!(f, "leg {leg} leaves the travel of the {} axis", name(axis)),
             Self::Unobserved(parameter) => {
-                let info = PARAMETER_INFO.iter().nth(usize::from(*parameter));
+                let info = PARAMETER_INFO.get(usize::from(*parameter));
                 write!(f, "the scheme leaves {} unobserved", info.map_or("a parameter", |info| info.name))
             }
         }

@@ -134,7 +134,7 @@ impl<F: FnMut(&Message)> Watch<F> {
 
     fn ended(self, setup: &Setup) -> Result<Ended> {
         if let Some(error) = self.refused {
-            bail!("the configuration is refused: {error}");
+            bail!("the configuration with scheme {} is refused: {error}", self.run.scheme.name);
         }
         match (self.record.aborted(), self.record.outcome(setup)) {
             (Some(reason), _) => Ok(Ended::Aborted(reason)),

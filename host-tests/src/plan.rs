@@ -16,6 +16,7 @@ use crate::prediction::duration_s;
 use crate::virtual_run::SETTLING_S;
 use information::Forecast;
 use objective::Objective;
+use rins_selfcal::axis::AxisLimits;
 use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES, MAX_SEGMENTS};
 use rins_selfcal::method::Method;
 use rins_selfcal::rehearsal::{GUARD_S, Stand, Turning};
@@ -37,6 +38,14 @@ pub struct Travel {
     pub lowest_rad: f64,
     /// Highest.
     pub highest_rad: f64,
+}
+
+impl Default for Travel {
+    /// The core's usual axis.
+    fn default() -> Self {
+        let AxisLimits { lowest_rad, highest_rad, .. } = AxisLimits::default();
+        Self { lowest_rad, highest_rad }
+    }
 }
 
 /// What is asked for.

@@ -13,7 +13,6 @@ use crate::virtual_rins::{DEFAULT_RATE_HZ, VirtualUnit};
 use crate::virtual_run::{Stream, VirtualRun, derived_seed};
 use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use rins_selfcal::axis::AxisLimits;
 use rins_selfcal::method::Method;
 use rins_selfcal::options::Options;
 use rins_selfcal::rehearsal::Turning;
@@ -195,14 +194,12 @@ impl PlanArguments {
         } else {
             Objective::weighted(self.criterion, &self.weights, &options).map_err(anyhow::Error::msg)?
         };
-        let usual = AxisLimits::default();
-        let usual = Travel { lowest_rad: usual.lowest_rad, highest_rad: usual.highest_rad };
         Ok(PlanRequest {
             setup,
             time_s: self.time,
             turning: Turning { rate_rad_s: self.axis_rate * DEG, acceleration_rad_s2: self.acceleration * DEG },
             settling_s: self.settling,
-            travel: self.limits.and_then(|limits| limits.0).unwrap_or([usual; 2]),
+            travel: self.limits.and_then(|limits| limits.0).unwrap_or_default(),
             angle_step_rad: self.angles.0,
             objective,
             evaluations: self.evaluations,
@@ -226,7 +223,7 @@ fn travel(text: &str) -> Result<TravelArgument, String> {
     let axis = |text: &str| {
         let (low, high) = text.split_once("..")?;
         let (low, high) = (low.trim().parse::<f64>().ok()?, high.trim().parse::<f64>().ok()?);
-        let inside = low >= -36_000.0 && low <= 0.0 && high >= 0.0 && high <= 36_000.0;
+        let inside = (-36_000.0..=0.0).contains(&low) && (0.0..=36_000.0).contains(&high);
         inside.then_some(Travel { lowest_rad: low * DEG, highest_rad: high * DEG })
     };
     let both = text.split_once(',').and_then(|(outer, inner)| Some([axis(outer)?, axis(inner)?]));

@@ -3,6 +3,7 @@
 use super::Ending;
 use super::arguments::{ObservabilityArguments, unit_config};
 use crate::calibration::Setup;
+use crate::plan::bound::of_scheme;
 use crate::plot::write_sigmas;
 use crate::prediction::{Prediction, RankAt, SegmentGain};
 use crate::quantity::significant;
@@ -11,6 +12,7 @@ use crate::table;
 use rayon::prelude::*;
 use rins_selfcal::error_model::PARAMETER_INFO;
 use rins_selfcal::method::Method;
+use rins_selfcal::scheme::Scheme;
 use rins_selfcal::scheme::library::LIBRARY;
 use rins_selfcal::segment::SegmentKind;
 
@@ -32,7 +34,7 @@ pub fn run(arguments: &ObservabilityArguments) -> anyhow::Result<Ending> {
         return Ok(Ending::Done);
     }
     let scheme = arguments.scheme.scheme(method)?;
-    let prediction = Prediction::new(&setup, &scheme);
+    let prediction = bounded(&setup, &scheme);
     print!("{}", text(&prediction));
     if let Some(path) = &arguments.json {
         write_json(path, &prediction)?;
@@ -48,7 +50,22 @@ pub fn run(arguments: &ObservabilityArguments) -> anyhow::Result<Ending> {
 /// All schemes of the library, by the joint method.
 fn library(setup: &Setup) -> Vec<Prediction> {
     let setup = Setup { method: Method::Joint, ..setup.clone() };
-    LIBRARY.par_iter().map(|entry| Prediction::new(&setup, &entry.scheme())).collect()
+    LIBRARY.par_iter().map(|entry| bounded(&setup, &entry.scheme())).collect()
+}
+
+/// With what no scheme can go below.
+fn bounded(setup: &Setup, scheme: &Scheme) -> Prediction {
+    let mut prediction = Prediction::new(setup, scheme);
+    if setup.method == Method::Joint {
+        prediction.bound_arcsec = of_scheme(setup, scheme, prediction.duration_s);
+    }
+    prediction
+}
+
+/// By how much the worst sigma is above the bound.
+fn above_bound(prediction: &Prediction) -> Option<String> {
+    let bound = prediction.bound_arcsec.filter(|_| prediction.unobserved.is_empty())?;
+    Some(format!("{:.0} %", (prediction.worst_arcsec / bound - 1.0) * 100.0))
 }
 
 fn comparison(predictions: &[Prediction]) -> String {
@@ -57,12 +74,15 @@ fn comparison(predictions: &[Prediction]) -> String {
             prediction.scheme.clone(),
             format!("{:.1}", prediction.duration_s),
             if prediction.unobserved.is_empty() { significant(prediction.worst_arcsec) } else { "-".into() },
+            table::number_or_none(prediction.bound_arcsec, significant),
+            above_bound(prediction).unwrap_or_else(|| "-".into()),
             format!("{} of {}", prediction.rank, prediction.states),
             significant(prediction.condition_number),
             table::number_or_none(prediction.time_to_1_arcsec_s, |time_s| format!("{time_s:.1}")),
         ]
     };
-    let columns = ["scheme", "time s", "worst of 12 arcsec", "rank", "condition", "time to 1 arcsec s"];
+    let columns =
+        ["scheme", "time s", "worst of 12 arcsec", "bound", "above", "rank", "condition", "time to 1 arcsec s"];
     let sources = LIBRARY.iter().map(|entry| {
         let command = entry.command.map_or_else(String::new, |command| format!("\n    {command}"));
         format!("{}: {}{command}\n", entry.name, entry.source)
@@ -81,7 +101,7 @@ fn text(prediction: &Prediction) -> String {
     format!(
         "scheme {}, {:.1} s, {} method\n\nBai's 12 states, stacked along the scheme\n{}\ninformation gained, bits, and worst \
          sigma of Bai's 12\n{}\nall states: rank {} of {}, condition number {}, weakest direction: {}\n{hidden}worst of \
-         Bai's 12: {} arcsec{}\n\n{}",
+         Bai's 12: {} arcsec{}{}\n\n{}",
         prediction.scheme,
         prediction.duration_s,
         prediction.method,
@@ -92,7 +112,10 @@ fn text(prediction: &Prediction) -> String {
         significant(prediction.condition_number),
         prediction.weakest_direction,
         significant(prediction.worst_arcsec),
-        prediction.time_to_1_arcsec_s.map_or_else(String::new, |time_s| format!(", 1 arcsec after {time_s:.1} s")),
+        above_bound(prediction).zip(prediction.bound_arcsec).map_or_else(String::new, |(above, bound)| {
+            format!(", {above} above the bound for this time, {}", significant(bound))
+        }),
+        prediction.time_to_1_arcsec_s.map_or_else(String::new, |time_s| format!("; 1 arcsec after {time_s:.1} s")),
         sigmas(prediction)
     )
 }

@@ -20,12 +20,14 @@
 //! maximum is no more than 1 / cos^2(3 deg) times that.
 
 use super::information::Forecast;
-use super::objective::{Criterion, info_of};
+use super::objective::{Criterion, Objective, info_of};
 use super::{PlanRequest, Travel};
+use crate::calibration::Setup;
 use rayon::prelude::*;
 use rins_selfcal::error_model::block;
 use rins_selfcal::linear::Matrix;
-use rins_selfcal::rehearsal::{GUARD_S, Stand};
+use rins_selfcal::rehearsal::{GUARD_S, Stand, Turning};
+use rins_selfcal::scheme::Scheme;
 use rins_selfcal::units::DEG;
 
 /// Accelerometer non-orthogonality, mounting, bias and scale; roll and pitch of the base.
@@ -36,24 +38,47 @@ const LEAST_STOPS: f64 = 5.0;
 const COARSE_RAD: f64 = 15.0 * DEG;
 const FINE_RAD: f64 = 3.0 * DEG;
 const UPDATES: u32 = 300;
+/// Updates between two certificates; the last ones are the best ones.
+const CERTIFY: u32 = 100;
 /// Share of an update in the weights of the parameters: slower than the attitudes'.
 const WEIGHT_EXPONENT: f64 = 0.3;
 
 type Rows = Matrix<f64, 3, STATES>;
 type Square = Matrix<f64, STATES, STATES>;
 
+/// What the worst of Bai's twelve cannot go below in the time of a scheme, at its rates and with any travel, arcsec.
+pub fn of_scheme(setup: &Setup, scheme: &Scheme, duration_s: f64) -> Option<f64> {
+    lower_bound(&PlanRequest {
+        setup: setup.clone(),
+        time_s: duration_s,
+        turning: Turning::of(scheme),
+        settling_s: GUARD_S,
+        travel: [Travel::default(); 2],
+        angle_step_rad: None,
+        objective: Objective::installation(Criterion::Worst),
+        evaluations: 0,
+        seed: 0,
+    })
+}
+
 /// The least value of the objective that is possible; `None` for D-optimality, or if no accelerometer parameter matters.
 pub fn lower_bound(request: &PlanRequest) -> Option<f64> {
     let weights = squared_weights(request)?;
-    let farthest = request.travel.iter().fold(0.0, |far, axis| f64::max(far, -axis.lowest_rad).max(axis.highest_rad));
-    // Beyond a turn either way there are no new attitudes.
-    let steps = (farthest.min(360.0 * DEG) / COARSE_RAD).ceil() as u32;
+    let farthest = request.travel.iter().map(farthest_rad).fold(0.0, f64::max);
+    let steps = (farthest / COARSE_RAD).ceil() as u32;
     let bounds = (1..=steps).into_par_iter().filter_map(|step| {
         let time_s = standing_s(request, f64::from(step - 1) * COARSE_RAD);
         let design = Design::new(request, f64::from(step) * COARSE_RAD);
         (time_s > 0.0).then(|| (design.least_variance_s(&weights, request.objective.criterion()) / time_s).sqrt())
     });
     bounds.min_by(f64::total_cmp)
+}
+
+/// Distance from the start beyond which an axis meets no new attitudes.
+fn farthest_rad(travel: &Travel) -> f64 {
+    let half_turn = 180.0 * DEG;
+    let (back, forth) = (-travel.lowest_rad, travel.highest_rad);
+    if back.min(forth) >= half_turn { half_turn } else { back.max(forth).min(2.0 * half_turn) }
 }
 
 /// The accelerometers' parameter of this number among the 14.
@@ -137,8 +162,7 @@ impl Design {
             let total: f64 = (0..STATES).map(|place| of(place) * covariance[(place, place)]).sum();
             let scaled = Square::from_fn(|row, column| covariance[(row, column)] * of(column).sqrt());
             let gain = |rows: &Rows| (rows * scaled).norm_squared();
-            // The last ones are the best ones.
-            if update % 50 == 0 {
+            if update % CERTIFY == 0 {
                 let most = self.fine.iter().map(gain).fold(0.0, f64::max) / FINE_RAD.cos().powi(2);
                 best = f64::max(best, total * total / most);
             }
@@ -162,4 +186,39 @@ fn angles(travel: &Travel, reach_rad: f64, step_rad: f64) -> Vec<f64> {
     let (lowest, highest) = (travel.lowest_rad.max(-reach_rad), travel.highest_rad.min(reach_rad));
     let steps = ((highest - lowest).min(360.0 * DEG) / step_rad).ceil() as u32;
     (0..=steps).map(|step| (lowest + f64::from(step) * step_rad).min(highest)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::Precision;
+    use crate::prediction::{duration_s, predicted_sigmas_si};
+    use crate::unit::UnitConfig;
+    use rins_selfcal::method::Method;
+    use rins_selfcal::observability::INSTALLATION_STATES;
+    use rins_selfcal::scheme::library::LIBRARY;
+    use rins_selfcal::units::ARCSEC;
+
+    #[test]
+    fn no_scheme_of_the_library_is_below_the_bound() {
+        let setup = Setup::new(&UnitConfig::default(), 200.0, Method::Joint, Precision::F64);
+        for entry in &LIBRARY {
+            let scheme = entry.scheme();
+            let sigmas = predicted_sigmas_si(&setup, &scheme);
+            let worst = sigmas.iter().take(INSTALLATION_STATES).fold(0.0, |worst, sigma| f64::max(worst, *sigma));
+            let bound = of_scheme(&setup, &scheme, duration_s(&setup, &scheme)).expect("there is one");
+            assert!(bound > 0.05 && bound < worst / ARCSEC, "{}: {bound}", entry.name);
+        }
+    }
+
+    #[test]
+    fn the_bound_falls_with_the_root_of_time() {
+        // Moves and settling count less and less.
+        let setup = Setup::new(&UnitConfig::default(), 200.0, Method::Joint, Precision::F64);
+        let scheme = LIBRARY[0].scheme();
+        let bound = |time_s| of_scheme(&setup, &scheme, time_s).expect("there is one");
+        let ratio = bound(10_000.0) / bound(40_000.0);
+        assert!((ratio / 2.0 - 1.0).abs() < 0.002, "{ratio}");
+        assert!(bound(60.0) / bound(240.0) > 2.1);
+    }
 }
