@@ -8,6 +8,7 @@ use crate::method::Method;
 use crate::options::Options;
 use crate::policy::PowerUpPolicy;
 use crate::scheme::Scheme;
+use crate::scheme::library::compiled_in;
 use crate::segment::Stillness;
 use crate::self_calibration::SelfCalibrationConfig;
 use crate::sequencer::Pace;
@@ -31,7 +32,7 @@ pub enum Assignment {
 }
 
 impl Default for Assignment {
-    /// A navigation grade unit at the default site, joint method.
+    /// A navigation grade unit at the default site, joint method, with the scheme that was compiled in.
     fn default() -> Self {
         let noise = Noise {
             accel_psd_sqrt: 10.0 * MICRO_G,
@@ -40,7 +41,8 @@ impl Default for Assignment {
             margin: 1.0,
         };
         let calibrator = CalibratorConfig::new(Method::Joint, Site::default(), noise, 200.0);
-        Self::SelfCalibrate(SelfCalibrationConfig::new(calibrator, Scheme::default_for(Method::Joint)))
+        let scheme = compiled_in().unwrap_or_else(|| Scheme::default_for(Method::Joint));
+        Self::SelfCalibrate(SelfCalibrationConfig::new(calibrator, scheme))
     }
 }
 

@@ -4,7 +4,9 @@ use crate::error_model::PARAMETERS;
 use crate::estimator::{BASIC_STATES, Estimate, Estimator, EstimatorConfig, MAX_SEGMENTS, Solution};
 use crate::intake::{Admission, Intake, IntakeCounts};
 use crate::linear::Real;
+use crate::rehearsal::unobserved;
 use crate::sample::RawSample;
+use crate::scheme::Scheme;
 use crate::segment::{Segment, SegmentKind, Segmenter, Stillness};
 use crate::telemetry::Message;
 use crate::verdict::{Assessment, Verdict, VerdictLimits, is_good_fit, judge};
@@ -169,6 +171,11 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
     /// What became of the samples.
     pub fn counts(&self) -> IntakeCounts {
         self.intake.counts()
+    }
+
+    /// The first parameter that a run of the scheme would leave unobserved. Forgets everything.
+    pub fn rehearse(&mut self, scheme: &Scheme) -> Option<u8> {
+        unobserved(&mut self.estimator, scheme)
     }
 
     /// The estimator, with segments and covariance.

@@ -37,6 +37,7 @@ pub mod observability;
 pub mod options;
 pub mod policy;
 pub mod queue;
+pub mod rehearsal;
 pub mod sample;
 pub mod scheme;
 pub mod segment;

@@ -1,9 +1,12 @@
 //! Rotation schemes as data: which way to turn, how fast, how long to stand.
 
+pub mod library;
+
 use crate::method::Method;
 use crate::units::DEG;
 use core::fmt;
 use heapless::{String, Vec};
+use library::{BAI, LIBRARY, LibraryScheme, compiled_in, of_quarters};
 use serde::{Deserialize, Serialize};
 
 /// Most legs of one period.
@@ -65,47 +68,23 @@ impl fmt::Display for SchemeError {
     }
 }
 
-/// Bai's 18 moves: quarter turns of (outer, inner). (Bai, section 4: three steps, one period)
-const BAI_QUARTERS: [(i8, i8); 18] = [
-    (-1, 0),
-    (-1, 0),
-    (-1, 0),
-    (1, 0),
-    (1, 0),
-    (0, -1),
-    (-1, 0),
-    (-1, 0),
-    (-1, 0),
-    (1, 0),
-    (1, 0),
-    (1, 0),
-    (0, -1),
-    (0, -1),
-    (0, 1),
-    (0, 1),
-    (0, 1),
-    (1, 0),
-];
-
 impl Scheme {
     /// Scheme "bai": `periods` of 18 moves at 20 deg/s with 19 stops of `stop_s` each. Bai stands 200 s and runs two.
     pub fn bai(stop_s: f64, periods: u8) -> Self {
-        let mut quarters = (0_i32, 0_i32);
-        let mut legs = Vec::new();
-        for (outer, inner) in BAI_QUARTERS {
-            quarters = (quarters.0 + i32::from(outer), quarters.1 + i32::from(inner));
-            let rad = |quarters| f64::from(quarters) * 90.0 * DEG;
-            // 18 legs fit.
-            let _ = legs.push(Leg { outer_rad: rad(quarters.0), inner_rad: rad(quarters.1), stop_s });
-        }
         Self {
             name: String::try_from("bai").unwrap_or_default(),
             rate_rad_s: 20.0 * DEG,
             acceleration_rad_s2: 20.0 * DEG,
             first_stop_s: stop_s,
-            legs,
+            legs: of_quarters(&BAI, stop_s),
             periods,
         }
+    }
+
+    /// The scheme of this name: the one that was compiled in, or one of the library.
+    pub fn named(name: &str) -> Option<Self> {
+        let of_library = || LIBRARY.iter().find(|entry| entry.name == name).map(LibraryScheme::scheme);
+        compiled_in().filter(|scheme| scheme.name == name).or_else(of_library)
     }
 
     /// What a method runs where no scheme is given: Bai's, for the joint method one period of short stops.

@@ -6,7 +6,7 @@
 
 use crate::axis::{Axis, AxisLimits};
 use crate::calibrator::{Calibrator, CalibratorConfig};
-use crate::error_model::Calibration;
+use crate::error_model::{Calibration, PARAMETER_INFO};
 use crate::estimator::{BASIC_STATES, Estimate, FULL_STATES, HeadingSource, MAX_SEGMENTS, Solution};
 use crate::linear::{Real, real};
 use crate::policy::{Cause, Decision, Moment, PowerUpPolicy};
@@ -96,6 +96,8 @@ pub enum ConfigError {
         /// Axis: 0 outer, 1 inner.
         axis: u8,
     },
+    /// The scheme would leave this parameter unobserved.
+    Unobserved(u8),
 }
 
 impl fmt::Display for ConfigError {
@@ -124,6 +126,10 @@ impl fmt::Display for ConfigError {
                 write!(f, "the scheme turns or accelerates faster than the {} axis may", name(axis))
             }
             Self::Travel { leg, axis } => write!(f, "leg {leg} leaves the travel of the {} axis", name(axis)),
+            Self::Unobserved(parameter) => {
+                let info = PARAMETER_INFO.get(usize::from(*parameter));
+                write!(f, "the scheme leaves {} unobserved", info.map_or("a parameter", |info| info.name))
+            }
         }
     }
 }
@@ -271,6 +277,10 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             return Err(ConfigError::States);
         }
         let stored = stored.map(|record| (record.estimate(), record.moment()));
+        calibrator.restart(&config.run());
+        if let Some(parameter) = calibrator.rehearse(&config.scheme) {
+            return Err(ConfigError::Unobserved(parameter));
+        }
         calibrator.restart(&config.run());
         let interval_s = real(config.calibrator.rate_hz.recip());
         Ok(Self {

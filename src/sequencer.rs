@@ -32,7 +32,7 @@ const STILL_US: u64 = 1_000_000;
 /// Longest wait for the base to be still, us.
 const STILL_TIMEOUT_US: u64 = 60_000_000;
 /// Standing time after arrival before the dwell counts, us.
-const SETTLE_US: u64 = 300_000;
+pub const SETTLE_US: u64 = 300_000;
 /// Time to bring the axes to rest before they are parked, us.
 const STOP_US: u64 = 1_000_000;
 /// Longest time beyond its nominal duration that a move may take, us.

@@ -45,7 +45,7 @@ const STUCK_RATIO: f64 = 0.01;
 /// A fit that is too good is explained by stops whose variance is this part of white noise's.
 const QUIET_RATIO: f64 = 0.5;
 /// A parameter is observed if its sigma is at most this part of its prior sigma.
-const OBSERVED_RATIO: f64 = 0.1;
+pub const OBSERVED_RATIO: f64 = 0.1;
 /// A change against the stored calibration is large beyond this many combined sigmas.
 const CHANGE_LIMIT: f64 = 6.0;
 /// Reasons that fit; more are counted.

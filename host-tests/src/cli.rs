@@ -5,6 +5,7 @@ mod calibrate;
 mod files;
 mod monte_carlo;
 mod observability;
+mod plan;
 mod progress;
 mod replay;
 mod simulate;
@@ -42,6 +43,7 @@ fn run(arguments: Arguments) -> anyhow::Result<Ending> {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
         Command::Observability(arguments) => observability::run(&arguments),
+        Command::Plan(arguments) => plan::run(&arguments),
         Command::Montecarlo(arguments) => monte_carlo::run(&arguments),
     }
 }

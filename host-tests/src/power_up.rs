@@ -53,7 +53,7 @@ fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
     let (producer, mut consumer) = queue.split();
     let (mut acquisition, mut drives) = drivers(bench, producer);
     on_message(&Message::Store { found: stored.is_some(), damaged: false, fault: false });
-    let refused = |error| anyhow!("the configuration is refused: {error}");
+    let refused = |error| anyhow!("the configuration with scheme {} is refused: {error}", config.scheme.name);
     let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::UNCONFIGURED);
     let mut run = SelfCalibration::new(config.clone(), stored, &mut calibrator).map_err(refused)?;
     let (mut samples, mut saved) = (0, None);

@@ -9,10 +9,13 @@ use crate::report::{Named, SOFTWARE, SiteReport, Software};
 use crate::unit::Noise;
 use crate::virtual_rins::VirtualUnit;
 use crate::virtual_run::VirtualRun;
+use rins_selfcal::calibrator::Progress;
 use rins_selfcal::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS};
 use rins_selfcal::linear::Matrix;
-use rins_selfcal::observability::{along_scheme, of_covariance};
+use rins_selfcal::observability::{INSTALLATION_STATES, along_scheme, of_covariance};
 use rins_selfcal::scheme::Scheme;
+use rins_selfcal::segment::SegmentKind;
+use rins_selfcal::verdict::OBSERVED_RATIO;
 use serde::Serialize;
 
 const SILENT: Noise = Noise {
@@ -42,6 +45,28 @@ pub struct PredictedSigma {
     pub unit: &'static str,
 }
 
+/// Sigmas after a segment, and what it brought.
+#[derive(Clone, Debug, Serialize)]
+pub struct SegmentGain {
+    /// Segment, counted from 0.
+    pub segment: u16,
+    /// Stop or move.
+    pub kind: SegmentKind,
+    /// Its end in scheme time, s.
+    pub time_s: f64,
+    /// Sigmas after it, in report units.
+    pub sigmas: Named<f64>,
+    /// Information gained: logarithm to base 2 of the sigma before over that after, bits.
+    pub gained_bits: Named<f64>,
+}
+
+impl SegmentGain {
+    /// The largest sigma of Bai's twelve, arcsec.
+    pub fn worst_arcsec(&self) -> f64 {
+        self.sigmas.0.iter().take(INSTALLATION_STATES).fold(0.0, |worst, (_, sigma)| f64::max(worst, *sigma))
+    }
+}
+
 /// What a scheme will give.
 #[derive(Clone, Debug, Serialize)]
 pub struct Prediction {
@@ -57,10 +82,22 @@ pub struct Prediction {
     pub states: usize,
     /// Of the correlation matrix' square root.
     pub condition_number: f64,
+    /// The largest sigma of Bai's twelve, arcsec.
+    pub worst_arcsec: f64,
+    /// What no scheme can go below in this time, arcsec, where that has been looked for.
+    pub bound_arcsec: Option<f64>,
+    /// Time at which the largest sigma of Bai's twelve comes to 1 arcsec, s.
+    pub time_to_1_arcsec_s: Option<f64>,
+    /// Parameters that are not observed.
+    pub unobserved: Vec<&'static str>,
+    /// The direction that is known least, in words.
+    pub weakest_direction: String,
     /// Sigmas by name.
     pub parameters: Named<PredictedSigma>,
     /// Bai's twelve states against scheme time, where rank or move changes.
     pub installation_rank: Vec<RankAt>,
+    /// What every segment brings.
+    pub segments: Vec<SegmentGain>,
     /// Where the unit stands.
     pub site: SiteReport,
     /// Its noise.
@@ -71,11 +108,15 @@ pub struct Prediction {
 impl Prediction {
     /// Of a unit without errors, level and facing north.
     pub fn new(setup: &Setup, scheme: &Scheme) -> Self {
-        let unit = VirtualUnit { site: setup.site, noise: SILENT, rate_hz: setup.rate_hz, ..VirtualUnit::default() };
-        let run = VirtualRun { unit, scheme: scheme.clone(), seed: 0 };
-        let outcome = run.calibrate(std::slice::from_ref(setup)).remove(0);
+        let run = silent_run(setup, scheme);
+        let mut chain = setup.clone().on_scheme(scheme).chain();
+        let mut progress: Vec<Progress> = run.drive().filter_map(|reading| chain.step(&reading)).collect();
+        let outcome = chain.conclude(&mut |last| progress.push(*last));
         let (covariance, prior_sigmas) = estimated_only(&outcome);
         let (rank, condition_number) = of_covariance(&covariance, &prior_sigmas);
+        let unobserved = unobserved(&outcome);
+        let segments = gains(&outcome, &progress);
+        let below = |gain: &&SegmentGain| gain.worst_arcsec() <= 1.0;
         Self {
             scheme: scheme.name.as_str().into(),
             method: crate::calibration::method_name(setup.method),
@@ -83,13 +124,35 @@ impl Prediction {
             rank,
             states: prior_sigmas.iter().filter(|sigma| **sigma > 0.0).count(),
             condition_number,
+            worst_arcsec: segments.last().map_or(f64::INFINITY, SegmentGain::worst_arcsec),
+            bound_arcsec: None,
+            time_to_1_arcsec_s: segments.iter().find(below).map(|gain| gain.time_s),
+            weakest_direction: weakest_direction(&covariance, &prior_sigmas, !unobserved.is_empty()),
+            unobserved,
             parameters: predicted_sigmas(&outcome),
             installation_rank: installation_rank(setup, scheme),
+            segments,
             site: (&setup.site).into(),
             noise: setup.noise,
             software: SOFTWARE,
         }
     }
+}
+
+/// Sigmas of all parameters by the core, SI.
+pub fn predicted_sigmas_si(setup: &Setup, scheme: &Scheme) -> [f64; PARAMETERS] {
+    silent_run(setup, scheme).calibrate(std::slice::from_ref(setup)).remove(0).estimate().sigmas
+}
+
+/// Duration of a scheme, first stop, ramps and settling included, s.
+pub fn duration_s(setup: &Setup, scheme: &Scheme) -> f64 {
+    silent_run(setup, scheme).duration_s()
+}
+
+/// A perfect unit without noise, level and facing north.
+fn silent_run(setup: &Setup, scheme: &Scheme) -> VirtualRun {
+    let unit = VirtualUnit { site: setup.site, noise: SILENT, rate_hz: setup.rate_hz, ..VirtualUnit::default() };
+    VirtualRun { unit, scheme: scheme.clone(), seed: 0 }
 }
 
 /// Covariance and prior sigmas, zero where the method only carries a parameter along.
@@ -98,6 +161,63 @@ fn estimated_only(outcome: &Outcome) -> (Matrix<f64, PARAMETERS, PARAMETERS>, [f
     let covariance = &outcome.covariance;
     let entry = |row: usize, column: usize| kept(row, kept(column, covariance[(row, column)]));
     (Matrix::from_fn(entry), std::array::from_fn(|index| kept(index, outcome.prior_sigmas[index])))
+}
+
+/// Parameters of which the data leave too much of the prior; the verdict's own measure.
+fn unobserved(outcome: &Outcome) -> Vec<&'static str> {
+    let seen = |index: &usize| outcome.estimate().sigmas[*index] <= OBSERVED_RATIO * outcome.prior_sigmas[*index];
+    let hidden = (0..PARAMETERS).filter(|index| outcome.is_estimated(*index) && !seen(index));
+    hidden.map(|index| PARAMETER_INFO[index].name).collect()
+}
+
+/// The principal axis of the covariance along which it is longest, in units of the sigmas, or of the prior ones where some
+/// parameters are not observed: its two largest entries, with each other or against each other.
+fn weakest_direction(
+    covariance: &Matrix<f64, PARAMETERS, PARAMETERS>,
+    prior_sigmas: &[f64; PARAMETERS],
+    by_prior: bool,
+) -> String {
+    let unit = |index: usize| if by_prior { prior_sigmas[index] } else { covariance[(index, index)].sqrt() };
+    let inverse = |index: usize| if unit(index) > 0.0 { unit(index).recip() } else { 0.0 };
+    let scaled = Matrix::<f64, PARAMETERS, PARAMETERS>::from_fn(|row, column| {
+        covariance[(row, column)] * inverse(row) * inverse(column)
+    });
+    let axes = scaled.symmetric_eigen();
+    let axis = axes.eigenvectors.column(axes.eigenvalues.imax());
+    let mut order: Vec<usize> = (0..PARAMETERS).collect();
+    order.sort_by(|a, b| axis[*b].abs().total_cmp(&axis[*a].abs()));
+    let (first, second) = (order[0], order[1]);
+    let (name, other) = (PARAMETER_INFO[first].name, PARAMETER_INFO[second].name);
+    // A tenth of the squared length.
+    if axis[second] * axis[second] < 0.1 {
+        name.into()
+    } else if axis[first] * axis[second] < 0.0 {
+        format!("{name} against {other}")
+    } else {
+        format!("{name} with {other}")
+    }
+}
+
+/// What each segment brought to the parameters that the method estimates.
+fn gains(outcome: &Outcome, progress: &[Progress]) -> Vec<SegmentGain> {
+    let estimated: Vec<usize> = (0..PARAMETERS).filter(|index| outcome.is_estimated(*index)).collect();
+    let named = |values: &dyn Fn(usize) -> f64| {
+        Named(estimated.iter().map(|index| (PARAMETER_INFO[*index].name, values(*index))).collect())
+    };
+    let mut before = outcome.prior_sigmas;
+    let gain = |progress: &Progress| {
+        let after = progress.estimate.sigmas;
+        let gain = SegmentGain {
+            segment: progress.segments - 1,
+            kind: progress.kind,
+            time_s: progress.end_us as f64 * 1e-6,
+            sigmas: named(&|index| after[index] / PARAMETER_INFO[index].unit_si),
+            gained_bits: named(&|index| (before[index] / after[index]).log2()),
+        };
+        before = after;
+        gain
+    };
+    progress.iter().map(gain).collect()
 }
 
 fn predicted_sigmas(outcome: &Outcome) -> Named<PredictedSigma> {

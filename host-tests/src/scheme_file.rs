@@ -12,13 +12,11 @@
 //! ```
 
 use crate::toml_file::{TomlFile, TomlFileError};
+use rins_selfcal::scheme::library::NAMES;
 use rins_selfcal::scheme::{Leg, MAX_LEGS, Scheme, SchemeError};
 use rins_selfcal::units::DEG;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
-
-/// Stops of the scheme "bai" where nothing else is asked for, s.
-pub const BAI_STOP_S: f64 = 200.0;
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -51,17 +49,16 @@ fn once() -> u8 {
     1
 }
 
-/// The scheme of this name, "bai", or else in this file; `stop_s` and `periods` take the place of the scheme's own.
-/// Without them "bai" stands 200 s at each stop and runs one period.
+/// The library's scheme of this name, or else in this file; `stop_s` and `periods` take the place of the scheme's own.
 ///
 /// # Errors
 /// One line that names the file and, for its contents, line and key.
 pub fn scheme_named(name: &str, stop_s: Option<f64>, periods: Option<u8>) -> Result<Scheme, TomlFileError> {
     let path = Path::new(name);
-    let mut scheme = match name {
-        "bai" => Scheme::bai(BAI_STOP_S, 1),
-        _ if !path.exists() => return Err(TomlFileError::Name { name: name.into(), known: "bai" }),
-        _ => read_scheme(path)?,
+    let mut scheme = match Scheme::named(name) {
+        Some(scheme) => scheme,
+        None if !path.exists() => return Err(TomlFileError::Name { name: name.into(), known: NAMES }),
+        None => read_scheme(path)?,
     };
     if let Some(stop_s) = stop_s {
         scheme.first_stop_s = stop_s;
@@ -96,15 +93,15 @@ pub fn read_scheme(path: &Path) -> Result<Scheme, TomlFileError> {
 /// The file cannot be written.
 pub fn write_scheme(path: &Path, scheme: &Scheme) -> Result<(), TomlFileError> {
     let legs = scheme.legs.iter().map(|leg| LegTable {
-        outer_deg: rounded_deg(leg.outer_rad),
-        inner_deg: rounded_deg(leg.inner_rad),
-        stop_s: leg.stop_s,
+        outer_deg: rounded(leg.outer_rad / DEG),
+        inner_deg: rounded(leg.inner_rad / DEG),
+        stop_s: rounded(leg.stop_s),
     });
     let table = SchemeTable {
         name: scheme.name.as_str().into(),
-        rate_deg_s: rounded_deg(scheme.rate_rad_s),
-        acceleration_deg_s2: rounded_deg(scheme.acceleration_rad_s2),
-        first_stop_s: scheme.first_stop_s,
+        rate_deg_s: rounded(scheme.rate_rad_s / DEG),
+        acceleration_deg_s2: rounded(scheme.acceleration_rad_s2 / DEG),
+        first_stop_s: rounded(scheme.first_stop_s),
         periods: scheme.periods,
         legs: legs.collect(),
     };
@@ -131,9 +128,9 @@ fn leg_rad(leg: &LegTable) -> Leg {
     Leg { outer_rad: leg.outer_deg * DEG, inner_rad: leg.inner_deg * DEG, stop_s: leg.stop_s }
 }
 
-/// Degrees without the rounding of the way through radians.
-fn rounded_deg(angle_rad: f64) -> f64 {
-    (angle_rad / DEG * 1e9).round() / 1e9
+/// Without the last digits, which come from the way through radians and sums; no negative zero.
+fn rounded(value: f64) -> f64 {
+    (value * 1e9).round() / 1e9 + 0.0
 }
 
 fn key_of(scheme: &Scheme, error: SchemeError) -> &'static str {

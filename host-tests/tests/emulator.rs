@@ -16,8 +16,8 @@ use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS};
 use rins_selfcal::estimator::{BASIC_STATES, Estimate};
 use rins_selfcal::method::Method;
 use rins_selfcal::queue::Losses;
-use rins_selfcal::scheme::Scheme;
-use rins_selfcal::self_calibration::SelfCalibrationConfig;
+use rins_selfcal::scheme::{Scheme, SchemeError};
+use rins_selfcal::self_calibration::{ConfigError, SelfCalibrationConfig};
 use rins_selfcal::sequencer::State;
 use rins_selfcal::site::EARTH_RATE_RAD_S;
 use rins_selfcal::telemetry::Message;
@@ -167,6 +167,33 @@ fn a_unit_calibrates_at_power_up_and_finds_its_record_at_the_next() {
     assert!(third.log.iter().any(|line| line.contains("a slot damaged: true")), "{:?}", third.log);
     assert_eq!(third.record(), first.record(), "the same unit, the same noise");
     assert!(third.messages.contains(&Message::Saved(true)));
+}
+
+#[test]
+fn a_scheme_that_cannot_be_run_is_refused_by_its_reason() {
+    let image = image(Scalar::F64);
+    let changed = |change: &dyn Fn(&mut Scheme)| {
+        let mut scheme = Scheme::bai(2.0, 1);
+        change(&mut scheme);
+        scheme
+    };
+    let cases = [
+        (changed(&|scheme| scheme.legs[4].outer_rad = 13.0), ConfigError::Travel { leg: 5, axis: 0 }),
+        (changed(&|scheme| scheme.rate_rad_s = 2.0), ConfigError::TooFast(0)),
+        (changed(&|scheme| scheme.legs[2].stop_s = 0.0), ConfigError::Scheme(SchemeError::Stop(3))),
+        (changed(&|scheme| scheme.legs[2].stop_s = -1.0), ConfigError::Scheme(SchemeError::Stop(3))),
+        // Half turns from level: no accelerometer but z ever feels gravity. The first to suffer is Sgxz.
+        (Scheme::named("8-position").expect("in the library"), ConfigError::Unobserved(1)),
+    ];
+    for (scheme, error) in cases {
+        let (unit, _) = unit();
+        let mut bench = Bench::new(VirtualRins::new(&unit, 5));
+        let mut messages = Vec::new();
+        let told = |message: &Message| messages.push(message.clone());
+        // The firmware ends with an error; what it says is in the messages.
+        let _ = in_emulator(&assignment(&unit, &scheme), &image, None, &mut bench, |_| (), told);
+        assert_eq!(messages.last(), Some(&Message::Refused(error)), "{messages:?}");
+    }
 }
 
 /// All parameters within 4.5 sigma of the truth: 2e-4 by chance for 28.

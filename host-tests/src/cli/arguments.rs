@@ -4,6 +4,8 @@ use super::files::Named;
 use crate::calibration::{Precision, Setup};
 use crate::closed_loop::Terms;
 use crate::monte_carlo::ErrorSource;
+use crate::plan::objective::{Criterion, Objective};
+use crate::plan::{PlanRequest, Travel};
 use crate::presets::noise_named;
 use crate::scheme_file::scheme_named;
 use crate::toml_file::TomlFileError;
@@ -15,9 +17,10 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use rins_selfcal::method::Method;
 use rins_selfcal::options::Options;
 use rins_selfcal::policy::PowerUpPolicy;
+use rins_selfcal::rehearsal::Turning;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::sequencer::Pace;
-use rins_selfcal::units::{ARCSEC, DEG_H, MICRO_G};
+use rins_selfcal::units::{ARCSEC, DEG, DEG_H, MICRO_G};
 use rins_selfcal::verdict::VerdictLimits;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -44,6 +47,8 @@ pub enum Command {
     Replay(ReplayArguments),
     /// Predict sigmas, rank and condition number of a scheme
     Observability(ObservabilityArguments),
+    /// Find a scheme for the time given
+    Plan(PlanArguments),
     /// Calibrate many virtual units: errors against bounds, sigmas against errors
     Montecarlo(MonteCarloArguments),
 }
@@ -186,9 +191,129 @@ pub struct ObservabilityArguments {
     pub noise: Option<String>,
     #[command(flatten)]
     pub method: MethodArguments,
+    /// Compare all schemes of the library
+    #[arg(long)]
+    pub all: bool,
+    /// Draw the sigmas of Bai's twelve against time
+    #[arg(long, value_name = "OUT.svg", conflicts_with = "all")]
+    pub plot: Option<PathBuf>,
     /// Write the prediction
     #[arg(long, value_name = "OUT.json")]
     pub json: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct PlanArguments {
+    /// Time for all of it, first stop, ramps and settling included, s
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
+    time: f64,
+    /// Scheme to write
+    #[arg(long, value_name = "SCHEME.toml")]
+    pub out: PathBuf,
+    /// Name of the scheme [default: the file's]
+    #[arg(long)]
+    pub name: Option<String>,
+    /// Travel of the outer and the inner axis, deg, or none [default: none, two turns either way]
+    #[arg(long, value_name = "LOW..HIGH,LOW..HIGH", value_parser = travel, allow_hyphen_values = true)]
+    limits: Option<TravelArgument>,
+    /// Rate of a turning axis, deg/s
+    #[arg(long, value_name = "DEG_S", default_value_t = 20.0, value_parser = pace, allow_negative_numbers = true)]
+    axis_rate: f64,
+    /// Its acceleration, deg/s^2
+    #[arg(long, value_name = "DEG_S2", default_value_t = 20.0, value_parser = pace, allow_negative_numbers = true)]
+    acceleration: f64,
+    /// Stop at multiples of this, deg, or at any angle: free
+    #[arg(long, value_name = "DEG|free", default_value = "free", value_parser = angle_step)]
+    angles: AngleStep,
+    /// Time after a move until the accelerometers are good, s; the firmware waits 0.3 s in any case
+    #[arg(long, value_name = "S", default_value_t = 0.3, value_parser = settling, allow_negative_numbers = true)]
+    settling: f64,
+    /// Parameters that matter, by name [default: Bai's twelve]; a factor for each as NAME=FACTOR
+    #[arg(long, value_name = "NAME[=FACTOR],..", value_delimiter = ',', value_parser = weight)]
+    weights: Vec<(String, f64)>,
+    /// What shall be small of their sigmas
+    #[arg(long, value_enum, default_value_t)]
+    criterion: Criterion,
+    #[command(flatten)]
+    options: OptionArguments,
+    /// Site and noise of the unit [default: Bai's site, noise "navigation"]
+    #[arg(long, value_name = "UNIT.toml")]
+    pub config: Option<PathBuf>,
+    /// bai, navigation, tactical, or a file [default: that of --config]
+    #[arg(long, value_name = "NAME|FILE")]
+    pub noise: Option<String>,
+    /// How many schemes to look at
+    #[arg(long, value_name = "N", default_value_t = 1_500_000, value_parser = clap::value_parser!(u64).range(100..))]
+    evaluations: u64,
+    /// Of everything random
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Write the prediction
+    #[arg(long, value_name = "OUT.json")]
+    pub json: Option<PathBuf>,
+}
+
+impl PlanArguments {
+    pub fn request(&self, unit: &UnitConfig) -> anyhow::Result<PlanRequest> {
+        let options = self.options.options();
+        let setup = Setup { options, ..Setup::new(unit, rate_hz(unit), Method::Joint, Precision::F64) };
+        let objective = if self.weights.is_empty() {
+            Objective::installation(self.criterion)
+        } else {
+            Objective::weighted(self.criterion, &self.weights, &options).map_err(anyhow::Error::msg)?
+        };
+        Ok(PlanRequest {
+            setup,
+            time_s: self.time,
+            turning: Turning { rate_rad_s: self.axis_rate * DEG, acceleration_rad_s2: self.acceleration * DEG },
+            settling_s: self.settling,
+            travel: self.limits.and_then(|limits| limits.0).unwrap_or_default(),
+            angle_step_rad: self.angles.0,
+            objective,
+            evaluations: self.evaluations,
+            seed: self.seed,
+        })
+    }
+}
+
+/// Travel of both axes, or no limits.
+#[derive(Clone, Copy, Debug)]
+struct TravelArgument(Option<[Travel; 2]>);
+
+/// Step of the stops' angles, rad, or free.
+#[derive(Clone, Copy, Debug)]
+struct AngleStep(Option<f64>);
+
+fn travel(text: &str) -> Result<TravelArgument, String> {
+    if text == "none" {
+        return Ok(TravelArgument(None));
+    }
+    let axis = |text: &str| {
+        let (low, high) = text.split_once("..")?;
+        let (low, high) = (low.trim().parse::<f64>().ok()?, high.trim().parse::<f64>().ok()?);
+        let inside = (-36_000.0..=0.0).contains(&low) && (0.0..=36_000.0).contains(&high);
+        inside.then_some(Travel { lowest_rad: low * DEG, highest_rad: high * DEG })
+    };
+    let both = text.split_once(',').and_then(|(outer, inner)| Some([axis(outer)?, axis(inner)?]));
+    both.map(|both| TravelArgument(Some(both))).ok_or_else(|| "not LOW..HIGH,LOW..HIGH in deg with 0 in both".into())
+}
+
+fn angle_step(text: &str) -> Result<AngleStep, String> {
+    if text == "free" { Ok(AngleStep(None)) } else { Ok(AngleStep(Some(number_in(text, 0.01, 180.0)? * DEG))) }
+}
+
+fn weight(text: &str) -> Result<(String, f64), String> {
+    let (name, factor) = text.split_once('=').unwrap_or((text, "1"));
+    let factor = factor.parse().map_err(|_| format!("{name}: the weight is not a number"))?;
+    Ok((name.into(), factor))
+}
+
+fn pace(text: &str) -> Result<f64, String> {
+    number_in(text, 0.1, 1e4)
+}
+
+fn settling(text: &str) -> Result<f64, String> {
+    number_in(text, 0.0, 60.0)
 }
 
 #[derive(Debug, Args)]
@@ -324,7 +449,7 @@ impl MethodArguments {
 
 #[derive(Debug, Args)]
 pub struct SchemeArguments {
-    /// bai, or a file
+    /// A scheme of the library (`rins observability --all` lists them), or a file
     #[arg(long, value_name = "NAME|FILE", default_value = "bai")]
     scheme: String,
     /// Time of every stop, s [default of bai: 10, two-stage 200]

@@ -2,48 +2,155 @@
 
 use super::Ending;
 use super::arguments::{ObservabilityArguments, unit_config};
-use crate::prediction::Prediction;
+use crate::calibration::Setup;
+use crate::plan::bound::of_scheme;
+use crate::plot::write_sigmas;
+use crate::prediction::{Prediction, RankAt, SegmentGain};
 use crate::quantity::significant;
 use crate::report::write_json;
 use crate::table;
+use rayon::prelude::*;
 use rins_selfcal::error_model::PARAMETER_INFO;
+use rins_selfcal::method::Method;
+use rins_selfcal::scheme::Scheme;
+use rins_selfcal::scheme::library::LIBRARY;
+use rins_selfcal::segment::SegmentKind;
+
+/// Parameters named for each segment: those that it brought most.
+const NAMED_GAINS: usize = 3;
+/// A gain below this is not worth a word, bits.
+const LEAST_GAIN: f64 = 0.1;
 
 pub fn run(arguments: &ObservabilityArguments) -> anyhow::Result<Ending> {
     let unit = unit_config(arguments.config.as_ref(), arguments.noise.as_deref(), None)?;
     let method = arguments.method.method();
+    let setup = arguments.method.setup(&unit);
+    if arguments.all {
+        let predictions = library(&setup);
+        print!("{}", comparison(&predictions));
+        if let Some(path) = &arguments.json {
+            write_json(path, &predictions)?;
+        }
+        return Ok(Ending::Done);
+    }
     let scheme = arguments.scheme.scheme(method)?;
-    let prediction = Prediction::new(&arguments.method.setup(&unit), &scheme);
+    let prediction = bounded(&setup, &scheme);
     print!("{}", text(&prediction));
     if let Some(path) = &arguments.json {
         write_json(path, &prediction)?;
         println!("prediction: {}", path.display());
     }
+    if let Some(path) = &arguments.plot {
+        write_sigmas(path, &prediction)?;
+        println!("plot: {}", path.display());
+    }
     Ok(Ending::Done)
 }
 
+/// All schemes of the library, by the joint method.
+fn library(setup: &Setup) -> Vec<Prediction> {
+    let setup = Setup { method: Method::Joint, ..setup.clone() };
+    LIBRARY.par_iter().map(|entry| bounded(&setup, &entry.scheme())).collect()
+}
+
+/// With what no scheme can go below.
+fn bounded(setup: &Setup, scheme: &Scheme) -> Prediction {
+    let mut prediction = Prediction::new(setup, scheme);
+    if setup.method == Method::Joint {
+        prediction.bound_arcsec = of_scheme(setup, scheme, prediction.duration_s);
+    }
+    prediction
+}
+
+/// By how much the worst sigma is above the bound.
+fn above_bound(prediction: &Prediction) -> Option<String> {
+    let bound = prediction.bound_arcsec.filter(|_| prediction.unobserved.is_empty())?;
+    Some(format!("{:.0} %", (prediction.worst_arcsec / bound - 1.0) * 100.0))
+}
+
+fn comparison(predictions: &[Prediction]) -> String {
+    let row = |prediction: &Prediction| {
+        vec![
+            prediction.scheme.clone(),
+            format!("{:.1}", prediction.duration_s),
+            if prediction.unobserved.is_empty() { significant(prediction.worst_arcsec) } else { "-".into() },
+            table::number_or_none(prediction.bound_arcsec, significant),
+            above_bound(prediction).unwrap_or_else(|| "-".into()),
+            format!("{} of {}", prediction.rank, prediction.states),
+            significant(prediction.condition_number),
+            table::number_or_none(prediction.time_to_1_arcsec_s, |time_s| format!("{time_s:.1}")),
+        ]
+    };
+    let columns =
+        ["scheme", "time s", "worst of 12 arcsec", "bound", "above", "rank", "condition", "time to 1 arcsec s"];
+    let sources = LIBRARY.iter().map(|entry| {
+        let command = entry.command.map_or_else(String::new, |command| format!("\n    {command}"));
+        format!("{}: {}{command}\n", entry.name, entry.source)
+    });
+    let mut text = table::of_numbers(&columns, predictions.iter().map(row)) + "\n";
+    text.extend(sources);
+    text
+}
+
 fn text(prediction: &Prediction) -> String {
+    let hidden = if prediction.unobserved.is_empty() {
+        String::new()
+    } else {
+        format!("not observed: {}\n", prediction.unobserved.join(", "))
+    };
     format!(
-        "scheme {}, {:.1} s, {} method\n\nBai's 12 states, stacked along the scheme\n{}\nall states: rank {} of {}, \
-         condition number {}\n\n{}",
+        "scheme {}, {:.1} s, {} method\n\nBai's 12 states, stacked along the scheme\n{}\ninformation gained, bits, and worst \
+         sigma of Bai's 12\n{}\nall states: rank {} of {}, condition number {}, weakest direction: {}\n{hidden}worst of \
+         Bai's 12: {} arcsec{}{}\n\n{}",
         prediction.scheme,
         prediction.duration_s,
         prediction.method,
         ranks(prediction),
+        segments(prediction),
         prediction.rank,
         prediction.states,
         significant(prediction.condition_number),
+        prediction.weakest_direction,
+        significant(prediction.worst_arcsec),
+        above_bound(prediction).zip(prediction.bound_arcsec).map_or_else(String::new, |(above, bound)| {
+            format!(", {above} above the bound for this time, {}", significant(bound))
+        }),
+        prediction.time_to_1_arcsec_s.map_or_else(String::new, |time_s| format!("; 1 arcsec after {time_s:.1} s")),
         sigmas(prediction)
     )
 }
 
 fn ranks(prediction: &Prediction) -> String {
-    let row = |at: &crate::prediction::RankAt| {
-        vec![format!("{:.1}", at.time_s), at.rank.to_string(), significant(at.condition_number)]
-    };
+    let row = |at: &RankAt| vec![format!("{:.1}", at.time_s), at.rank.to_string(), significant(at.condition_number)];
     table::of_numbers(&["time s", "rank", "condition"], prediction.installation_rank.iter().map(row))
 }
 
-fn sigmas(prediction: &Prediction) -> String {
+fn segments(prediction: &Prediction) -> String {
+    let row = |gain: &SegmentGain| {
+        let kind = if gain.kind == SegmentKind::Stop { "stop" } else { "move" };
+        let all: f64 = gain.gained_bits.0.iter().map(|(_, bits)| bits).sum();
+        vec![
+            gain.segment.to_string(),
+            kind.into(),
+            format!("{:.1}", gain.time_s),
+            significant(gain.worst_arcsec()),
+            format!("{all:.1}"),
+            largest_gains(gain),
+        ]
+    };
+    let columns = ["segment", "kind", "end s", "worst arcsec", "gained", "most of it"];
+    table::of_numbers(&columns, prediction.segments.iter().map(row))
+}
+
+fn largest_gains(gain: &SegmentGain) -> String {
+    let mut gains = gain.gained_bits.0.clone();
+    gains.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let worth = gains.iter().filter(|(_, bits)| *bits >= LEAST_GAIN).take(NAMED_GAINS);
+    worth.map(|(name, bits)| format!("{name} {bits:.1}")).collect::<Vec<_>>().join(", ")
+}
+
+/// All predicted sigmas, by parameter.
+pub fn sigmas(prediction: &Prediction) -> String {
     table::by_parameter(&["sigma"], |index| {
         let name = PARAMETER_INFO[index].name;
         let found = prediction.parameters.0.iter().find(|(other, _)| *other == name);

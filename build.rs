@@ -1,0 +1,68 @@
+//! Compiles the rotation scheme of a TOML file, named by the environment variable `RINS_SCHEME`, into the core: the
+//! firmware then runs it where nothing else is configured. Format: `rins plan` writes it, the README shows it. Angles and
+//! times are checked by the core, on the host and at power-up; here the file only has to be one.
+
+use serde::Deserialize;
+use std::path::Path;
+use std::{env, fs};
+
+const VARIABLE: &str = "RINS_SCHEME";
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SchemeTable {
+    name: String,
+    #[serde(default = "twenty")]
+    rate_deg_s: f64,
+    #[serde(default = "twenty")]
+    acceleration_deg_s2: f64,
+    first_stop_s: f64,
+    #[serde(default = "once")]
+    periods: u8,
+    legs: Vec<LegTable>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LegTable {
+    outer_deg: f64,
+    inner_deg: f64,
+    stop_s: f64,
+}
+
+fn twenty() -> f64 {
+    20.0
+}
+
+fn once() -> u8 {
+    1
+}
+
+/// Most legs and longest name that the core holds.
+const MAX_LEGS: usize = 48;
+const MAX_NAME: usize = 32;
+
+fn main() {
+    println!("cargo:rerun-if-changed=build.rs");
+    println!("cargo:rerun-if-env-changed={VARIABLE}");
+    let code = env::var(VARIABLE).ok().filter(|path| !path.is_empty()).map_or("None".into(), |path| expression(&path));
+    let folder = env::var("OUT_DIR").expect("cargo sets it");
+    fs::write(Path::new(&folder).join("compiled_scheme.rs"), code).expect("cargo's folder can be written");
+}
+
+/// The scheme as a Rust expression.
+fn expression(path: &str) -> String {
+    println!("cargo:rerun-if-changed={path}");
+    let text = fs::read_to_string(path).unwrap_or_else(|error| panic!("{VARIABLE}={path}: {error}"));
+    let scheme: SchemeTable = toml::from_str(&text).unwrap_or_else(|error| panic!("{VARIABLE}={path}: {error}"));
+    let SchemeTable { name, rate_deg_s, acceleration_deg_s2, first_stop_s, periods, legs } = scheme;
+    let numbers = legs.iter().flat_map(|leg| [leg.outer_deg, leg.inner_deg, leg.stop_s]);
+    let all = [rate_deg_s, acceleration_deg_s2, first_stop_s].into_iter().chain(numbers);
+    assert!(all.into_iter().all(f64::is_finite), "{VARIABLE}={path}: a number is not finite");
+    assert!(name.len() <= MAX_NAME, "{VARIABLE}={path}: the name has more than {MAX_NAME} bytes");
+    assert!(legs.len() <= MAX_LEGS, "{VARIABLE}={path}: {} legs, at most {MAX_LEGS} fit", legs.len());
+    let legs: Vec<_> = legs.iter().map(|leg| (leg.outer_deg, leg.inner_deg, leg.stop_s)).collect();
+    format!(
+        "Some(of_file({name:?}, [{rate_deg_s:?}, {acceleration_deg_s2:?}], {first_stop_s:?}, {periods}, &{legs:?}))"
+    )
+}

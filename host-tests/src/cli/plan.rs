@@ -1,0 +1,77 @@
+//! `rins plan`
+
+use super::Ending;
+use super::arguments::{PlanArguments, unit_config};
+use super::observability::sigmas;
+use super::progress;
+use crate::plan::objective::Criterion;
+use crate::plan::{PlanRequest, Planned, plan};
+use crate::prediction::Prediction;
+use crate::quantity::significant;
+use crate::report::write_json;
+use crate::scheme_file::write_scheme;
+use crate::table;
+use rins_selfcal::scheme::Scheme;
+use rins_selfcal::units::DEG;
+use std::sync::Mutex;
+
+pub fn run(arguments: &PlanArguments) -> anyhow::Result<Ending> {
+    let unit = unit_config(arguments.config.as_ref(), arguments.noise.as_deref(), None)?;
+    let request = arguments.request(&unit)?;
+    let stem = arguments.out.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
+    let planned = search(&request, arguments.name.as_deref().unwrap_or(&stem))?;
+    write_scheme(&arguments.out, &planned.scheme)?;
+    let prediction = Prediction::new(&request.setup, &planned.scheme);
+    print!("{}\n{}\n{}", legs(&planned.scheme), sigmas(&prediction), summary(&request, &planned, &prediction));
+    println!("scheme: {}", arguments.out.display());
+    if let Some(path) = &arguments.json {
+        write_json(path, &prediction)?;
+        println!("prediction: {}", path.display());
+    }
+    Ok(Ending::Done)
+}
+
+fn search(request: &PlanRequest, name: &str) -> anyhow::Result<Planned> {
+    let bar = progress::bar(request.evaluations, "schemes");
+    let best = Mutex::new(f64::INFINITY);
+    let progress = |looked_at, value: f64| {
+        bar.inc(looked_at);
+        let Ok(mut best) = best.lock() else { return };
+        if value < *best {
+            *best = value;
+            bar.set_message(format!("best {}", significant(value)));
+        }
+    };
+    let planned = plan(request, name, &progress);
+    bar.finish_and_clear();
+    Ok(planned?)
+}
+
+fn legs(scheme: &Scheme) -> String {
+    let first = (0.0, 0.0, scheme.first_stop_s);
+    let rest = scheme.legs.iter().map(|leg| (leg.outer_rad, leg.inner_rad, leg.stop_s));
+    let row = |(outer, inner, stop_s): (f64, f64, f64)| {
+        vec![format!("{:.1}", outer / DEG + 0.0), format!("{:.1}", inner / DEG + 0.0), format!("{stop_s:.3}")]
+    };
+    table::of_numbers(&["outer deg", "inner deg", "stop s"], std::iter::once(first).chain(rest).map(row))
+}
+
+fn summary(request: &PlanRequest, planned: &Planned, prediction: &Prediction) -> String {
+    let what = match request.objective.criterion() {
+        Criterion::Worst => "worst weighted sigma",
+        Criterion::A => "root mean square of the weighted sigmas",
+        Criterion::D => "geometric mean of the weighted sigmas' axes",
+    };
+    let value = significant(planned.value);
+    let bound = planned.bound.map_or_else(
+        || "no bound is known for this objective".into(),
+        |bound| {
+            format!(
+                "bound {}, so within {:.0} % of what is possible",
+                significant(bound),
+                (planned.value / bound - 1.0) * 100.0
+            )
+        },
+    );
+    format!("{:.3} s of {} s; {what} {value}; {bound}\n", prediction.duration_s, request.time_s)
+}

@@ -1,0 +1,326 @@
+//! The information that a scheme will bring, from its geometry alone: what the core's filter would end with, without a
+//! sample being made.
+//!
+//! ```text
+//! I = diag(1 / prior^2) + sum H^T R^-1 H        states: encoder errors of the stop before and of this stop, parameters,
+//!                                               optional states; in units of their prior sigmas
+//! ```
+//! H is the core's own. An encoder error belongs to one stop and the two moves that meet there; once both are in, it is
+//! eliminated exactly (Schur complement), and its place goes to the next stop's. What is left is the twin of the core's
+//! covariance, to the lengths of the windows: the core counts in blocks of 0.1 s, here a stop loses what it does on average.
+
+use crate::calibration::Setup;
+use crate::virtual_run::SETTLING_S;
+use rins_selfcal::angle::Angle;
+use rins_selfcal::error_model::{InstrumentErrors, PARAMETERS, block};
+use rins_selfcal::estimator::{BASIC_STATES, EstimatorConfig};
+use rins_selfcal::linear::{ComplexField, Matrix, Vector};
+use rins_selfcal::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
+use rins_selfcal::options::{Circumstances, OptionalColumns, force_columns, rotation_columns};
+use rins_selfcal::rehearsal::{BLOCK_LOSS_S, GUARD_S, Stand, Turning, move_segment, stop_segment, usable_s};
+use rins_selfcal::segment::SegmentKind;
+use rins_selfcal::white_noise::Noise;
+use std::borrow::Borrow;
+
+/// Encoder errors below this are taken as this, arcsec/1000, so that their information stays finite.
+const LEAST_ENCODER_SIGMA_RAD: f64 = 5e-9;
+
+/// Information about encoder errors, parameters and optional states.
+#[derive(Clone, Debug)]
+pub struct Information<const STATES: usize = BASIC_STATES> {
+    /// Its lower triangle, in units of the prior sigmas.
+    lower: Matrix<f64, STATES, STATES>,
+    prior_sigmas: Vector<f64, STATES>,
+}
+
+impl<const STATES: usize> Information<STATES> {
+    fn prior(prior_sigmas: Vector<f64, STATES>) -> Self {
+        Self { lower: Matrix::identity(), prior_sigmas }
+    }
+
+    /// One scalar measurement.
+    fn add(&mut self, h: &Vector<f64, STATES>, variance: f64) {
+        let scale = ComplexField::sqrt(variance).recip();
+        let scaled = h.component_mul(&self.prior_sigmas) * scale;
+        for (column, factor) in scaled.iter().enumerate().filter(|(_, factor)| **factor != 0.0) {
+            let entries = self.lower.as_mut_slice()[column * STATES..(column + 1) * STATES].iter_mut();
+            entries.zip(scaled.iter()).skip(column).for_each(|(entry, other)| *entry += factor * other);
+        }
+    }
+
+    /// The three channels of a segment: white noise of `variance`.
+    fn add_rows(&mut self, prediction: &Prediction<f64>, optional: Option<&OptionalColumns<f64>>, variance: f64) {
+        for row in 0..3 {
+            let mut h = Vector::<f64, STATES>::zeros();
+            let (encoder, parameters) = (prediction.by_encoder_errors.row(row), prediction.by_parameters.row(row));
+            let basic = encoder.iter().chain(parameters.iter());
+            h.iter_mut().zip(basic).for_each(|(h, column)| *h = *column);
+            if let Some(optional) = optional {
+                h.iter_mut().skip(BASIC_STATES).zip(optional.row(row).iter()).for_each(|(h, column)| *h = *column);
+            }
+            self.add(&h, variance);
+        }
+    }
+
+    /// A random walk adds `variance` to a state.
+    fn inflate(&mut self, state: usize, variance: f64) {
+        let prior = self.prior_sigmas[state];
+        if variance > 0.0 && prior > 0.0 {
+            let pivot = self.lower[(state, state)] + prior * prior / variance;
+            self.subtract_outer(state, pivot, 0);
+        }
+    }
+
+    /// `I - i i^T / pivot` with column `state` of the information, from state `first` on.
+    fn subtract_outer(&mut self, state: usize, pivot: f64, first: usize) {
+        let column = Vector::<f64, STATES>::from_fn(|row, _| self.lower[(row.max(state), row.min(state))]);
+        for (other, of_other) in column.iter().enumerate().skip(first) {
+            let factor = of_other / pivot;
+            let entries = self.lower.as_mut_slice()[other * STATES..(other + 1) * STATES].iter_mut();
+            entries.zip(column.iter()).skip(other).for_each(|(entry, of_entry)| *entry -= factor * of_entry);
+        }
+    }
+
+    /// The axes leave a stop: its encoder errors become those of the stop before, and the next stop's are new.
+    fn renew_encoder_errors(&mut self) {
+        const BEFORE: usize = ENCODER_ERRORS / 2;
+        for state in 0..BEFORE {
+            let pivot = self.lower[(state, state)];
+            self.subtract_outer(state, pivot, state + 1);
+        }
+        for column in 0..BEFORE {
+            for row in column..STATES {
+                let from = if row < BEFORE { row + BEFORE } else { row };
+                self.lower[(row, column)] = self.lower[(from, column + BEFORE)];
+            }
+        }
+        for column in 0..ENCODER_ERRORS {
+            let first = column.max(BEFORE);
+            let last = if column < BEFORE { ENCODER_ERRORS } else { STATES };
+            for row in first..last {
+                self.lower[(row, column)] = if row == column { 1.0 } else { 0.0 };
+            }
+        }
+    }
+
+    /// Square root of the information on the parameters and optional states: `I = L L^T`, encoder errors eliminated in
+    /// its first columns. `None` where it is not positive definite.
+    pub fn factor(&self) -> Option<Matrix<f64, STATES, STATES>> {
+        let mut factor = self.lower;
+        for column in 0..STATES {
+            let pivot = factor[(column, column)];
+            if pivot.is_nan() || pivot <= 0.0 {
+                return None;
+            }
+            let (done, rest) = factor.as_mut_slice().split_at_mut((column + 1) * STATES);
+            let of_column = &mut done[column * STATES..];
+            let root = ComplexField::sqrt(pivot).recip();
+            of_column[column..].iter_mut().for_each(|entry| *entry *= root);
+            for (other, entries) in (column + 1..).zip(rest.chunks_exact_mut(STATES)) {
+                let of_other = of_column[other];
+                let entries = entries.iter_mut().zip(&*of_column).skip(other);
+                entries.for_each(|(entry, of_entry)| *entry -= of_other * of_entry);
+            }
+        }
+        Some(factor)
+    }
+
+    /// Column of a parameter in the inverse of [`Information::factor`], SI: its squared length is the variance, the
+    /// product of two the covariance.
+    pub fn inverse_column(&self, factor: &Matrix<f64, STATES, STATES>, parameter: usize) -> Vector<f64, STATES> {
+        let state = ENCODER_ERRORS + parameter;
+        let mut column = Vector::<f64, STATES>::zeros();
+        column[state] = self.prior_sigmas[state];
+        for pivot in state..STATES {
+            let of_pivot = &factor.as_slice()[pivot * STATES..(pivot + 1) * STATES];
+            let value = column[pivot] / of_pivot[pivot];
+            column[pivot] = value;
+            let below = column.iter_mut().zip(of_pivot).skip(pivot + 1);
+            below.for_each(|(entry, of_entry)| *entry -= value * of_entry);
+        }
+        column
+    }
+
+    /// Sigmas of all parameters, SI.
+    pub fn sigmas(&self) -> Option<[f64; PARAMETERS]> {
+        let factor = self.factor()?;
+        Some(std::array::from_fn(|parameter| self.inverse_column(&factor, parameter).norm()))
+    }
+}
+
+/// What a stop and the move that leads to it measure. It does not depend on how long the stop is.
+#[derive(Clone, Debug)]
+pub struct LegModel {
+    /// Time of the move, s.
+    pub move_s: f64,
+    turn: Prediction<f64>,
+    force: Prediction<f64>,
+    /// Rotation over one second of rest.
+    rest: Prediction<f64>,
+}
+
+/// Predicts the information of schemes for one unit: without errors, level and facing north, as [`crate::prediction`] does.
+#[derive(Clone, Debug)]
+pub struct Forecast<const STATES: usize = BASIC_STATES> {
+    model: MeasurementModel<f64>,
+    config: EstimatorConfig,
+    turning: Turning,
+    /// Time after a move that the accelerometers need to settle, s.
+    settling_s: f64,
+    prior_sigmas: Vector<f64, STATES>,
+}
+
+impl<const STATES: usize> Forecast<STATES> {
+    /// For a unit with this configuration, by the joint method. Its axes turn as `turning` says, and its accelerometers are good
+    /// `settling_s` after a move; the core's 0.3 s at least.
+    pub fn new(setup: &Setup, turning: Turning, settling_s: f64) -> Self {
+        let config = setup.config().estimator;
+        let encoder_sigma = config.noise.encoder_sigma_rad.max(LEAST_ENCODER_SIGMA_RAD);
+        let encoder = std::iter::repeat_n(encoder_sigma, ENCODER_ERRORS);
+        let all = encoder.chain(config.prior_sigmas()).chain(config.options.prior_sigmas());
+        let mut prior_sigmas = Vector::<f64, STATES>::zeros();
+        prior_sigmas.iter_mut().zip(all).for_each(|(prior, sigma)| *prior = sigma);
+        let model = MeasurementModel::new(&InstrumentErrors::default(), &setup.site);
+        Self { model, config, turning, settling_s: settling_s.max(GUARD_S), prior_sigmas }
+    }
+
+    /// How the axes turn.
+    pub fn turning(&self) -> &Turning {
+        &self.turning
+    }
+
+    /// Derivative of the mean specific force at a stop by the parameters, (3 x 28), SI.
+    pub fn force_rows(&self, stand: &Stand) -> Matrix<f64, 3, PARAMETERS> {
+        self.model.force_at_stop(&stop_segment(stand, 1.0)).by_parameters
+    }
+
+    /// The model of a leg; the first stop has no move before it.
+    pub fn leg(&self, from: &Stand, to: &Stand) -> LegModel {
+        let move_s = self.turning.move_s(from, to);
+        let turn = move_segment(from, to, &self.turning);
+        let at_rest = stop_segment(to, 1.0);
+        let mut rest = self.model.rotation(&at_rest);
+        // The same encoder error at both ends.
+        rest.by_encoder_errors.fill(0.0);
+        LegModel { move_s, turn: self.model.rotation(&turn), force: self.model.force_at_stop(&at_rest), rest }
+    }
+
+    /// The information at the end of all stops. `on_segment` gets it after each segment, with the time, s.
+    pub fn information<L: Borrow<LegModel>>(
+        &self,
+        stands: &[Stand],
+        legs: &[L],
+        mut on_segment: impl FnMut(SegmentKind, f64, &Information<STATES>),
+    ) -> Information<STATES> {
+        let mut information = Information::prior(self.prior_sigmas);
+        let Noise { accel_psd_sqrt, gyro_psd_sqrt, .. } = self.config.noise;
+        let (accel_psd, gyro_psd) = (accel_psd_sqrt * accel_psd_sqrt, gyro_psd_sqrt * gyro_psd_sqrt);
+        let moves = legs.iter().skip(1).map(|leg| leg.borrow().move_s).sum::<f64>();
+        let total_s = moves + stands.iter().map(|stand| stand.stop_s + SETTLING_S).sum::<f64>();
+        let mut time_s = -total_s;
+        let mut before = stands.first();
+        for (number, (stand, leg)) in stands.iter().zip(legs).enumerate() {
+            let (is_first, is_last) = (number == 0, number + 1 == stands.len());
+            let leg: &LegModel = leg.borrow();
+            let stops = [before.unwrap_or(stand), stand];
+            if !is_first {
+                let window_s = leg.move_s + 2.0 * GUARD_S + BLOCK_LOSS_S;
+                information.renew_encoder_errors();
+                self.walk(&mut information, window_s);
+                let at = self.circumstances(stops, time_s + 0.5 * leg.move_s);
+                let optional = at.map(|at| rotation_columns(&leg.turn, &at));
+                information.add_rows(&leg.turn, optional.as_ref(), gyro_psd * window_s);
+                time_s += leg.move_s;
+                on_segment(SegmentKind::Move, total_s + time_s, &information);
+            }
+            let usable_s = usable_s(stand.stop_s, self.settling_s, is_first, is_last);
+            self.walk(&mut information, usable_s);
+            let at = self.circumstances(stops, time_s + 0.5 * (stand.stop_s + SETTLING_S));
+            let optional = at.map(|at| (force_columns(&leg.force, &at), rotation_columns(&leg.rest, &at)));
+            let (by_force, by_rest) = (optional.as_ref().map(|both| &both.0), optional.as_ref().map(|both| &both.1));
+            information.add_rows(&leg.force, by_force, accel_psd / usable_s);
+            // Rotation per second: of the mean rate.
+            information.add_rows(&leg.rest, by_rest, gyro_psd / usable_s);
+            time_s += stand.stop_s + SETTLING_S;
+            on_segment(SegmentKind::Stop, total_s + time_s, &information);
+            before = Some(stand);
+        }
+        information
+    }
+
+    /// The information of a whole scheme.
+    pub fn of_stands(&self, stands: &[Stand]) -> Information<STATES> {
+        let from = stands.iter().take(1).chain(stands);
+        let legs: Vec<LegModel> = from.zip(stands).map(|(from, to)| self.leg(from, to)).collect();
+        self.information(stands, &legs, |_, _, _| ())
+    }
+
+    fn walk(&self, information: &mut Information<STATES>, duration_s: f64) {
+        let options = &self.config.options;
+        let walks = [(block::ACCEL_BIAS, options.accel_bias_walk), (block::GYRO_BIAS, options.gyro_bias_walk)];
+        for (first, walk) in walks.into_iter().filter(|(_, walk)| *walk > 0.0) {
+            for axis in 0..3 {
+                information.inflate(ENCODER_ERRORS + first + axis, walk * walk * duration_s);
+            }
+        }
+    }
+
+    fn circumstances(&self, stops: [&Stand; 2], since_reference_s: f64) -> Option<Circumstances<f64>> {
+        let angles = |stand: &Stand| [stand.outer_rad, stand.inner_rad].map(Angle::from_rad);
+        let [stop_before, stop] = stops.map(angles);
+        let at = Circumstances { since_reference_s, stop_before, stop };
+        self.config.options.needs_states().then_some(at)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::Precision;
+    use crate::prediction::predicted_sigmas_si;
+    use crate::unit::UnitConfig;
+    use crate::virtual_rins::VirtualUnit;
+    use rins_selfcal::error_model::PARAMETER_INFO;
+    use rins_selfcal::estimator::FULL_STATES;
+    use rins_selfcal::method::Method;
+    use rins_selfcal::options::Options;
+    use rins_selfcal::rehearsal::stands;
+    use rins_selfcal::scheme::Scheme;
+    use rins_selfcal::units::{DEG_H, MICRO_G};
+
+    fn setup() -> Setup {
+        Setup::new(&UnitConfig::default(), VirtualUnit::default().rate_hz, Method::Joint, Precision::F64)
+    }
+
+    fn sigmas<const STATES: usize>(setup: &Setup, scheme: &Scheme) -> [f64; PARAMETERS] {
+        let stands: Vec<Stand> = stands(scheme).collect();
+        let information = Forecast::<STATES>::new(setup, Turning::of(scheme), GUARD_S).of_stands(&stands);
+        information.sigmas().expect("positive definite")
+    }
+
+    /// The core counts in blocks, which a forecast does by their mean: of 3 s stops 2 %, so 1 % of the sigma.
+    #[test]
+    fn forecast_is_that_of_the_core() {
+        let plain = setup();
+        let walk = 1e-3 * DEG_H;
+        let options = Options {
+            bias_ramp: true,
+            encoder_eccentricity: true,
+            encoder_second_harmonic: true,
+            base_tilt_drift: true,
+            gyro_bias_walk: walk,
+            accel_bias_walk: 0.1 * MICRO_G,
+        };
+        let agree = |found: [f64; PARAMETERS], core: [f64; PARAMETERS], within: f64| {
+            for ((found, core), info) in found.iter().zip(&core).zip(&PARAMETER_INFO) {
+                assert!((found / core - 1.0).abs() < within, "{}: {found} for {core}", info.name);
+            }
+        };
+        for (stop_s, within) in [(10.0, 0.004), (3.0, 0.01)] {
+            let scheme = Scheme::bai(stop_s, 1);
+            agree(sigmas::<BASIC_STATES>(&plain, &scheme), predicted_sigmas_si(&plain, &scheme), within);
+        }
+        let (full, scheme) = (Setup { options, ..plain }, Scheme::bai(10.0, 1));
+        agree(sigmas::<FULL_STATES>(&full, &scheme), predicted_sigmas_si(&full, &scheme), 0.004);
+    }
+}

@@ -1,0 +1,152 @@
+//! Which parameters matter, and how their sigmas make one number.
+
+use super::information::Information;
+use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS, ParameterInfo};
+use rins_selfcal::linear::{ComplexField, Vector};
+use rins_selfcal::observability::INSTALLATION_STATES;
+use rins_selfcal::options::{OPTIONAL_INFO, Options};
+
+/// How weighted sigmas make one number.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Criterion {
+    /// The largest
+    #[default]
+    Worst,
+    /// Root of the mean square, A-optimal
+    A,
+    /// Root of the determinant of the covariance, per parameter, D-optimal
+    D,
+}
+
+/// A parameter or optional state that matters.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Weight {
+    /// Its number among the parameters and, after them, the optional states.
+    pub parameter: usize,
+    /// What its sigma in report units is multiplied by.
+    pub factor: f64,
+}
+
+/// What shall be small.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Objective {
+    criterion: Criterion,
+    weights: Vec<Weight>,
+}
+
+/// Parameters and optional states by number.
+pub fn info_of(parameter: usize) -> Option<&'static ParameterInfo> {
+    PARAMETER_INFO.iter().chain(&OPTIONAL_INFO).nth(parameter)
+}
+
+impl Objective {
+    /// Bai's twelve, all alike.
+    pub fn installation(criterion: Criterion) -> Self {
+        let weights = (0..INSTALLATION_STATES).map(|parameter| Weight { parameter, factor: 1.0 }).collect();
+        Self { criterion, weights }
+    }
+
+    /// Parameters by name with their factors.
+    ///
+    /// # Errors
+    /// What is wrong with a name or a factor.
+    pub fn weighted(criterion: Criterion, weights: &[(String, f64)], options: &Options) -> Result<Self, String> {
+        let by_name = |(name, factor): &(String, f64)| {
+            let parameter = PARAMETER_INFO.iter().chain(&OPTIONAL_INFO).position(|info| info.name == name);
+            let parameter = parameter.ok_or_else(|| format!("{name}: no such parameter"))?;
+            let optional =
+                parameter.checked_sub(PARAMETERS).and_then(|index| options.prior_sigmas().get(index).copied());
+            if optional == Some(0.0) {
+                return Err(format!("{name}: its effect is not estimated"));
+            }
+            if !(factor.is_finite() && *factor > 0.0) {
+                return Err(format!("{name}: the weight must be finite and positive"));
+            }
+            Ok(Weight { parameter, factor: *factor })
+        };
+        Ok(Self { criterion, weights: weights.iter().map(by_name).collect::<Result<_, _>>()? })
+    }
+
+    /// How sigmas make one number.
+    pub fn criterion(&self) -> Criterion {
+        self.criterion
+    }
+
+    /// What matters.
+    pub fn weights(&self) -> &[Weight] {
+        &self.weights
+    }
+
+    /// The number for this information; of the worst sigma a p-norm with this exponent, which is smooth, or with an
+    /// infinite one itself. `None` where the information is not positive definite.
+    pub fn value<const STATES: usize>(&self, information: &Information<STATES>, exponent: f64) -> Option<f64> {
+        let factor = information.factor()?;
+        let columns = self.weights.iter().map(|weight| {
+            let unit = info_of(weight.parameter).map_or(1.0, |info| info.unit_si);
+            information.inverse_column(&factor, weight.parameter) * (weight.factor / unit)
+        });
+        Some(match self.criterion {
+            Criterion::Worst => power_mean(&columns.map(|column| column.norm()).collect::<Vec<_>>(), exponent),
+            Criterion::A => power_mean(&columns.map(|column| column.norm()).collect::<Vec<_>>(), 2.0),
+            Criterion::D => mean_edge(columns.collect()),
+        })
+    }
+}
+
+/// `(mean x^p)^(1/p)`
+fn power_mean(values: &[f64], exponent: f64) -> f64 {
+    let largest = values.iter().copied().fold(0.0, f64::max);
+    if exponent.is_infinite() {
+        return largest;
+    }
+    let sum: f64 = values.iter().map(|value| ComplexField::powf(value / largest, exponent)).sum();
+    largest * ComplexField::powf(sum / values.len() as f64, exponent.recip())
+}
+
+/// Geometric mean of the edges of a box with the volume of these columns: the determinant of their products is the volume
+/// squared.
+fn mean_edge<const STATES: usize>(mut columns: Vec<Vector<f64, STATES>>) -> f64 {
+    let mut sum_of_logs = 0.0;
+    for number in 0..columns.len() {
+        let (done, rest) = columns.split_at_mut(number + 1);
+        let length = done[number].norm();
+        sum_of_logs += ComplexField::ln(length);
+        let unit = done[number] / length;
+        rest.iter_mut().for_each(|other| *other -= unit * unit.dot(other));
+    }
+    ComplexField::exp(sum_of_logs / columns.len() as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_large_exponent_comes_near_the_largest() {
+        let sigmas = [0.3, 0.5, 0.4];
+        assert_eq!(power_mean(&sigmas, f64::INFINITY), 0.5);
+        // The largest alone makes (1/3)^(1/64) of itself.
+        let found = power_mean(&sigmas, 64.0);
+        assert!(found < 0.5 && found > 0.5 * 3_f64.powf(-1.0 / 64.0), "{found}");
+        assert!((power_mean(&[3.0, 4.0], 2.0) - 12.5_f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_determinant_is_a_volume() {
+        // A box of 2 x 3 x 4, sheared.
+        let columns =
+            vec![Vector::from([2.0, 0.0, 0.0]), Vector::from([5.0, 3.0, 0.0]), Vector::from([-7.0, 1.0, 4.0])];
+        assert!((mean_edge(columns).powi(3) - 24.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn weights_are_refused_by_name() {
+        let weighted = |name: &str, factor| {
+            Objective::weighted(Criterion::Worst, &[(name.to_string(), factor)], &Options::NONE).map(|_| ())
+        };
+        assert_eq!(weighted("gamma", 1.0), Ok(()));
+        assert_eq!(weighted("delta", 1.0), Err("delta: no such parameter".into()));
+        assert_eq!(weighted("gyro_bias_ramp_x", 1.0), Err("gyro_bias_ramp_x: its effect is not estimated".into()));
+        assert_eq!(weighted("gamma", -1.0), Err("gamma: the weight must be finite and positive".into()));
+    }
+}

@@ -1,0 +1,319 @@
+//! Simulated annealing over the stops of a scheme: their angles, their order, their number and how the time is shared.
+//!
+//! Independent chains start from chance; those that end best are cooled further with small steps. A chain belongs to its
+//! seed and nothing else, so the result does not depend on the number of cores; nor on the machine, because what it
+//! computes with is the core's own mathematics. (Kirkpatrick, Gelatt and Vecchi, Science 220, 1983; the annealers of the
+//! crates at hand know neither schemes whose number of stops changes nor chains without a common state.)
+
+use super::Travel;
+use super::information::{Forecast, LegModel};
+use super::objective::Objective;
+use crate::virtual_run::{SETTLING_S, Stream, derived_seed};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rand_xoshiro::rand_core::{Rng, SeedableRng};
+use rayon::prelude::*;
+use rins_selfcal::linear::ComplexField;
+use rins_selfcal::rehearsal::Stand;
+use rins_selfcal::units::DEG;
+use std::collections::HashMap;
+use std::rc::Rc;
+
+/// Chains that start from chance, and the part of all evaluations that they get.
+const CHAINS: u64 = 24;
+const FIRST_PART: f64 = 0.8;
+/// Chains that are cooled further.
+const FINALISTS: usize = 4;
+/// Evaluations between two words on the progress.
+const TELL: u64 = 500;
+/// Models of legs that are remembered, some 10 MB.
+const REMEMBERED: usize = 4000;
+/// Extra time of a stop that is not zero, so that it can grow, s.
+const LEAST_EXTRA_S: f64 = 1e-3;
+/// Trials for a first scheme that fits.
+const TRIALS: usize = 10_000;
+
+/// From hot to cold, all geometrically.
+#[derive(Clone, Copy)]
+struct Cooling {
+    /// Change of the objective's logarithm that is accepted one time in e.
+    temperature: [f64; 2],
+    /// Size of steps, of the largest.
+    step: [f64; 2],
+    /// Of the p-norm that stands for the worst.
+    exponent: f64,
+}
+
+const FIRST: Cooling = Cooling { temperature: [0.05, 1e-4], step: [1.0, 0.02], exponent: 64.0 };
+const LAST: Cooling = Cooling { temperature: [2e-4, 1e-6], step: [0.02, 5e-4], exponent: 300.0 };
+
+fn cooled([from, to]: [f64; 2], part: f64) -> f64 {
+    from * ComplexField::powf(to / from, part)
+}
+
+/// What a scheme must fulfil, and what makes it good.
+pub struct Problem<'a, const STATES: usize> {
+    /// Predicts its information.
+    pub forecast: Forecast<STATES>,
+    /// Judges it.
+    pub objective: &'a Objective,
+    /// Its duration, s.
+    pub time_s: f64,
+    /// Moves and stops take whole intervals of this, s.
+    pub sample_s: f64,
+    /// Where the axes may stand.
+    pub travel: [Travel; 2],
+    /// Stops are at multiples of this, rad.
+    pub step_rad: f64,
+    /// Shortest stop, s.
+    pub least_stop_s: f64,
+    /// Most legs.
+    pub most_legs: usize,
+}
+
+impl<const STATES: usize> Problem<'_, STATES> {
+    fn snapped(&self, axis: usize, angle_rad: f64) -> f64 {
+        let Travel { lowest_rad, highest_rad } = self.travel[axis];
+        // A limit is not always a multiple of the step.
+        let steps = |limit: f64| limit / self.step_rad;
+        let lowest = ComplexField::ceil(steps(lowest_rad) - 1e-9);
+        let highest = ComplexField::floor(steps(highest_rad) + 1e-9);
+        ComplexField::round(steps(angle_rad)).clamp(lowest, highest) * self.step_rad
+    }
+
+    fn stand(&self, angles_rad: [f64; 2], stop_s: f64) -> Stand {
+        let [outer_rad, inner_rad] = [0, 1].map(|axis| self.snapped(axis, angles_rad[axis]));
+        Stand { outer_rad, inner_rad, stop_s }
+    }
+
+    fn grid_s(&self, duration_s: f64) -> f64 {
+        ComplexField::ceil(duration_s / self.sample_s - 1e-6) * self.sample_s
+    }
+}
+
+struct Chance(Xoshiro256PlusPlus);
+
+impl Chance {
+    /// Uniform in [0, 1).
+    fn part(&mut self) -> f64 {
+        (self.0.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn below(&mut self, count: usize) -> usize {
+        (self.part() * count as f64) as usize
+    }
+
+    /// Of mean 0 and variance 1, nearly normal: the sum of three uniform numbers, exact on every machine.
+    fn bell(&mut self) -> f64 {
+        2.0 * (self.part() + self.part() + self.part() - 1.5)
+    }
+}
+
+/// A scheme and how good it is.
+type Valued = (f64, Vec<Stand>);
+
+struct Chain<'a, const STATES: usize> {
+    problem: &'a Problem<'a, STATES>,
+    chance: Chance,
+    remembered: HashMap<[u64; 4], Rc<LegModel>>,
+}
+
+/// Looks at this many schemes; the best, with its stops on the sample grid. `None` if none fits.
+pub fn search<const STATES: usize>(
+    problem: &Problem<STATES>,
+    evaluations: u64,
+    seed: u64,
+    progress: &(impl Fn(u64, f64) + Sync),
+) -> Option<Valued> {
+    let of_first = (evaluations as f64 * FIRST_PART) as u64 / CHAINS;
+    let chain = |number: u64| Chain::new(problem, derived_seed(seed, number, Stream::Noise));
+    let first = (0..CHAINS).into_par_iter().map(|number| {
+        let mut chain = chain(number);
+        let start = chain.start()?;
+        Some(chain.anneal(start, &FIRST, of_first, progress))
+    });
+    let mut found: Vec<Valued> = first.collect::<Vec<_>>().into_iter().flatten().collect();
+    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    found.truncate(FINALISTS);
+    let of_last = (evaluations - CHAINS * of_first) / FINALISTS as u64;
+    let last = found.into_par_iter().enumerate().map(|(number, (_, stands))| {
+        let mut chain = chain(CHAINS + number as u64);
+        let (_, stands) = chain.anneal(stands, &LAST, of_last, progress);
+        chain.on_grid(stands)
+    });
+    last.collect::<Vec<_>>().into_iter().flatten().min_by(|a, b| a.0.total_cmp(&b.0))
+}
+
+impl<'a, const STATES: usize> Chain<'a, STATES> {
+    fn new(problem: &'a Problem<'a, STATES>, seed: u64) -> Self {
+        let chance = Chance(Xoshiro256PlusPlus::seed_from_u64(seed));
+        Self { problem, chance, remembered: HashMap::new() }
+    }
+
+    /// Some stops by chance, in the order of the outer angle.
+    fn start(&mut self) -> Option<Vec<Stand>> {
+        for trial in 0..TRIALS {
+            // One stop for 15 s and five more; fewer if they do not fit.
+            let legs = (4 + (self.problem.time_s / 15.0) as usize).min(self.problem.most_legs);
+            let legs = legs - (legs - 1) * trial / TRIALS;
+            let stop_s = self.problem.least_stop_s + 1.0;
+            let mut stands: Vec<Stand> = (0..legs).map(|_| self.anywhere(stop_s)).collect();
+            stands.sort_by(|a, b| a.outer_rad.abs().total_cmp(&b.outer_rad.abs()));
+            stands.insert(0, self.problem.stand([0.0; 2], stop_s));
+            if self.fitted(&mut stands).is_some() {
+                return Some(stands);
+            }
+        }
+        None
+    }
+
+    fn anywhere(&mut self, stop_s: f64) -> Stand {
+        let angles = [0, 1].map(|axis| {
+            let Travel { lowest_rad, highest_rad } = self.problem.travel[axis];
+            lowest_rad + (highest_rad - lowest_rad) * self.chance.part()
+        });
+        self.problem.stand(angles, stop_s)
+    }
+
+    fn anneal(
+        &mut self,
+        start: Vec<Stand>,
+        cooling: &Cooling,
+        evaluations: u64,
+        progress: &(impl Fn(u64, f64) + Sync),
+    ) -> Valued {
+        let mut current = (f64::INFINITY, start);
+        let mut best = current.clone();
+        for number in 0..evaluations {
+            let part = number as f64 / evaluations as f64;
+            let temperature = cooled(cooling.temperature, part);
+            let mut stands =
+                if number == 0 { best.1.clone() } else { self.neighbour(&current.1, cooled(cooling.step, part)) };
+            if let Some(value) = self.value(&mut stands, cooling.exponent)
+                && self.accepts(ComplexField::ln(value / current.0), temperature)
+            {
+                current = (value, stands);
+                if current.0 < best.0 {
+                    best = current.clone();
+                }
+            }
+            if (number + 1) % TELL == 0 {
+                progress(TELL, best.0);
+            }
+        }
+        progress(evaluations % TELL, best.0);
+        best
+    }
+
+    fn accepts(&mut self, worse_by: f64, temperature: f64) -> bool {
+        worse_by < 0.0 || self.chance.part() < ComplexField::exp(-worse_by / temperature)
+    }
+
+    /// A scheme near this one. `step` is the size of the changes, 1 for the largest.
+    fn neighbour(&mut self, stands: &[Stand], step: f64) -> Vec<Stand> {
+        let mut stands = stands.to_vec();
+        let last = stands.len() - 1;
+        let (one, other) = (1 + self.chance.below(last), 1 + self.chance.below(last));
+        let (low, high) = (one.min(other), one.max(other));
+        match self.chance.below(20) {
+            0..6 => {
+                let way = if self.chance.part() < 0.5 { 60.0 * DEG } else { 5.0 * DEG };
+                self.shift(&mut stands[one..=one], way * step);
+            }
+            6 => self.shift(&mut stands[low..=high], 60.0 * DEG * step),
+            7..9 => self.replace(&mut stands[one]),
+            9..13 => {
+                let stand = self.chance.below(stands.len());
+                let extra_s = stands[stand].stop_s - self.problem.least_stop_s;
+                let factor = ComplexField::exp(0.5 * step * self.chance.bell());
+                stands[stand].stop_s = self.problem.least_stop_s + extra_s * factor;
+            }
+            13..15 => {
+                let moved_s = 0.3 * self.chance.part() * stands[one].stop_s;
+                let to = self.chance.below(stands.len());
+                stands[one].stop_s -= moved_s;
+                stands[to].stop_s += moved_s;
+            }
+            15 => {
+                if last < self.problem.most_legs {
+                    let mut stand = stands[one - 1];
+                    self.replace(&mut stand);
+                    stand.stop_s = self.problem.time_s / stands.len() as f64 * self.chance.part();
+                    stands.insert(one, stand);
+                }
+            }
+            16..18 => {
+                if last > 1 {
+                    stands.remove(one);
+                }
+            }
+            18 => stands.swap(one, other),
+            _ => stands[low..=high].reverse(),
+        }
+        stands
+    }
+
+    /// One or both axes elsewhere, by chance.
+    fn replace(&mut self, stand: &mut Stand) {
+        let new = self.anywhere(stand.stop_s);
+        let axes = self.chance.below(3);
+        if axes != 0 {
+            stand.outer_rad = new.outer_rad;
+        }
+        if axes != 1 {
+            stand.inner_rad = new.inner_rad;
+        }
+    }
+
+    /// Shifts one or both axes of all these stops by about `way_rad`.
+    fn shift(&mut self, stands: &mut [Stand], way_rad: f64) {
+        let axes = self.chance.below(3);
+        let ways = [0, 1].map(|axis| if axes == axis { 0.0 } else { way_rad * self.chance.bell() });
+        for stand in stands {
+            *stand = self.problem.stand([stand.outer_rad + ways[0], stand.inner_rad + ways[1]], stand.stop_s);
+        }
+    }
+
+    /// Stretches or shrinks the stops to fill the time; the legs. `None` if that cannot be, or a leg moves nothing.
+    fn fitted(&mut self, stands: &mut [Stand]) -> Option<Vec<Rc<LegModel>>> {
+        let stays = |pair: &[Stand]| (pair[0].outer_rad, pair[0].inner_rad) == (pair[1].outer_rad, pair[1].inner_rad);
+        if stands.windows(2).any(stays) {
+            return None;
+        }
+        let legs: Vec<_> = (0..stands.len()).map(|to| self.leg(&stands[to.saturating_sub(1)], &stands[to])).collect();
+        let moves_s: f64 = legs.iter().skip(1).map(|leg| self.problem.grid_s(leg.move_s)).sum();
+        let least_s = self.problem.least_stop_s;
+        let free_s = self.problem.time_s - moves_s - stands.len() as f64 * (SETTLING_S + least_s);
+        if free_s <= 0.0 {
+            return None;
+        }
+        let extra_s = |stand: &Stand| (stand.stop_s - least_s).max(LEAST_EXTRA_S);
+        let factor = free_s / stands.iter().map(extra_s).sum::<f64>();
+        stands.iter_mut().for_each(|stand| stand.stop_s = least_s + extra_s(stand) * factor);
+        Some(legs)
+    }
+
+    fn leg(&mut self, from: &Stand, to: &Stand) -> Rc<LegModel> {
+        if self.remembered.len() > REMEMBERED {
+            self.remembered.clear();
+        }
+        let key = [from.outer_rad, from.inner_rad, to.outer_rad, to.inner_rad].map(f64::to_bits);
+        let forecast = &self.problem.forecast;
+        Rc::clone(self.remembered.entry(key).or_insert_with(|| Rc::new(forecast.leg(from, to))))
+    }
+
+    fn value(&mut self, stands: &mut [Stand], exponent: f64) -> Option<f64> {
+        let legs = self.fitted(stands)?;
+        let information = self.problem.forecast.information(stands, &legs, |_, _, _| ());
+        self.problem.objective.value(&information, exponent)
+    }
+
+    /// Stops rounded down to the sample grid, and what the objective says then.
+    fn on_grid(&mut self, mut stands: Vec<Stand>) -> Option<Valued> {
+        let legs = self.fitted(&mut stands)?;
+        let sample_s = self.problem.sample_s;
+        let on_grid = |stop_s: f64| ComplexField::floor(stop_s / sample_s + 1e-6) * sample_s;
+        stands.iter_mut().for_each(|stand| stand.stop_s = on_grid(stand.stop_s));
+        let information = self.problem.forecast.information(&stands, &legs, |_, _, _| ());
+        Some((self.problem.objective.value(&information, f64::INFINITY)?, stands))
+    }
+}

@@ -1,0 +1,161 @@
+//! The library of schemes and the planner, from outside: what they promise and what they refuse.
+
+use host_tests::calibration::{Precision, Setup};
+use host_tests::prediction::Prediction;
+use host_tests::scheme_file::{read_scheme, write_scheme};
+use host_tests::unit::UnitConfig;
+use rins_selfcal::method::Method;
+use rins_selfcal::scheme::Scheme;
+use rins_selfcal::scheme::library::LIBRARY;
+use rins_selfcal::units::DEG;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn scratch(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("plan");
+    fs::create_dir_all(&folder).unwrap();
+    folder.join(name)
+}
+
+fn rins(arguments: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_rins"));
+    command.current_dir(scratch("")).args(arguments).output().expect("the program starts")
+}
+
+fn run(arguments: &[&str]) -> String {
+    let output = rins(arguments);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{arguments:?}: {errors}");
+    String::from_utf8(output.stdout).expect("UTF-8")
+}
+
+/// Runs the program and expects an error of one line.
+fn refused(arguments: &[&str]) -> String {
+    let output = rins(arguments);
+    assert_eq!(output.status.code(), Some(1), "{arguments:?}");
+    let line = String::from_utf8(output.stderr).expect("UTF-8");
+    assert_eq!(line.lines().count(), 1, "{line}");
+    line.trim_end().strip_prefix("error: ").expect("says that it is an error").into()
+}
+
+fn predicted(scheme: &Scheme) -> Prediction {
+    let setup = Setup::new(&UnitConfig::default(), 200.0, Method::Joint, Precision::F64);
+    Prediction::new(&setup, scheme)
+}
+
+/// Time, s, and the largest sigma of Bai's twelve that it may leave, arcsec.
+const MARKS: [(u32, f64); 5] = [(60, 1.00), (90, 0.74), (120, 0.60), (180, 0.46), (300, 0.35)];
+
+#[test]
+fn fast_schemes_keep_time_and_travel_and_pass_their_marks() {
+    for (time_s, mark_arcsec) in MARKS {
+        let scheme = Scheme::named(&format!("fast-{time_s}")).expect("in the library");
+        let within = |low: f64, angle_rad: f64| (low * DEG - 1e-9..=1e-9).contains(&angle_rad);
+        assert!(scheme.legs.iter().all(|leg| within(-360.0, leg.outer_rad) && within(-270.0, leg.inner_rad)));
+        assert!(
+            (scheme.rate_rad_s / DEG - 20.0).abs() < 1e-9 && (scheme.acceleration_rad_s2 / DEG - 20.0).abs() < 1e-9
+        );
+        let prediction = predicted(&scheme);
+        assert!(prediction.duration_s <= f64::from(time_s), "{time_s}: {}", prediction.duration_s);
+        assert!(prediction.worst_arcsec <= mark_arcsec, "{time_s}: {}", prediction.worst_arcsec);
+        assert_eq!((prediction.rank, prediction.states), (28, 28));
+    }
+}
+
+/// The others take minutes; their commands stand in the library.
+#[test]
+fn the_planner_finds_a_shipped_scheme_again_by_its_command() {
+    let entry = LIBRARY.iter().find(|entry| entry.name == "fast-60").expect("in the library");
+    let command = entry.command.expect("it was planned");
+    let arguments: Vec<&str> = command.split(' ').skip(1).collect();
+    run(&arguments);
+    let shipped = scratch("shipped.toml");
+    write_scheme(&shipped, &entry.scheme()).unwrap();
+    let found = fs::read_to_string(scratch("fast-60.toml")).unwrap();
+    assert_eq!(found, fs::read_to_string(&shipped).unwrap());
+}
+
+#[test]
+fn the_same_request_gives_the_same_scheme_whatever_the_cores() {
+    let request = ["plan", "--time", "50", "--evaluations", "6000", "--angles", "45", "--noise", "tactical"];
+    let planned = |file: &str, threads: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_rins"));
+        let arguments = command.current_dir(scratch("")).args(request).args(["--name", "same", "--out", file]);
+        assert!(arguments.env("RAYON_NUM_THREADS", threads).status().unwrap().success());
+        fs::read_to_string(scratch(file)).unwrap()
+    };
+    assert_eq!(planned("one.toml", "1"), planned("three.toml", "3"));
+    let scheme = read_scheme(&scratch("one.toml")).unwrap();
+    let quarter = |angle_rad: f64| (angle_rad / (45.0 * DEG)).fract().abs() < 1e-9;
+    assert!(scheme.legs.iter().all(|leg| quarter(leg.outer_rad) && quarter(leg.inner_rad)));
+    assert!(predicted(&scheme).duration_s <= 50.0);
+}
+
+#[test]
+fn weights_decide_what_becomes_good() {
+    let planned = |arguments: &[&str]| {
+        let request = ["plan", "--time", "60", "--evaluations", "6000", "--out", "weights.toml"];
+        run(&[&request[..], arguments].concat());
+        predicted(&read_scheme(&scratch("weights.toml")).unwrap())
+    };
+    let sigma = |prediction: &Prediction, name: &str| {
+        prediction.parameters.0.iter().find(|(other, _)| *other == name).expect("a parameter").1.sigma
+    };
+    let usual = planned(&[]);
+    let for_gyros = planned(&["--weights", "gyro_scale_x,gyro_scale_y,gyro_scale_z", "--criterion", "a"]);
+    for name in ["gyro_scale_x", "gyro_scale_y", "gyro_scale_z"] {
+        assert!(sigma(&for_gyros, name) < 0.7 * sigma(&usual, name), "{name}");
+    }
+    let d_optimal = planned(&["--criterion", "d"]);
+    assert!(d_optimal.worst_arcsec.is_finite() && d_optimal.rank == 28);
+}
+
+#[test]
+fn plans_that_cannot_be_are_refused_in_one_line() {
+    let out = ["plan", "--out", "never.toml", "--evaluations", "200"];
+    let with = |arguments: &[&str]| refused(&[&out[..], arguments].concat());
+    assert!(with(&["--time", "3"]).contains("no scheme was found that fits"));
+    assert!(with(&["--time", "60", "--limits=10..90,0..90"]).contains("--limits"));
+    assert!(with(&["--time", "60", "--weights", "delta"]).contains("delta: no such parameter"));
+    assert!(with(&["--time", "60", "--name", &"x".repeat(33)]).contains("32 bytes"));
+    assert!(with(&["--time", "-60"]).contains("--time"));
+    assert!(!scratch("never.toml").exists());
+}
+
+#[test]
+fn schemes_that_cannot_be_run_are_refused_by_name_and_reason() {
+    let legs = |leg: &str| {
+        let file = scratch("wrong.toml");
+        let first = "{ outer_deg = -90.0, inner_deg = 0.0, stop_s = 2.0 }";
+        fs::write(&file, format!("name = \"wrong\"\nfirst_stop_s = 2.0\nlegs = [{first}, {leg}]\n")).unwrap();
+        refused(&["calibrate", "--scheme", "wrong.toml"])
+    };
+    let message = legs("{ outer_deg = -800.0, inner_deg = 0.0, stop_s = 2.0 }");
+    assert!(message.contains("leg 2 leaves the travel of the outer axis"), "{message}");
+    for stop in ["0.0", "-2.0"] {
+        let message = legs(&format!("{{ outer_deg = 0.0, inner_deg = 0.0, stop_s = {stop} }}"));
+        assert!(message.contains("wrong.toml:3: legs: the stop of leg 2 must be"), "{message}");
+    }
+    let message = legs("{ outer_deg = -180.0, inner_deg = 0.0, stop_s = 2.0 }");
+    assert!(message.contains("leaves Sg") && message.contains("unobserved"), "{message}");
+    let fast =
+        fs::read_to_string(scratch("wrong.toml")).unwrap().replace("first_stop_s", "rate_deg_s = 100.0\nfirst_stop_s");
+    fs::write(scratch("quick.toml"), fast).unwrap();
+    assert!(refused(&["calibrate", "--scheme", "quick.toml"]).contains("faster than the outer axis"));
+    let message = refused(&["calibrate", "--scheme", "8-position"]);
+    assert!(message.contains("8-position") && message.contains("unobserved"), "{message}");
+}
+
+#[test]
+fn the_library_is_compared_in_one_table() {
+    let text = run(&["observability", "--all"]);
+    for entry in &LIBRARY {
+        let row = text.lines().find(|line| line.trim_start().starts_with(&format!("{} ", entry.name)));
+        assert!(row.is_some(), "{}", entry.name);
+    }
+    let plot = scratch("sigmas.svg");
+    run(&["observability", "--scheme", "fast-60", "--plot", plot.to_str().unwrap()]);
+    let drawn = fs::read_to_string(plot).unwrap();
+    assert!(drawn.starts_with("<svg") && drawn.matches("<polyline").count() >= 12);
+}

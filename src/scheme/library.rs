@@ -1,0 +1,299 @@
+//! Schemes by name, with their sources. All turn at 20 deg/s and 20 deg/s^2.
+//!
+//! Schemes of the literature are given by their positions; how long they stand there is our choice where the source leaves
+//! it open. A source that counts its positions from another attitude than (0, 0) gets a move to it, after a first stop.
+
+use super::{Leg, Scheme};
+use crate::units::DEG;
+use heapless::{String, Vec};
+
+/// A scheme of the library.
+#[derive(Clone, Copy, Debug)]
+pub struct LibraryScheme {
+    /// Name.
+    pub name: &'static str,
+    /// Where it comes from.
+    pub source: &'static str,
+    /// The command that finds it again, for those that were planned.
+    pub command: Option<&'static str>,
+    stops: Stops,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Stops {
+    /// Quarter turns of (outer, inner) at each position after the first, and the time at all, s.
+    Quarters { stop_s: f64, positions: &'static [(i8, i8)] },
+    /// First stop, s; outer deg, inner deg and stop s of each leg.
+    Legs { first_stop_s: f64, legs: &'static [(f64, f64, f64)] },
+}
+
+/// Bai's 18 moves: quarter turns of (outer, inner) at each stop after the first. (Bai, section 4: three steps, one period)
+pub(super) const BAI: [(i8, i8); 18] = [
+    (-1, 0),
+    (-2, 0),
+    (-3, 0),
+    (-2, 0),
+    (-1, 0),
+    (-1, -1),
+    (-2, -1),
+    (-3, -1),
+    (-4, -1),
+    (-3, -1),
+    (-2, -1),
+    (-1, -1),
+    (-1, -2),
+    (-1, -3),
+    (-1, -2),
+    (-1, -1),
+    (-1, 0),
+    (0, 0),
+];
+
+/// The same from one quarter turn of the outer axis, where the inner axis lies level.
+const BAI_Y: [(i8, i8); 19] = {
+    let mut positions = [(-1, 0); 19];
+    let mut leg = 0;
+    while leg < BAI.len() {
+        positions[leg + 1] = (BAI[leg].0 - 1, BAI[leg].1);
+        leg += 1;
+    }
+    positions
+};
+
+const POSITIONS_19: [(i8, i8); 19] = [
+    (-1, 0),
+    (0, 0),
+    (1, 0),
+    (2, 0),
+    (1, 0),
+    (0, 0),
+    (-1, 0),
+    (-1, 1),
+    (0, 1),
+    (1, 1),
+    (2, 1),
+    (1, 1),
+    (0, 1),
+    (-1, 1),
+    (-1, 2),
+    (-1, 3),
+    (-1, 2),
+    (-1, 1),
+    (-1, 0),
+];
+
+const POSITIONS_8: [(i8, i8); 8] = [(0, 2), (2, 2), (2, 0), (0, 0), (2, 0), (2, 2), (0, 2), (0, 0)];
+
+const POSITIONS_16: [(i8, i8); 16] = {
+    let mut positions = [(0, 0); 16];
+    let mut leg = 0;
+    while leg < POSITIONS_8.len() {
+        let (outer, inner) = POSITIONS_8[leg];
+        positions[leg] = (outer, inner);
+        positions[leg + 8] = (-outer, -inner);
+        leg += 1;
+    }
+    positions
+};
+
+const PLANNED: &str = "rins plan: the best of several seeds; within -360..0 and -270..0 deg, navigation grade noise";
+
+/// The names, for messages.
+pub const NAMES: &str =
+    "bai, bai-y, 19-position, 8-position, 16-position, fast-60, fast-90, fast-120, fast-180, fast-300";
+
+/// All schemes.
+pub const LIBRARY: [LibraryScheme; 10] = [
+    LibraryScheme {
+        name: "bai",
+        source: "Bai et al., Sensors 2019, 19, 4005, section 4; the inner axis is read as z, and the way back as the way there",
+        command: None,
+        stops: Stops::Quarters { stop_s: 200.0, positions: &BAI },
+    },
+    LibraryScheme {
+        name: "bai-y",
+        source: "the same with the inner axis read as y, level at the start: our outer angle -90 deg",
+        command: None,
+        stops: Stops::Quarters { stop_s: 200.0, positions: &BAI_Y },
+    },
+    LibraryScheme {
+        name: "19-position",
+        source: "Xie et al., Multiposition calibration method of laser gyro SINS, 2011, as in Yan's PSINS toolbox \
+                 (stops of 20 s, the first of 60 s there); its y is our outer axis, and both axes are level at the start: \
+                 our outer angle -90 deg",
+        command: None,
+        stops: Stops::Quarters { stop_s: 20.0, positions: &POSITIONS_19 },
+    },
+    LibraryScheme {
+        name: "8-position",
+        source: "dual-axis rotation modulation by half turns, each position and its reverse (the cycle of Levinson and \
+                 Majure, Navigation 34, 1987, as it is commonly given); meant to average errors, not to find them",
+        command: None,
+        stops: Stops::Quarters { stop_s: 30.0, positions: &POSITIONS_8 },
+    },
+    LibraryScheme {
+        name: "16-position",
+        source: "the eight, and again with every turn reversed (after Yuan, Liao and Han, Meas. Sci. Technol. 23, 2012, \
+                 115102, as it is commonly given)",
+        command: None,
+        stops: Stops::Quarters { stop_s: 30.0, positions: &POSITIONS_16 },
+    },
+    LibraryScheme {
+        name: "fast-60",
+        source: PLANNED,
+        command: Some("rins plan --time 60 --limits=-360..0,-270..0 --out fast-60.toml"),
+        stops: Stops::Legs {
+            first_stop_s: 6.025,
+            legs: &[(-91.5, -11.0, 8.715), (-99.1, -115.0, 7.685), (0.0, -184.3, 5.63), (-103.0, -247.1, 6.555)],
+        },
+    },
+    LibraryScheme {
+        name: "fast-90",
+        source: PLANNED,
+        command: Some("rins plan --time 90 --limits=-360..0,-270..0 --out fast-90.toml"),
+        stops: Stops::Legs {
+            first_stop_s: 2.18,
+            legs: &[
+                (-65.2, -9.2, 10.575),
+                (-121.3, -99.2, 14.615),
+                (-34.4, -163.9, 10.1),
+                (-92.2, -221.7, 8.655),
+                (-133.6, -263.1, 6.3),
+                (-247.7, -138.4, 6.155),
+            ],
+        },
+    },
+    LibraryScheme {
+        name: "fast-120",
+        source: PLANNED,
+        command: Some("rins plan --time 120 --limits=-360..0,-270..0 --out fast-120.toml"),
+        stops: Stops::Legs {
+            first_stop_s: 4.465,
+            legs: &[
+                (-75.9, -4.7, 13.01),
+                (-153.4, -84.7, 13.86),
+                (-82.0, -103.2, 13.885),
+                (-52.6, -190.3, 14.955),
+                (-127.8, -240.9, 15.295),
+                (-285.7, -134.4, 9.045),
+            ],
+        },
+    },
+    LibraryScheme {
+        name: "fast-180",
+        source: PLANNED,
+        command: Some("rins plan --time 180 --limits=-360..0,-270..0 --out fast-180.toml"),
+        stops: Stops::Legs {
+            first_stop_s: 8.39,
+            legs: &[
+                (-75.2, -20.4, 21.625),
+                (-139.8, -85.0, 25.46),
+                (-85.4, -139.4, 17.49),
+                (-41.3, -183.5, 19.28),
+                (-112.1, -252.3, 23.465),
+                (-171.5, -192.9, 5.305),
+                (-253.2, -111.2, 12.255),
+                (-306.5, -164.5, 10.825),
+            ],
+        },
+    },
+    LibraryScheme {
+        name: "fast-300",
+        source: PLANNED,
+        command: Some("rins plan --time 300 --limits=-360..0,-270..0 --out fast-300.toml"),
+        stops: Stops::Legs {
+            first_stop_s: 14.97,
+            legs: &[
+                (-75.9, -15.6, 40.195),
+                (-142.5, -82.2, 40.6),
+                (-86.3, -132.7, 36.14),
+                (-29.7, -171.4, 23.465),
+                (-74.8, -216.5, 23.47),
+                (-119.7, -258.0, 33.75),
+                (-181.9, -195.5, 10.3),
+                (-252.3, -106.6, 18.925),
+                (-307.5, -161.8, 18.565),
+            ],
+        },
+    },
+];
+
+impl LibraryScheme {
+    /// The scheme itself.
+    pub fn scheme(&self) -> Scheme {
+        let (first_stop_s, legs) = match self.stops {
+            Stops::Quarters { stop_s, positions } => (stop_s, of_quarters(positions, stop_s)),
+            Stops::Legs { first_stop_s, legs } => (first_stop_s, of_degrees(legs)),
+        };
+        Scheme {
+            name: String::try_from(self.name).unwrap_or_default(),
+            rate_rad_s: 20.0 * DEG,
+            acceleration_rad_s2: 20.0 * DEG,
+            first_stop_s,
+            legs,
+            periods: 1,
+        }
+    }
+}
+
+/// The scheme that was compiled in from a file, if there is one: see `build.rs`.
+pub fn compiled_in() -> Option<Scheme> {
+    include!(concat!(env!("OUT_DIR"), "/compiled_scheme.rs"))
+}
+
+/// A scheme as its file says; rates in deg/s and deg/s^2.
+#[allow(dead_code, reason = "used where a scheme is compiled in")]
+fn of_file(name: &str, rates_deg: [f64; 2], first_stop_s: f64, periods: u8, legs: &[(f64, f64, f64)]) -> Scheme {
+    let [rate_rad_s, acceleration_rad_s2] = rates_deg.map(|rate| rate * DEG);
+    let name = String::try_from(name).unwrap_or_default();
+    Scheme { name, rate_rad_s, acceleration_rad_s2, first_stop_s, legs: of_degrees(legs), periods }
+}
+
+// The legs fit: a test looks at every scheme, and `build.rs` counts those of a file.
+
+pub(super) fn of_quarters<const LEGS: usize>(positions: &[(i8, i8)], stop_s: f64) -> Vec<Leg, LEGS> {
+    let rad = |quarters: i8| f64::from(quarters) * 90.0 * DEG;
+    let leg = |&(outer, inner): &(i8, i8)| Leg { outer_rad: rad(outer), inner_rad: rad(inner), stop_s };
+    positions.iter().map(leg).take(LEGS).collect()
+}
+
+fn of_degrees<const LEGS: usize>(legs: &[(f64, f64, f64)]) -> Vec<Leg, LEGS> {
+    let leg = |&(outer_deg, inner_deg, stop_s): &(f64, f64, f64)| Leg {
+        outer_rad: outer_deg * DEG,
+        inner_rad: inner_deg * DEG,
+        stop_s,
+    };
+    legs.iter().map(leg).take(LEGS).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_scheme_is_whole_and_found_by_its_name() {
+        for entry in &LIBRARY {
+            let scheme = Scheme::named(entry.name).expect("by its name");
+            assert_eq!(scheme.check(), Ok(()), "{}", entry.name);
+            assert_eq!(scheme.name, entry.name);
+            let legs = match entry.stops {
+                Stops::Quarters { positions, .. } => positions.len(),
+                Stops::Legs { legs, .. } => legs.len(),
+            };
+            assert_eq!(scheme.legs.len(), legs, "{}", entry.name);
+            assert!(!entry.source.is_empty());
+        }
+        assert_eq!(Scheme::named("bai"), Some(Scheme::bai(200.0, 1)));
+        assert_eq!(Scheme::named("bay"), None);
+        let names: std::vec::Vec<_> = LIBRARY.iter().map(|entry| entry.name).collect();
+        assert_eq!(names.join(", "), NAMES);
+    }
+
+    #[test]
+    fn bai_y_is_bai_a_quarter_turn_on() {
+        let (bai, bai_y) = (Scheme::bai(200.0, 1), Scheme::named("bai-y").expect("there"));
+        for (there, here) in bai.legs.iter().zip(&bai_y.legs[1..]) {
+            assert!((there.outer_rad - 90.0 * DEG - here.outer_rad).abs() < 1e-12 && there.inner_rad == here.inner_rad);
+        }
+    }
+}
