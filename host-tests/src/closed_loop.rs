@@ -134,7 +134,8 @@ impl<F: FnMut(&Message)> Watch<F> {
 
     fn ended(self, setup: &Setup) -> Result<Ended> {
         if let Some(error) = self.refused {
-            bail!("the configuration with scheme {} is refused: {error}", self.run.scheme.name);
+            let scheme = setup.scheme.as_deref().unwrap_or("unknown");
+            bail!("the configuration with scheme {scheme} is refused: {error}");
         }
         match (self.record.aborted(), self.record.outcome(setup)) {
             (Some(reason), _) => Ok(Ended::Aborted(reason)),
