@@ -180,7 +180,8 @@ impl<F: FnMut(&Message)> Watch<F> {
 
     fn ended(self, setup: &Setup) -> Result<Ended> {
         if let Some(error) = self.refused {
-            bail!("the configuration with scheme {} is refused: {error}", setup.scheme.as_deref().unwrap_or("?"));
+            let scheme = setup.scheme.as_deref().unwrap_or("unknown");
+            bail!("the configuration with scheme {scheme} is refused: {error}");
         }
         match (self.record.aborted(), self.record.outcome(setup), self.decision) {
             (Some(reason), ..) => Ok(Ended::Aborted(reason)),

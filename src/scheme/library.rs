@@ -96,7 +96,7 @@ const POSITIONS_16: [(i8, i8); 16] = {
     positions
 };
 
-const PLANNED: &str = "rins plan: the best of several seeds; within -360..0 and -270..0 deg, navigation grade noise";
+const PLANNED: &str = "rins plan, the best of some seeds; within -360..0 and -270..0 deg, navigation grade noise";
 
 /// The names, for messages.
 pub const NAMES: &str =
@@ -141,10 +141,16 @@ pub const LIBRARY: [LibraryScheme; 10] = [
     LibraryScheme {
         name: "fast-60",
         source: PLANNED,
-        command: Some("rins plan --time 60 --limits=-360..0,-270..0 --out fast-60.toml"),
+        command: Some("rins plan --time 60 --limits=-360..0,-270..0 --evaluations 300000 --out fast-60.toml"),
         stops: Stops::Legs {
-            first_stop_s: 6.025,
-            legs: &[(-91.5, -11.0, 8.715), (-99.1, -115.0, 7.685), (0.0, -184.3, 5.63), (-103.0, -247.1, 6.555)],
+            first_stop_s: 5.06,
+            legs: &[
+                (-87.7, -31.7, 7.445),
+                (-143.1, -92.3, 2.22),
+                (-87.0, -148.4, 7.335),
+                (0.0, -192.8, 5.315),
+                (-101.8, -270.0, 6.145),
+            ],
         },
     },
     LibraryScheme {
@@ -166,34 +172,38 @@ pub const LIBRARY: [LibraryScheme; 10] = [
     LibraryScheme {
         name: "fast-120",
         source: PLANNED,
-        command: Some("rins plan --time 120 --limits=-360..0,-270..0 --out fast-120.toml"),
+        command: Some(
+            "rins plan --time 120 --limits=-360..0,-270..0 --evaluations 300000 --seed 3 --out fast-120.toml",
+        ),
         stops: Stops::Legs {
-            first_stop_s: 4.465,
+            first_stop_s: 4.9,
             legs: &[
-                (-75.9, -4.7, 13.01),
-                (-153.4, -84.7, 13.86),
-                (-82.0, -103.2, 13.885),
-                (-52.6, -190.3, 14.955),
-                (-127.8, -240.9, 15.295),
-                (-285.7, -134.4, 9.045),
+                (-75.7, -10.9, 13.96),
+                (-151.3, -86.5, 12.77),
+                (-83.5, -114.6, 13.195),
+                (-32.9, -165.2, 10.25),
+                (-99.2, -231.5, 16.06),
+                (-179.0, -219.9, 5.29),
+                (-267.4, -131.5, 8.945),
             ],
         },
     },
     LibraryScheme {
         name: "fast-180",
         source: PLANNED,
-        command: Some("rins plan --time 180 --limits=-360..0,-270..0 --out fast-180.toml"),
+        command: Some(
+            "rins plan --time 180 --limits=-360..0,-270..0 --evaluations 300000 --seed 4 --out fast-180.toml",
+        ),
         stops: Stops::Legs {
-            first_stop_s: 8.39,
+            first_stop_s: 7.325,
             legs: &[
-                (-75.2, -20.4, 21.625),
-                (-139.8, -85.0, 25.46),
-                (-85.4, -139.4, 17.49),
-                (-41.3, -183.5, 19.28),
-                (-112.1, -252.3, 23.465),
-                (-171.5, -192.9, 5.305),
-                (-253.2, -111.2, 12.255),
-                (-306.5, -164.5, 10.825),
+                (-78.3, 0.0, 21.655),
+                (-154.1, -75.8, 19.54),
+                (-77.3, -98.9, 25.255),
+                (-55.7, -189.3, 23.495),
+                (-118.1, -242.2, 21.575),
+                (-172.9, -187.4, 8.92),
+                (-291.7, -133.4, 14.945),
             ],
         },
     },
