@@ -449,29 +449,29 @@ impl MethodArguments {
 
 #[derive(Debug, Args)]
 pub struct SchemeArguments {
-    /// A scheme of the library (`rins observability --all` lists them), or a file
-    #[arg(long, value_name = "NAME|FILE", default_value = "bai")]
-    scheme: String,
-    /// Time of every stop, s [default of bai: 10, two-stage 200]
+    /// A scheme of the library (`rins observability --all` lists them), or a file [default: fast-180, two-stage bai]
+    #[arg(long, value_name = "NAME|FILE")]
+    scheme: Option<String>,
+    /// Time of every stop, s [default: as the scheme says]
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     stop: Option<f64>,
-    /// How often the scheme is run [default of bai: 1, two-stage 2]
+    /// How often the scheme is run [default: as the scheme says, two-stage bai 2]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
     periods: Option<u8>,
 }
 
 impl SchemeArguments {
-    /// The scheme, as long as this method wants it where nothing else is asked for.
+    /// The scheme, the usual one of this method where nothing else is asked for.
     pub fn scheme(&self, method: Method) -> anyhow::Result<Scheme> {
-        let usual = (self.scheme == "bai").then(|| Scheme::default_for(method));
-        let stop_s = self.stop.or(usual.as_ref().map(|usual| usual.first_stop_s));
-        let periods = self.periods.or(usual.map(|usual| usual.periods));
-        of_option("--scheme", scheme_named(&self.scheme, stop_s, periods))
+        let usual = Scheme::default_for(method);
+        let name = self.scheme.as_deref().unwrap_or(&usual.name);
+        let periods = self.periods.or((name == usual.name).then_some(usual.periods));
+        of_option("--scheme", scheme_named(name, self.stop, periods))
     }
 
     /// The file that it may be.
     pub fn input(&self) -> Named<'_> {
-        ("--scheme", Some(Path::new(&self.scheme)))
+        ("--scheme", self.scheme.as_deref().map(Path::new))
     }
 }
 
