@@ -11,6 +11,7 @@ const VARIABLE: &str = "RINS_SCHEME";
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SchemeTable {
+    #[serde(default)]
     name: String,
     #[serde(default = "twenty")]
     rate_deg_s: f64,
@@ -55,7 +56,12 @@ fn expression(path: &str) -> String {
     println!("cargo:rerun-if-changed={path}");
     let text = fs::read_to_string(path).unwrap_or_else(|error| panic!("{VARIABLE}={path}: {error}"));
     let scheme: SchemeTable = toml::from_str(&text).unwrap_or_else(|error| panic!("{VARIABLE}={path}: {error}"));
-    let SchemeTable { name, rate_deg_s, acceleration_deg_s2, first_stop_s, periods, legs } = scheme;
+    let SchemeTable { mut name, rate_deg_s, acceleration_deg_s2, first_stop_s, periods, legs } = scheme;
+    if name.is_empty() {
+        let stem = Path::new(path).file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
+        // Eight characters are at most 32 bytes.
+        name = stem.chars().take(8).collect();
+    }
     let numbers = legs.iter().flat_map(|leg| [leg.outer_deg, leg.inner_deg, leg.stop_s]);
     let all = [rate_deg_s, acceleration_deg_s2, first_stop_s].into_iter().chain(numbers);
     assert!(all.into_iter().all(f64::is_finite), "{VARIABLE}={path}: a number is not finite");

@@ -85,7 +85,7 @@ pub struct Prediction {
     /// The largest sigma of Bai's twelve, arcsec.
     pub worst_arcsec: f64,
     /// What no scheme can go below in this time, arcsec, where that has been looked for.
-    pub bound_arcsec: Option<f64>,
+    pub least_possible_arcsec: Option<f64>,
     /// Time at which the largest sigma of Bai's twelve comes to 1 arcsec, s.
     pub time_to_1_arcsec_s: Option<f64>,
     /// Parameters that are not observed.
@@ -125,7 +125,7 @@ impl Prediction {
             states: prior_sigmas.iter().filter(|sigma| **sigma > 0.0).count(),
             condition_number,
             worst_arcsec: segments.last().map_or(f64::INFINITY, SegmentGain::worst_arcsec),
-            bound_arcsec: None,
+            least_possible_arcsec: None,
             time_to_1_arcsec_s: segments.iter().find(below).map(|gain| gain.time_s),
             weakest_direction: weakest_direction(&covariance, &prior_sigmas, !unobserved.is_empty()),
             unobserved,

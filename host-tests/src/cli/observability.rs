@@ -34,7 +34,7 @@ pub fn run(arguments: &ObservabilityArguments) -> anyhow::Result<Ending> {
         return Ok(Ending::Done);
     }
     let scheme = arguments.scheme.scheme(method)?;
-    let prediction = bounded(&setup, &scheme);
+    let prediction = predicted(&setup, &scheme);
     print!("{}", text(&prediction));
     if let Some(path) = &arguments.json {
         write_json(path, &prediction)?;
@@ -50,22 +50,22 @@ pub fn run(arguments: &ObservabilityArguments) -> anyhow::Result<Ending> {
 /// All schemes of the library, by the joint method.
 fn library(setup: &Setup) -> Vec<Prediction> {
     let setup = Setup { method: Method::Joint, ..setup.clone() };
-    LIBRARY.par_iter().map(|entry| bounded(&setup, &entry.scheme())).collect()
+    LIBRARY.par_iter().map(|entry| predicted(&setup, &entry.scheme())).collect()
 }
 
 /// With what no scheme can go below.
-fn bounded(setup: &Setup, scheme: &Scheme) -> Prediction {
+fn predicted(setup: &Setup, scheme: &Scheme) -> Prediction {
     let mut prediction = Prediction::new(setup, scheme);
     if setup.method == Method::Joint {
-        prediction.bound_arcsec = of_scheme(setup, scheme, prediction.duration_s);
+        prediction.least_possible_arcsec = of_scheme(setup, scheme, prediction.duration_s);
     }
     prediction
 }
 
-/// By how much the worst sigma is above the bound.
-fn above_bound(prediction: &Prediction) -> Option<String> {
-    let bound = prediction.bound_arcsec.filter(|_| prediction.unobserved.is_empty())?;
-    Some(format!("{:.0} %", (prediction.worst_arcsec / bound - 1.0) * 100.0))
+/// By how much the worst sigma is above the least possible.
+fn above_least(prediction: &Prediction) -> Option<String> {
+    let least = prediction.least_possible_arcsec.filter(|_| prediction.unobserved.is_empty())?;
+    Some(format!("{:.0} %", (prediction.worst_arcsec / least - 1.0) * 100.0))
 }
 
 fn comparison(predictions: &[Prediction]) -> String {
@@ -74,15 +74,23 @@ fn comparison(predictions: &[Prediction]) -> String {
             prediction.scheme.clone(),
             format!("{:.1}", prediction.duration_s),
             if prediction.unobserved.is_empty() { significant(prediction.worst_arcsec) } else { "-".into() },
-            table::number_or_none(prediction.bound_arcsec, significant),
-            above_bound(prediction).unwrap_or_else(|| "-".into()),
+            table::number_or_none(prediction.least_possible_arcsec, significant),
+            above_least(prediction).unwrap_or_else(|| "-".into()),
             format!("{} of {}", prediction.rank, prediction.states),
             significant(prediction.condition_number),
             table::number_or_none(prediction.time_to_1_arcsec_s, |time_s| format!("{time_s:.1}")),
         ]
     };
-    let columns =
-        ["scheme", "time s", "worst of 12 arcsec", "bound", "above", "rank", "condition", "time to 1 arcsec s"];
+    let columns = [
+        "scheme",
+        "time s",
+        "worst of 12 arcsec",
+        "least possible",
+        "above",
+        "rank",
+        "condition",
+        "time to 1 arcsec s",
+    ];
     let sources = LIBRARY.iter().map(|entry| {
         let command = entry.command.map_or_else(String::new, |command| format!("\n    {command}"));
         format!("{}: {}{command}\n", entry.name, entry.source)
@@ -112,8 +120,8 @@ fn text(prediction: &Prediction) -> String {
         significant(prediction.condition_number),
         prediction.weakest_direction,
         significant(prediction.worst_arcsec),
-        above_bound(prediction).zip(prediction.bound_arcsec).map_or_else(String::new, |(above, bound)| {
-            format!(", {above} above the bound for this time, {}", significant(bound))
+        above_least(prediction).zip(prediction.least_possible_arcsec).map_or_else(String::new, |(above, least)| {
+            format!(", {above} above the least possible in this time, {}", significant(least))
         }),
         prediction.time_to_1_arcsec_s.map_or_else(String::new, |time_s| format!("; 1 arcsec after {time_s:.1} s")),
         sigmas(prediction)

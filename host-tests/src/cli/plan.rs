@@ -64,13 +64,10 @@ fn summary(request: &PlanRequest, planned: &Planned, prediction: &Prediction) ->
     };
     let value = significant(planned.value);
     let bound = planned.bound.map_or_else(
-        || "no bound is known for this objective".into(),
+        || "the least possible is not known for this objective".into(),
         |bound| {
-            format!(
-                "bound {}, so within {:.0} % of what is possible",
-                significant(bound),
-                (planned.value / bound - 1.0) * 100.0
-            )
+            let above = (planned.value / bound - 1.0) * 100.0;
+            format!("{above:.0} % above the least possible, {}", significant(bound))
         },
     );
     format!("{:.3} s of {} s; {what} {value}; {bound}\n", prediction.duration_s, request.time_s)
