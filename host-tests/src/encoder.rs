@@ -24,7 +24,8 @@ const REST_S: f64 = 0.1;
 /// A quarter turn at 20 deg/s with ramps of 20 deg/s^2, s.
 const DEFAULT_MOVE_S: f64 = 5.5;
 
-/// A harmonic of an encoder's error: `amplitude sin(n angle + phase)`.
+/// A harmonic of an encoder's error: `amplitude (sin(n angle + phase) - sin phase)`. It vanishes at angle zero, because the
+/// encoder's zero defines the rotation frame, and with it the angles that are called true.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Harmonic {
@@ -40,7 +41,8 @@ impl Harmonic {
         if self.amplitude_arcsec == 0.0 {
             return 0.0;
         }
-        self.amplitude_arcsec * ARCSEC * (multiple_rad + self.phase_deg.to_radians()).sin()
+        let phase_rad = self.phase_deg.to_radians();
+        self.amplitude_arcsec * ARCSEC * ((multiple_rad + phase_rad).sin() - phase_rad.sin())
     }
 }
 
