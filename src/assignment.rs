@@ -3,7 +3,7 @@
 
 use crate::axis::AxisLimits;
 use crate::calibrator::CalibratorConfig;
-use crate::estimator::{EstimatorConfig, HeadingSource, Noise};
+use crate::estimator::{EstimatorConfig, HeadingSource};
 use crate::method::Method;
 use crate::options::Options;
 use crate::policy::PowerUpPolicy;
@@ -15,6 +15,7 @@ use crate::sequencer::Pace;
 use crate::site::Site;
 use crate::units::{ARCSEC, DEG_SQRT_H, MICRO_G};
 use crate::verdict::VerdictLimits;
+use crate::white_noise::Noise;
 use serde::{Deserialize, Serialize};
 
 /// Longest assignment as postcard, bytes.
@@ -37,6 +38,7 @@ impl Default for Assignment {
             accel_psd_sqrt: 10.0 * MICRO_G,
             gyro_psd_sqrt: 0.001 * DEG_SQRT_H,
             encoder_sigma_rad: 0.5 * ARCSEC,
+            margin: 1.0,
         };
         let calibrator = CalibratorConfig::new(Method::Joint, Site::default(), noise, 200.0);
         let scheme = compiled_in().unwrap_or_else(|| Scheme::default_for(Method::Joint));

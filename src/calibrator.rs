@@ -115,7 +115,13 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
         if let Some(progress) = self.finish() {
             report(&Message::Segment(progress));
         }
-        let solution = self.estimator.solve_piece()?;
+        if self.estimator.solve_piece() { self.report_solution(report) } else { None }
+    }
+
+    /// Not inlined: the pieces need the stack.
+    #[inline(never)]
+    fn report_solution(&self, report: &mut impl FnMut(&Message)) -> Option<Solution> {
+        let solution = *self.estimator.solution()?;
         report(&Message::Solved { solution, counts: self.counts() });
         for row in 0..PARAMETERS {
             let values = self.estimator.covariance_row(row).map(Real::widened).data.0[0];

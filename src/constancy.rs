@@ -203,7 +203,7 @@ impl<const STATES: usize> Suspects<STATES> {
             return;
         }
         for suspect in &mut self.suspects {
-            let absorbed = seen.h.iter().zip(suspect.not_absorbed.iter());
+            let absorbed = seen.h.as_slice().iter().zip(suspect.not_absorbed.as_slice());
             let through_states = absorbed.fold(0.0, |sum, (h, y)| sum + h.widened() * f64::from(*y));
             let g = suspect.direct(seen, self.onset, self.duration_s) + through_states;
             if g == 0.0 {
@@ -212,7 +212,7 @@ impl<const STATES: usize> Suspects<STATES> {
             let weighted = g / seen.variance.widened();
             suspect.score += weighted * seen.innovation.widened();
             suspect.information += weighted * g;
-            for (y, gain) in suspect.not_absorbed.iter_mut().zip(seen.gain.iter()) {
+            for (y, gain) in suspect.not_absorbed.as_mut_slice().iter_mut().zip(seen.gain.as_slice()) {
                 *y -= (g * gain.widened()) as f32;
             }
         }

@@ -54,11 +54,11 @@ pub const DRIVE_FRAME_BYTES: usize = 8;
 /// CRC of the short frames.
 pub const CRC_SHORT: Crc<u8, Table<1>> = Crc::<u8, Table<1>>::new(&CRC_8_SAE_J1850);
 /// CRC of the IMU's frame.
-pub const CRC_IMU: Crc<u16, Table<1>> = Crc::<u16, Table<1>>::new(&CRC_16_IBM_3740);
+pub const CRC_IMU: Crc<u16, Table<16>> = Crc::<u16, Table<16>>::new(&CRC_16_IBM_3740);
 
 // One table of each in memory, not one per use.
 static SHORT: Crc<u8, Table<1>> = CRC_SHORT;
-static IMU: Crc<u16, Table<1>> = CRC_IMU;
+static IMU: Crc<u16, Table<16>> = CRC_IMU;
 
 /// What went wrong in one transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -23,16 +23,17 @@ use crate::angle::Angle;
 use crate::constancy::{Seen, Suspects, Suspicion};
 use crate::error_model::{InstrumentErrors, PARAMETERS, block};
 use crate::kalman::{Innovation, Measurement, UdFilter, Update};
-use crate::linear::{ComplexField, Real, Vector, Vector3, exp_so3, real, zeros};
+use crate::linear::{ComplexField, Real, Vector, Vector3, columns, exp_so3, real, zeros};
 use crate::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
 use crate::method::Method;
 use crate::options::{
     Circumstances, OPTIONAL_STATES, OptionalColumns, OptionalEstimate, Options, force_columns, rotation_columns,
 };
-use crate::segment::{Segment, SegmentKind};
+use crate::segment::{CHANNELS, Segment, SegmentKind};
 use crate::site::Site;
 use crate::units::{DEG, DEG_H};
 use crate::weighting::Weights;
+use crate::white_noise::Noise;
 use core::ops::Range;
 use serde::{Deserialize, Serialize};
 
@@ -51,8 +52,8 @@ const ENCODER_ERRORS_PER_STOP: usize = 2;
 /// Sweeps over the segments before the estimate must stand.
 const MAX_SWEEPS: u8 = 12;
 
-/// Segments processed by one piece of the final pass: 0.8 million instructions in `f64` with changes under test, a third
-/// of a sample interval of 5 ms at 500 million instructions a second.
+/// Segments processed by one piece of the final pass: 0.4 million instructions with changes under test, 0.7 million with
+/// the optional states, of the 2.5 million that a sample interval of 5 ms has on a Cortex-M7 at 500 MHz.
 const SEGMENTS_PER_PIECE: usize = 4;
 
 /// The estimate stands when no parameter moves by more than this part of its sigma, and what rounding makes it jitter.
@@ -61,17 +62,6 @@ const JITTER_EPSILONS: f64 = 2.5e6;
 
 /// Standard deviation of what rounding does to a sum and its prediction, in units of the spacing of numbers.
 const ROUNDING_EPSILONS: f64 = 0.5;
-
-/// White noise of the sensors and repeatability of the encoders.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Noise {
-    /// Velocity random walk, m/s^2/sqrt(Hz).
-    pub accel_psd_sqrt: f64,
-    /// Angular random walk, rad/sqrt(s).
-    pub gyro_psd_sqrt: f64,
-    /// Encoder error, drawn anew for each stop and axis, rad.
-    pub encoder_sigma_rad: f64,
-}
 
 /// Where the heading comes from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -123,7 +113,7 @@ impl EstimatorConfig {
     const UNKNOWN: Self = Self {
         method: Method::Joint,
         site: Site { latitude_rad: 0.0, height_m: 0.0, measured_gravity_m_s2: None },
-        noise: Noise { accel_psd_sqrt: 0.0, gyro_psd_sqrt: 0.0, encoder_sigma_rad: 0.0 },
+        noise: Noise { accel_psd_sqrt: 0.0, gyro_psd_sqrt: 0.0, encoder_sigma_rad: 0.0, margin: 1.0 },
         heading: HeadingSource::Gyrocompass,
         period_moves: None,
         gate_sigma: None,
@@ -243,7 +233,6 @@ struct Sweep {
 
 /// Where the final pass is.
 #[derive(Clone, Copy, Debug)]
-#[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
 enum Pass<T: Real> {
     /// Not begun, or done.
     Idle,
@@ -252,7 +241,7 @@ enum Pass<T: Real> {
     /// One sweep that leaves the live estimate better linearized.
     Refreshing { sweep: Sweep },
     /// Testing for changes that begin with segment `onset`, in several sweeps, about the solution.
-    Testing { sweep: Sweep, onset: usize, part: usize, solution: Solution },
+    Testing { sweep: Sweep, onset: usize, part: usize },
 }
 
 /// Takes segments in and gives parameters out.
@@ -273,7 +262,11 @@ pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATES
     reference_us: u64,
     /// Where the axes stood last.
     last_stop: [Angle; 2],
+    /// How many times the configured variance there was, channel by channel.
+    allowances: [f64; CHANNELS],
     pass: Pass<T>,
+    /// Of the final pass, complete when that is done.
+    solution: Option<Solution>,
     /// Changes under test; none but in the last part of the final pass.
     suspects: Suspects<STATES>,
 }
@@ -298,7 +291,9 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             fit: Fit::NONE,
             reference_us: 0,
             last_stop: [Angle::from_ticks(0); 2],
+            allowances: [1.0; CHANNELS],
             pass: Pass::Idle,
+            solution: None,
             suspects: Suspects::NONE,
         }
     }
@@ -312,8 +307,8 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.nominal.fill(T::zero());
         self.restart_filters(config.gate_sigma);
         self.fit = Fit::NONE;
-        self.last_stop = [Angle::default(); 2];
-        self.pass = Pass::Idle;
+        (self.last_stop, self.allowances) = ([Angle::default(); 2], [1.0; CHANNELS]);
+        (self.pass, self.solution) = (Pass::Idle, None);
         self.suspects.clear();
     }
 
@@ -363,22 +358,22 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     }
 
     /// One piece of the final pass: processes all segments again and again until the estimate stands, and tests for
-    /// changes. Returns the solution when done; a further call begins anew.
-    pub fn solve_piece(&mut self) -> Option<Solution> {
+    /// changes. Returns whether there is a [`Estimator::solution`] now; a further call begins anew.
+    pub fn solve_piece(&mut self) -> bool {
         match self.pass {
             Pass::Idle | Pass::Refreshing { .. } => {
                 self.begin_pass();
-                None
+                false
             }
             Pass::Iterating { mut sweep, made, before } => {
                 let swept = self.sweep_piece(&mut sweep);
                 self.pass = Pass::Iterating { sweep, made, before };
-                if swept { self.iterate(sweep, made + 1, &before) } else { None }
+                swept && self.iterate(sweep, made + 1, &before)
             }
-            Pass::Testing { mut sweep, onset, part, solution } => {
+            Pass::Testing { mut sweep, onset, part } => {
                 let swept = self.sweep_piece(&mut sweep);
-                self.pass = Pass::Testing { sweep, onset, part, solution };
-                if swept { self.tested(onset, part, solution) } else { None }
+                self.pass = Pass::Testing { sweep, onset, part };
+                swept && self.tested(onset, part)
             }
         }
     }
@@ -400,61 +395,67 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         matches!(self.pass, Pass::Refreshing { .. })
     }
 
+    /// The outcome of the final pass, once it is done.
+    pub fn solution(&self) -> Option<&Solution> {
+        self.solution.as_ref().filter(|_| matches!(self.pass, Pass::Idle))
+    }
+
     fn begin_pass(&mut self) {
         let period_moves = self.config.period_moves.or_else(|| self.find_period());
         self.reference_us = self.segments.last().map_or(0, |last| last.start_us + last.duration_us);
         // Not from the live estimate: updates about poor early points can lead it astray.
         self.nominal = self.start;
+        self.solution = None;
         self.suspects.clear();
         let sweep = self.begin_sweep(period_moves);
         self.pass = Pass::Iterating { sweep, made: 0, before: self.nominal };
     }
 
-    /// A sweep has ended, and `made` are made: another one, unless the estimate stands.
-    fn iterate(
-        &mut self,
-        Sweep { period_moves, .. }: Sweep,
-        made: u8,
-        before: &Vector<T, PARAMETERS>,
-    ) -> Option<Solution> {
+    /// A sweep has ended, and `made` are made: another one, unless the estimate stands. Returns whether all is done. Not
+    /// inlined: what it needs on the stack, the sweeps do not.
+    #[inline(never)]
+    fn iterate(&mut self, Sweep { period_moves, .. }: Sweep, made: u8, before: &Vector<T, PARAMETERS>) -> bool {
         let converged = self.stands(before);
         if made < MAX_SWEEPS && !converged {
             let sweep = self.begin_sweep(period_moves);
             self.pass = Pass::Iterating { sweep, made, before: self.nominal };
-            return None;
+            return false;
         }
-        let solution = self.solution(made, converged);
+        self.solution = Some(self.solved(made, converged));
         if self.config.method == Method::TwoStage {
             self.pass = Pass::Idle;
-            return Some(solution);
+            return true;
         }
-        self.test_next(0, 0, solution)
+        self.test_next(0, 0)
     }
 
     /// A sweep with changes under test has ended. It leaves the estimate as it was solved.
-    fn tested(&mut self, onset: usize, part: usize, solution: Solution) -> Option<Solution> {
-        self.nominal = solution.estimate.errors.to_vector().map(real);
+    #[inline(never)]
+    fn tested(&mut self, onset: usize, part: usize) -> bool {
         let found = self.suspects.most_significant(&sigmas(&self.filter, ENCODER_ERRORS));
-        let suspicion = solution.suspicion.more_significant(found);
-        self.test_next(onset, part + 1, Solution { suspicion, ..solution })
+        if let Some(solution) = &mut self.solution {
+            self.nominal = solution.estimate.errors.to_vector().map(real);
+            solution.suspicion = solution.suspicion.more_significant(found);
+        }
+        self.test_next(onset, part + 1)
     }
 
     /// Begins the sweep that tests this part of the changes that begin with segment `onset`, or the next one that there
-    /// is: changes begin with the first stop and with every move. The solution, if none is left.
-    fn test_next(&mut self, onset: usize, part: usize, solution: Solution) -> Option<Solution> {
+    /// is: changes begin with the first stop and with every move. Returns whether none is left.
+    fn test_next(&mut self, onset: usize, part: usize) -> bool {
         let mut part = part;
         for onset in onset..self.segments.len() {
             let is_stop = self.segments.get(onset).is_some_and(|segment| segment.kind == SegmentKind::Stop);
             if (!is_stop || onset == 0) && self.suspects.restart(onset as u16, is_stop, part) {
                 let sweep = self.begin_sweep(None);
-                self.pass = Pass::Testing { sweep, onset, part, solution };
-                return None;
+                self.pass = Pass::Testing { sweep, onset, part };
+                return false;
             }
             part = 0;
         }
         self.suspects.clear();
         self.pass = Pass::Idle;
-        Some(solution)
+        true
     }
 
     fn begin_sweep(&mut self, period_moves: Option<u16>) -> Sweep {
@@ -462,7 +463,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         let gate_sigma = self.config.gate_sigma.filter(|_| self.suspects.is_empty());
         self.restart_filters(gate_sigma);
         self.fit = Fit::NONE;
-        self.last_stop = [Angle::default(); 2];
+        (self.last_stop, self.allowances) = ([Angle::default(); 2], [1.0; CHANNELS]);
         let deviation = self.start - self.nominal;
         self.filter.state_mut().fixed_rows_mut::<PARAMETERS>(ENCODER_ERRORS).copy_from(&deviation);
         Sweep { next: 0, moves: 0, period_moves }
@@ -530,37 +531,61 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             self.filter.renew_leading::<ENCODER_ERRORS_PER_STOP>(sigma * sigma);
         }
         self.suspects.begin(number as u16, segment);
-        if segment.is_broken() {
-            return false;
-        }
         if self.config.method == Method::Joint {
             self.walk(segment);
         }
         let at = self.circumstances(segment);
         if segment.kind == SegmentKind::Stop {
             self.last_stop = [segment.outer, segment.inner];
+            self.allowances = self.config.noise.allowances(segment);
+        }
+        if segment.is_broken() {
+            return false;
         }
         let model = MeasurementModel::new(&InstrumentErrors::from_vector(&self.nominal), &self.config.site);
-        let duration_s = segment.duration_s();
         if usage.force {
-            let psd_sqrt: T = real(self.config.noise.accel_psd_sqrt);
-            let variance = psd_sqrt * psd_sqrt / duration_s;
-            let prediction = model.force_at_stop(segment);
-            let optional = force_columns(&prediction, &at);
-            self.take_in(&segment.force_a, (&prediction, &optional), variance, usage, (number, 0));
+            self.process_force(number, segment, &model, &at, usage);
         }
         if usage.rotation {
-            let psd_sqrt: T = real(self.config.noise.gyro_psd_sqrt);
-            let variance = psd_sqrt * psd_sqrt * duration_s;
-            let mut prediction = model.rotation(segment);
-            if segment.kind == SegmentKind::Stop {
-                // The same encoder error at both ends.
-                prediction.by_encoder_errors.fill(T::zero());
-            }
-            let optional = rotation_columns(&prediction, &at);
-            self.take_in(&segment.rotation_g, (&prediction, &optional), variance, usage, (number, 3));
+            self.process_rotation(number, segment, &model, &at, usage);
         }
         usage.force || usage.rotation
+    }
+
+    fn process_force(
+        &mut self,
+        number: usize,
+        segment: &Segment<T>,
+        model: &MeasurementModel<T>,
+        at: &Circumstances<T>,
+        usage: Use,
+    ) {
+        let psd_sqrt: T = real(self.config.noise.accel_psd_sqrt);
+        let [x, y, z, ..] = self.allowances.map(real::<T>);
+        let variance = Vector3::new(x, y, z) * (psd_sqrt * psd_sqrt / segment.duration_s());
+        let prediction = model.force_at_stop(segment);
+        let optional = force_columns(&prediction, at);
+        self.take_in(&segment.force_a, (&prediction, &optional), variance, usage, (number, 0));
+    }
+
+    fn process_rotation(
+        &mut self,
+        number: usize,
+        segment: &Segment<T>,
+        model: &MeasurementModel<T>,
+        at: &Circumstances<T>,
+        usage: Use,
+    ) {
+        let psd_sqrt: T = real(self.config.noise.gyro_psd_sqrt);
+        let [.., x, y, z] = self.allowances.map(real::<T>);
+        let variance = Vector3::new(x, y, z) * (psd_sqrt * psd_sqrt * segment.duration_s());
+        let mut prediction = model.rotation(segment);
+        if segment.kind == SegmentKind::Stop {
+            // The same encoder error at both ends.
+            prediction.by_encoder_errors.fill(T::zero());
+        }
+        let optional = rotation_columns(&prediction, at);
+        self.take_in(&segment.rotation_g, (&prediction, &optional), variance, usage, (number, 3));
     }
 
     fn circumstances(&self, segment: &Segment<T>) -> Circumstances<T> {
@@ -593,38 +618,39 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         &mut self,
         measured: &Vector3<T>,
         (prediction, optional): (&Prediction<T>, &OptionalColumns<T>),
-        variance: T,
+        variance: Vector3<T>,
         usage: Use,
         (segment, first_channel): (usize, u8),
     ) {
         let residual = measured - prediction.value;
         let rounding = measured.norm() * real(ROUNDING_EPSILONS * T::EPSILON);
-        let r = variance + rounding * rounding;
         let weighted = self.config.method == Method::TwoStage && first_channel == 0;
         let floor = measured.norm() * real(self.config.noise.encoder_sigma_rad);
         let zero = |gain: &mut T| *gain = T::zero();
-        for ((z, channel), row) in residual.iter().zip(first_channel..).zip(0..3) {
-            let mut h = Vector::<T, STATES>::zeros();
-            let by_encoder_errors = prediction.by_encoder_errors.row(row);
-            let (by_parameters, by_optional) = (prediction.by_parameters.row(row), optional.row(row));
-            let columns = by_encoder_errors.iter().chain(by_parameters.iter()).chain(by_optional.iter());
-            for (h, column) in h.iter_mut().zip(columns) {
-                *h = *column;
-            }
-            let chosen = weighted.then(|| self.weights.gain(&h, r + floor * floor));
+        for ((z, channel), (row, variance)) in residual.iter().zip(first_channel..).zip((0..3).zip(variance.iter())) {
+            let r = *variance + rounding * rounding;
+            let mut measurement = Measurement { z: *z, h: Vector::<T, STATES>::zeros(), r };
+            let h = &mut measurement.h;
+            let of_row = |column: &[T; 3]| column.get(row).copied().unwrap_or(T::zero());
+            let encoders = columns(&prediction.by_encoder_errors).iter().map(of_row);
+            let others = columns(&prediction.by_parameters).iter().chain(columns(optional)).map(of_row);
+            let (by_encoders, by_others) = h.as_mut_slice().split_at_mut(ENCODER_ERRORS);
+            by_encoders.iter_mut().zip(encoders).for_each(|(h, column)| *h = column);
+            by_others.iter_mut().zip(others).for_each(|(h, column)| *h = column);
+            let chosen = weighted.then(|| self.weights.gain(h, r + floor * floor));
             let choose = |gain: &mut Vector<T, STATES>| match &chosen {
                 Some(chosen) => gain.copy_from(chosen),
                 None if usage.considered => gain.iter_mut().take(STAGE_ONE.end).skip(STAGE_ONE.start).for_each(zero),
                 None => {}
             };
-            let (update, gain) = self.filter.update(&Measurement { z: *z, h, r }, choose);
+            let (update, gain) = self.filter.update(&measurement, choose);
             self.fit.note(&update, segment, channel);
             if let Update::Applied(innovation) = &update {
                 let by_attitude_rate = prediction.by_attitude_rate.row(row).transpose().into();
                 let Innovation { value: innovation, variance } = *innovation;
                 let segment = segment as u16;
                 self.suspects.see(&Seen {
-                    h: &h,
+                    h: &measurement.h,
                     gain: &gain,
                     innovation,
                     variance,
@@ -673,7 +699,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         repeats.then_some(half as u16)
     }
 
-    fn solution(&self, sweeps: u8, converged: bool) -> Solution {
+    fn solved(&self, sweeps: u8, converged: bool) -> Solution {
         let estimate = self.estimate();
         let broken = self.segments.iter().filter(|segment| segment.is_broken()).count();
         let ends = self.segments.first().zip(self.segments.last());

@@ -63,7 +63,7 @@ impl Intake {
     /// Judges one sample.
     pub fn admit<T: Real>(&mut self, sample: &RawSample<T>) -> Admission {
         let finite = |v: &T| v.is_finite();
-        if !sample.omega_g.iter().all(finite) || !sample.force_a.iter().all(finite) {
+        if !sample.omega_g.as_slice().iter().all(finite) || !sample.force_a.as_slice().iter().all(finite) {
             self.counts.non_finite += 1;
             return Admission::NonFinite;
         }

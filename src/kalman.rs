@@ -199,10 +199,10 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
 
     /// Adds `variance` along `direction`: `P + variance * direction direction^T`.
     pub fn inflate(&mut self, direction: &Vector<T, N>, variance: T) {
-        let mut v = *direction;
+        let [mut v] = direction.data.0;
         let mut c = variance;
         for ((j, column), d) in columns_mut(&mut self.u).iter_mut().enumerate().zip(self.d.as_mut_slice()).rev() {
-            let Some(&p) = v.iter().nth(j) else { continue };
+            let Some(&p) = v.get(j) else { continue };
             let inflated = *d + c * p * p;
             if p == T::zero() || inflated <= T::zero() {
                 continue;

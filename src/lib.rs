@@ -50,4 +50,5 @@ pub mod telemetry;
 pub mod units;
 pub mod verdict;
 pub mod weighting;
+pub mod white_noise;
 pub mod wiring;

@@ -72,7 +72,9 @@ impl<T: Real> MeasurementModel<T> {
         }
     }
 
-    /// Mean accelerometer output at a stop. (4), (10)
+    /// Mean accelerometer output at a stop. (4), (10) Not inlined, as the next: what it needs on the stack is free again
+    /// for the filter.
+    #[inline(never)]
     pub fn force_at_stop(&self, stop: &Segment<T>) -> Prediction<T> {
         let rot_inner = self.rot_inner_axis * frame_rotation_z(stop.inner) * self.rot_inner_axis.transpose();
         let rot_outer = frame_rotation_x(stop.outer);
@@ -99,6 +101,7 @@ impl<T: Real> MeasurementModel<T> {
     }
 
     /// Integral of the gyro outputs over a segment. (5), (12)
+    #[inline(never)]
     pub fn rotation(&self, segment: &Segment<T>) -> Prediction<T> {
         let gimbals = &segment.gimbals;
         let tilt = &self.rot_inner_axis;
@@ -171,7 +174,7 @@ struct GimbalAxes<T: Real> {
 
 impl<T: Real> GimbalAxes<T> {
     fn new(tilt: &Matrix3<T>, gimbals: &GimbalSums<T>, duration_s: T) -> Self {
-        let [_, [cos_s, _, _], [sin_s, _, _]] = gimbals.attitude_s;
+        let [_, [cos_s, _, _], [sin_s, _, _]] = gimbals.attitude_s.map(|row| row.map(|sum_s| real(sum_s.into())));
         let outer_sums = rotation_z_integral(gimbals.outer_cos_inner, gimbals.outer_sin_inner, gimbals.outer);
         let outer_untilted = tilt.transpose().column(0).into_owned();
         let mean = rotation_z_integral(cos_s, sin_s, duration_s) / duration_s;
@@ -219,7 +222,7 @@ fn attitude_integral<T: Real>(gimbals: &GimbalSums<T>, middle: &Matrix3<T>) -> M
     for (inner, row) in inner_parts.iter().zip(&gimbals.attitude_s) {
         let mut weighted = Matrix3::zeros();
         for (outer, weight) in outer_parts.iter().zip(row) {
-            weighted += outer * *weight;
+            weighted += outer * real::<T>((*weight).into());
         }
         integral += inner * middle * weighted;
     }

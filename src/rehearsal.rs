@@ -88,7 +88,7 @@ pub fn usable_s(stop_s: f64, settling_s: f64, is_first: bool, is_last: bool) -> 
 pub fn stop_segment<T: Real>(stand: &Stand, usable_s: f64) -> Segment<T> {
     let (so, co) = ComplexField::sin_cos(stand.outer_rad);
     let (si, ci) = ComplexField::sin_cos(stand.inner_rad);
-    let attitude_s = [1.0, ci, si].map(|inner| [1.0, co, so].map(|outer| inner * outer * usable_s));
+    let attitude_s = [1.0, ci, si].map(|inner| [1.0, co, so].map(|outer| (inner * outer * usable_s) as f32));
     segment(SegmentKind::Stop, stand, &GimbalSums { attitude_s, ..GimbalSums::default() }, usable_s)
 }
 
@@ -103,7 +103,7 @@ pub fn move_segment<T: Real>(from: &Stand, to: &Stand, turning: &Turning) -> Seg
         let (so, co) = ComplexField::sin_cos(from.outer_rad + outer);
         let (si, ci) = ComplexField::sin_cos(from.inner_rad + inner);
         for (row, inner) in gimbals.attitude_s.iter_mut().zip([1.0, ci, si]) {
-            row.iter_mut().zip([1.0, co, so]).for_each(|(sum, outer)| *sum += inner * outer * time_s);
+            row.iter_mut().zip([1.0, co, so]).for_each(|(sum, outer)| *sum += (inner * outer * time_s) as f32);
         }
         gimbals.outer_cos_inner += ci * outer_way;
         gimbals.outer_sin_inner += si * outer_way;
@@ -135,7 +135,7 @@ fn segment<T: Real>(kind: SegmentKind, stand: &Stand, gimbals: &GimbalSums<f64>,
         outer: Angle::from_rad(stand.outer_rad),
         inner: Angle::from_rad(stand.inner_rad),
         gimbals: GimbalSums {
-            attitude_s: gimbals.attitude_s.map(|row| row.map(real)),
+            attitude_s: gimbals.attitude_s,
             outer_cos_inner: real(gimbals.outer_cos_inner),
             outer_sin_inner: real(gimbals.outer_sin_inner),
             outer: real(gimbals.outer),

@@ -87,10 +87,11 @@ impl Scheme {
         compiled_in().filter(|scheme| scheme.name == name).or_else(of_library)
     }
 
-    /// What a method runs where no scheme is given: Bai's, for the joint method one period of short stops.
+    /// What a method runs where no scheme is given: three minutes, or both of Bai's periods.
     pub fn default_for(method: Method) -> Self {
         match method {
-            Method::Joint => Self::bai(10.0, 1),
+            // It is in the library.
+            Method::Joint => Self::named("fast-180").unwrap_or_else(|| Self::bai(10.0, 1)),
             Method::TwoStage => Self::bai(200.0, 2),
         }
     }

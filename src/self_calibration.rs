@@ -63,7 +63,7 @@ const COMMANDED: Decision = Decision::Calibrate(Cause::Commanded);
 pub enum ConfigError {
     /// The sample rate is not from 10 to 10 000 Hz.
     Rate,
-    /// A noise is not positive and finite.
+    /// A noise is not positive and finite, or its margin not at least 1.
     Noise,
     /// The heading or its sigma is not finite, or the sigma not positive.
     Heading,
@@ -71,7 +71,7 @@ pub enum ConfigError {
     Stillness,
     /// A limit of this axis (0 outer, 1 inner) is not positive and finite, or its travel is empty.
     Axis(u8),
-    /// The pace's limits are not finite and positive, or a stop would be shortened.
+    /// The longest run is not finite and positive.
     Pace,
     /// A limit of the power-up policy is not finite, or negative.
     Policy,
@@ -105,13 +105,13 @@ impl fmt::Display for ConfigError {
         let name = |axis: &u8| if *axis == 0 { "outer" } else { "inner" };
         match self {
             Self::Rate => f.write_str("the sample rate must be from 10 to 10 000 Hz"),
-            Self::Noise => f.write_str("every noise must be finite and positive"),
+            Self::Noise => f.write_str("every noise must be finite and positive, and its margin at least 1"),
             Self::Heading => f.write_str("a configured heading must be finite, and its sigma positive"),
             Self::Stillness => f.write_str("the range of an axis at rest, and the gate, must be finite and positive"),
             Self::Axis(axis) => {
                 write!(f, "the limits of the {} axis must be finite and positive, and its travel not empty", name(axis))
             }
-            Self::Pace => f.write_str("the longest run must be finite and positive, the longest stop at least 1"),
+            Self::Pace => f.write_str("the longest run must be finite and positive"),
             Self::Policy => f.write_str("the temperature limit of the policy must be finite and not negative"),
             Self::Limits => f.write_str("every limit of the verdict must be finite and positive"),
             Self::Options => f.write_str("random walks of the biases must be finite and not negative"),
@@ -152,7 +152,9 @@ impl SelfCalibrationConfig {
         if !RATES_HZ.contains(&self.calibrator.rate_hz) {
             return Err(ConfigError::Rate);
         }
-        if ![noise.accel_psd_sqrt, noise.gyro_psd_sqrt, noise.encoder_sigma_rad].iter().all(positive) {
+        if ![noise.accel_psd_sqrt, noise.gyro_psd_sqrt, noise.encoder_sigma_rad, noise.margin].iter().all(positive)
+            || noise.margin < 1.0
+        {
             return Err(ConfigError::Noise);
         }
         if let HeadingSource::Configured { heading_rad, sigma_rad } = estimator.heading
@@ -264,6 +266,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     ///
     /// # Errors
     /// What is wrong with the configuration.
+    #[inline(never)]
     pub fn new(
         config: SelfCalibrationConfig,
         stored: Option<&StoredCalibration>,
@@ -304,6 +307,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
 
     /// Takes in one sample. `report` is called with whatever there is to tell. A sample that cannot be used, repeated, out
     /// of order or not finite, changes nothing but its count.
+    #[inline(never)]
     pub fn step(&mut self, sample: &RawSample<T>, report: &mut impl FnMut(&Message)) -> Step<T> {
         if !self.calibrator.admit(sample) {
             let rates_rad_s = self.axes.each_ref().map(Axis::last_command);
@@ -428,7 +432,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             move_us: self.axes.iter().map(Axis::move_us).max().unwrap_or(0),
             disturbed: self.is_disturbed(),
             abort,
-            extension: 1.0,
+            extension: self.extension(),
             enough: self.enough.take(),
             solved: self.solution.is_some(),
             accepted: self.accepted,
@@ -462,14 +466,27 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             && still(sample.inner, previous.inner)
     }
 
+    /// How many times as long as planned the stop under way shall last, for as much noise. Looked at when the dwell is over.
+    fn extension(&self) -> f64 {
+        let noise = &self.config.calibrator.estimator.noise;
+        if noise.margin <= 1.0 || !self.is_dwell_over() {
+            return 1.0;
+        }
+        let allowances = self.calibrator.stop_so_far().map(|stop| noise.allowances(&stop));
+        allowances.iter().flatten().copied().fold(1.0, f64::max)
+    }
+
+    fn is_dwell_over(&self) -> bool {
+        self.previous.is_some_and(|sample| self.sequencer.is_dwell_over(sample.time_us))
+    }
+
     /// Whether the stop under way was not at rest, or lost samples. Looked at when the dwell is over.
     fn is_disturbed(&self) -> bool {
         let noise = &self.config.calibrator.estimator.noise;
         let unrest = |calibrator: &Calibrator<T, MAX_SEGMENTS, STATES>| {
             calibrator.stop_so_far().is_some_and(|stop| unrest(&stop, noise).is_some())
         };
-        self.sequencer.is_dwell_over(self.previous.map_or(0, |sample| sample.time_us))
-            && (self.calibrator.longest_interval_us() > LONGEST_GAP_US || unrest(self.calibrator))
+        self.is_dwell_over() && (self.calibrator.longest_interval_us() > LONGEST_GAP_US || unrest(self.calibrator))
     }
 
     /// Carries out a command. Returns whether the record shall be stored.
@@ -529,12 +546,15 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         self.axes.iter_mut().for_each(Axis::hold);
     }
 
-    /// One piece of it: the next samples do not wait for the whole.
+    /// One piece of it: the next samples do not wait for the whole. Not inlined: what it needs on the stack, most samples
+    /// do not.
+    #[inline(never)]
     fn solve(&mut self, report: &mut impl FnMut(&Message)) {
         self.measuring = false;
         self.solution = self.calibrator.conclude_piece(report);
     }
 
+    #[inline(never)]
     fn judge(&mut self, report: &mut impl FnMut(&Message)) {
         let verdict = self.solution.as_ref().map_or_else(Verdict::default, |solution| {
             let stored = self.stored.as_ref().map(|(estimate, _)| estimate);
@@ -573,12 +593,12 @@ fn calibration<T: Real>(estimate: &Estimate) -> Calibration<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimator::Noise;
     use crate::method::Method;
     use crate::site::Site;
+    use crate::white_noise::Noise;
 
     fn config() -> SelfCalibrationConfig {
-        let noise = Noise { accel_psd_sqrt: 1e-4, gyro_psd_sqrt: 3e-7, encoder_sigma_rad: 2.5e-6 };
+        let noise = Noise { accel_psd_sqrt: 1e-4, gyro_psd_sqrt: 3e-7, encoder_sigma_rad: 2.5e-6, margin: 1.0 };
         let calibrator = CalibratorConfig::new(Method::Joint, Site::default(), noise, 200.0);
         SelfCalibrationConfig::new(calibrator, Scheme::bai(10.0, 1))
     }
@@ -587,7 +607,7 @@ mod tests {
     fn every_wrong_number_of_a_configuration_is_refused() {
         type Spoil = fn(&mut SelfCalibrationConfig);
         let wrong: [(Spoil, ConfigError); 24] = [
-            (|config| config.pace.longest_stop = 0.5, ConfigError::Pace),
+            (|config| config.calibrator.estimator.noise.margin = 0.5, ConfigError::Noise),
             (|config| config.pace.longest_s = Some(f64::NAN), ConfigError::Pace),
             (|config| config.policy = too_cold(), ConfigError::Policy),
             (|config| config.calibrator.rate_hz = f64::INFINITY, ConfigError::Rate),

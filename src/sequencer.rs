@@ -45,8 +45,6 @@ pub struct Pace {
     pub stop_repeats: u8,
     /// Whether the run ends at the first stop at whose end every required sigma is met and the fit is good.
     pub early_finish: bool,
-    /// How many times as long as the scheme says a stop may last whose noise is larger than assumed; 1 for no longer.
-    pub longest_stop: f64,
     /// Time after which no further move begins, s; `None` for any.
     pub longest_s: Option<f64>,
 }
@@ -54,15 +52,14 @@ pub struct Pace {
 impl Default for Pace {
     /// Three repeated stops; the whole scheme, as it says.
     fn default() -> Self {
-        Self { stop_repeats: 3, early_finish: false, longest_stop: 1.0, longest_s: None }
+        Self { stop_repeats: 3, early_finish: false, longest_s: None }
     }
 }
 
 impl Pace {
     /// Whether every number makes sense.
     pub fn is_valid(&self) -> bool {
-        let longest = self.longest_s.is_none_or(|longest_s| longest_s.is_finite() && longest_s > 0.0);
-        longest && self.longest_stop.is_finite() && self.longest_stop >= 1.0
+        self.longest_s.is_none_or(|longest_s| longest_s.is_finite() && longest_s > 0.0)
     }
 }
 

@@ -10,12 +10,13 @@ pub use reason::{CHANNEL_NAMES, Reason, Sensors, Unrest};
 pub use scale::WrongScale;
 
 use crate::error_model::{PARAMETERS, block};
-use crate::estimator::{Estimate, Noise, Solution};
+use crate::estimator::{Estimate, Solution};
 use crate::intake::IntakeCounts;
 use crate::linear::{ComplexField, Real};
-use crate::segment::{CHANNELS, Segment, SegmentKind};
+use crate::segment::{CHANNELS, Segment};
 use crate::site::Site;
 use crate::units::{DEG, DEG_H, MICRO_G, PPM};
+use crate::white_noise::{Noise, ScatterRatios, chi_square_quantile};
 use crate::wiring::mistake;
 use core::ops::Range;
 use scale::wrong_scales;
@@ -219,7 +220,7 @@ fn noise_levels<T: Real>(assessment: &Assessment<'_, T>) -> NoiseLevels {
         let mut far = Pooled::default();
         let (mut stops, mut stops_far) = (0, 0);
         for stop in assessment.segments {
-            let Some((variance, _)) = scatter_ratios(stop, assessment.noise, channel) else { continue };
+            let Some(ScatterRatios { variance, .. }) = assessment.noise.scatter(stop, channel) else { continue };
             let freedom = u32::from(stop.scatter.blocks) - 1;
             stops += 1;
             // A channel that is dead has no noise at all.
@@ -275,7 +276,7 @@ fn judge_noise<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, l
         let mut trends = Pooled::default();
         let mut noisiest: Option<(u16, Pooled)> = None;
         for (segment, stop) in assessment.segments.iter().enumerate().rev() {
-            let Some((variance, trend)) = scatter_ratios(stop, assessment.noise, channel) else { continue };
+            let Some(ScatterRatios { variance, trend }) = assessment.noise.scatter(stop, channel) else { continue };
             noise.add(variance, u32::from(stop.scatter.blocks) - 1);
             trends.add(trend * trend, 1);
             if noise.exceeds(NOISE_Z) && noisiest.is_none_or(|(_, most)| noise.deviate() > most.deviate()) {
@@ -430,7 +431,7 @@ pub fn unrest<T: Real>(segment: &Segment<T>, noise: &Noise) -> Option<(u8, Unres
 fn unrest_but<T: Real>(segment: &Segment<T>, noise: &Noise, levels: &NoiseLevels) -> Option<(u8, Unrest)> {
     let freedom = u32::from(segment.scatter.blocks).saturating_sub(1);
     for channel in unnamed(levels) {
-        let (ratio, trend) = scatter_ratios(segment, noise, channel)?;
+        let ScatterRatios { variance: ratio, trend } = noise.scatter(segment, channel)?;
         if trend.abs() > TREND_LIMIT {
             return Some((channel, Unrest::Trend(trend as f32)));
         } else if is_unrest(ratio, freedom) {
@@ -451,45 +452,22 @@ fn is_unrest(variance_ratio: f64, freedom: u32) -> bool {
     variance_ratio * f64::from(freedom) > chi_square_quantile(freedom, SCATTER_Z)
 }
 
-/// Of one channel at a stop: the variance of its block means over that of white noise, and their trend over its sigma.
-/// `None` for moves and for stops that are too short.
-fn scatter_ratios<T: Real>(segment: &Segment<T>, noise: &Noise, channel: u8) -> Option<(f64, f64)> {
-    let scatter = &segment.scatter;
-    if segment.kind == SegmentKind::Move || scatter.blocks < 3 {
-        return None;
-    }
-    let psd_sqrt = if channel < 3 { noise.accel_psd_sqrt } else { noise.gyro_psd_sqrt };
-    let block_s = segment.duration_s().widened() / f64::from(scatter.blocks);
-    let expected = psd_sqrt * psd_sqrt / block_s;
-    let variance = f64::from(*scatter.variance.get(usize::from(channel))?);
-    let trend = f64::from(*scatter.trend.get(usize::from(channel))?);
-    Some((variance / expected, trend / ComplexField::sqrt(expected)))
-}
-
-/// Quantile of chi-square at the normal deviate `z` (Wilson and Hilferty 1931; within 1 % from 10 degrees of freedom).
-fn chi_square_quantile(degrees_of_freedom: u32, z: f64) -> f64 {
-    let n = f64::from(degrees_of_freedom);
-    let part = 2.0 / (9.0 * n);
-    let root = (1.0 - part + z * ComplexField::sqrt(part)).max(0.0);
-    n * root * root * root
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::angle::Angle;
     use crate::constancy::{Change, Suspicion};
     use crate::error_model::InstrumentErrors;
     use crate::estimator::{Fit, LargestInnovation};
     use crate::linear::Vector3;
     use crate::options::OptionalEstimate;
-    use crate::segment::{GimbalSums, Held, Scatter};
+    use crate::segment::{GimbalSums, Held, Scatter, SegmentKind};
     use crate::units::ARCSEC;
     use crate::wiring::Wiring;
     use std::string::ToString;
     use std::vec::Vec;
 
-    const NOISE: Noise = Noise { accel_psd_sqrt: 1e-4, gyro_psd_sqrt: 3e-7, encoder_sigma_rad: 0.5 * ARCSEC };
+    const NOISE: Noise =
+        Noise { accel_psd_sqrt: 1e-4, gyro_psd_sqrt: 3e-7, encoder_sigma_rad: 0.5 * ARCSEC, margin: 1.0 };
     const PRIOR: [f64; PARAMETERS] = [0.05; PARAMETERS];
     const NO_INNOVATION: LargestInnovation = LargestInnovation { normalized: 0.0, segment: 0, channel: 0 };
 
@@ -506,21 +484,9 @@ mod tests {
     fn stop() -> Segment<f64> {
         let sigma = |psd_sqrt: f64| (psd_sqrt * psd_sqrt / 0.1) as f32;
         let (accel, gyro) = (sigma(NOISE.accel_psd_sqrt), sigma(NOISE.gyro_psd_sqrt));
-        Segment {
-            kind: SegmentKind::Stop,
-            start_us: 0,
-            duration_us: 10_000_000,
-            samples: 2000,
-            longest_interval_us: 5000,
-            held: Held::NONE,
-            temperature_c: 20.0,
-            rotation_g: Vector3::zeros(),
-            force_a: Vector3::new(0.0, 0.0, 9.8),
-            outer: Angle::default(),
-            inner: Angle::default(),
-            gimbals: GimbalSums::default(),
-            scatter: Scatter { blocks: 100, variance: [accel, accel, accel, gyro, gyro, gyro], trend: [0.0; CHANNELS] },
-        }
+        let scatter =
+            Scatter { variance: [accel, accel, accel, gyro, gyro, gyro], ..Segment::quiet_stop(10_000_000).scatter };
+        Segment { scatter, ..Segment::quiet_stop(10_000_000) }
     }
 
     fn good() -> Case {
@@ -775,14 +741,5 @@ mod tests {
         case.limits = case.limits.requiring(0.0);
         case.solution.converged = false;
         assert_eq!((verdict(&case).reasons.len(), verdict(&case).more), (MAX_REASONS, 1));
-    }
-
-    #[test]
-    fn chi_square_quantiles_are_those_of_tables() {
-        // 99.9 % is a normal deviate of 3.0902.
-        for (freedom, table) in [(10, 29.588), (30, 59.703), (100, 149.449)] {
-            let found = chi_square_quantile(freedom, 3.0902);
-            assert!((found / table - 1.0).abs() < 0.01, "{freedom}: {found}");
-        }
     }
 }

@@ -50,6 +50,8 @@ impl<T: Real> Weights<T> {
     }
 
     /// Gain of a measurement with this row, and noise that is the same in all directions.
+    // Not inlined: the joint method does not need it on the stack.
+    #[inline(never)]
     pub fn gain<const STATES: usize>(&mut self, h: &Vector<T, STATES>, r: T) -> Vector<T, STATES> {
         let mut rows =
             SEEN.iter().map(|range| h.iter().take(range.end).skip(range.start).fold(T::zero(), |sum, h| sum + *h));

@@ -11,9 +11,11 @@ use crate::virtual_run::VirtualRun;
 use anyhow::{Result, anyhow, bail};
 use rins_selfcal::assignment::Assignment;
 use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES};
+use rins_selfcal::policy::{Decision, PowerUpPolicy};
 use rins_selfcal::self_calibration::SelfCalibrationConfig;
-use rins_selfcal::sequencer::{AbortReason, State};
+use rins_selfcal::sequencer::{AbortReason, Pace, State};
 use rins_selfcal::telemetry::Message;
+use rins_selfcal::verdict::VerdictLimits;
 use std::path::Path;
 
 /// Corrected samples told before the instrument is switched off: one a second.
@@ -24,22 +26,57 @@ const CORRECTED_MESSAGES: u32 = 3;
 pub enum Ended {
     /// With a result, accepted or rejected.
     Judged(Box<Outcome>),
-    /// Correcting with the stored calibration, without a new run.
-    FromStore,
+    /// No run was due: correcting with the stored calibration, or standing by without one.
+    NoRun(Decision),
     /// Without a result.
     Aborted(AbortReason),
+}
+
+/// When a run begins and ends, and what it must reach.
+#[derive(Clone, Copy, Debug)]
+pub struct Terms {
+    /// When one begins.
+    pub policy: PowerUpPolicy,
+    /// Time of power-up, seconds since 1970-01-01 UTC.
+    pub utc_s: Option<u64>,
+    /// How long it takes.
+    pub pace: Pace,
+    /// What its result must fulfil.
+    pub limits: VerdictLimits,
+    /// How many times the configured variance of the white noise a stop may show.
+    pub noise_margin: f64,
+}
+
+impl Default for Terms {
+    /// Those of the core.
+    fn default() -> Self {
+        Self {
+            policy: PowerUpPolicy::default(),
+            utc_s: None,
+            pace: Pace::default(),
+            limits: VerdictLimits::default(),
+            noise_margin: 1.0,
+        }
+    }
 }
 
 /// One power-up, to the first corrected samples or until the gimbals are parked.
 pub struct PowerUp<'a> {
     run: &'a VirtualRun,
     setup: &'a Setup,
+    terms: Terms,
 }
 
 impl<'a> PowerUp<'a> {
     /// Of a unit, with the configuration of its controller.
     pub fn new(run: &'a VirtualRun, setup: &'a Setup) -> Self {
-        Self { run, setup }
+        Self { run, setup, terms: Terms::default() }
+    }
+
+    /// On other terms.
+    #[must_use]
+    pub fn on_terms(self, terms: Terms) -> Self {
+        Self { terms, ..self }
     }
 
     /// The core in this process; its store is empty. `on_message` gets all that the core tells.
@@ -82,7 +119,11 @@ impl<'a> PowerUp<'a> {
     }
 
     fn assignment(&self) -> Assignment {
-        Assignment::SelfCalibrate(SelfCalibrationConfig::new(self.setup.config(), self.run.scheme.clone()))
+        let Terms { policy, utc_s, pace, limits, noise_margin } = self.terms;
+        let mut calibrator = self.setup.config();
+        calibrator.estimator.noise.margin = noise_margin;
+        let usual = SelfCalibrationConfig::new(calibrator, self.run.scheme.clone());
+        Assignment::SelfCalibrate(SelfCalibrationConfig { policy, utc_s, pace, limits, ..usual })
     }
 }
 
@@ -92,6 +133,7 @@ struct Watch<F> {
     off: std::rc::Rc<std::cell::Cell<bool>>,
     record: Record,
     refused: Option<String>,
+    decision: Option<Decision>,
     state: State,
     corrected: u32,
     on_message: F,
@@ -107,6 +149,7 @@ impl<F: FnMut(&Message)> Watch<F> {
             off,
             record: Record::default(),
             refused: None,
+            decision: None,
             state: State::PowerUp,
             corrected: 0,
             on_message,
@@ -123,10 +166,13 @@ impl<F: FnMut(&Message)> Watch<F> {
         match message {
             Message::State { state, .. } => self.state = *state,
             Message::Corrected { .. } => self.corrected += 1,
+            Message::Decided(decision) => self.decision = Some(*decision),
             Message::Refused(error) => self.refused = Some(error.to_string()),
             _ => {}
         }
-        if matches!(self.state, State::Parked | State::Stranded) || self.corrected >= CORRECTED_MESSAGES {
+        if matches!(self.state, State::StandBy | State::Parked | State::Stranded)
+            || self.corrected >= CORRECTED_MESSAGES
+        {
             self.off.set(true);
         }
         (self.on_message)(message);
@@ -137,11 +183,13 @@ impl<F: FnMut(&Message)> Watch<F> {
             let scheme = setup.scheme.as_deref().unwrap_or("unknown");
             bail!("the configuration with scheme {scheme} is refused: {error}");
         }
-        match (self.record.aborted(), self.record.outcome(setup)) {
-            (Some(reason), _) => Ok(Ended::Aborted(reason)),
-            (None, Some(outcome)) => Ok(Ended::Judged(Box::new(outcome))),
-            (None, None) if self.corrected > 0 => Ok(Ended::FromStore),
-            (None, None) => Err(anyhow!("the instrument was switched off in state {:?}", self.state)),
+        match (self.record.aborted(), self.record.outcome(setup), self.decision) {
+            (Some(reason), ..) => Ok(Ended::Aborted(reason)),
+            (None, Some(outcome), _) => Ok(Ended::Judged(Box::new(outcome))),
+            (None, None, Some(decision @ (Decision::UseStored(_) | Decision::StandBy(_)))) => {
+                Ok(Ended::NoRun(decision))
+            }
+            (None, None, _) => Err(anyhow!("the instrument was switched off in state {:?}", self.state)),
         }
     }
 }

@@ -6,7 +6,7 @@
 //! zero at both stops (a Brownian bridge). Eccentricity and second harmonic are functions of the true angle.
 //!
 //! ```text
-//! standing --(a rate is not negligible)--> turning --(blend is over, and rates negligible for REST_S)--> standing
+//! standing --(an axis has left its place)--> turning --(blend is over, and rates negligible for REST_S)--> standing
 //! ```
 
 use rand_distr::{Distribution, StandardNormal};
@@ -16,7 +16,10 @@ use serde::{Deserialize, Serialize};
 
 /// Rate below which an axis counts as standing, rad/s.
 pub const REST_RAD_S: f64 = 1e-4;
-/// How long both axes must stand before the next motion counts as the next move, s. A servo's last correction does not.
+/// Way from where it stood, at rates that are not negligible, beyond which an axis is on a move, rad. A servo's correction
+/// of an encoder error is none.
+const MOVED_RAD: f64 = 20.0 * ARCSEC;
+/// How long both axes must stand before the next motion counts as the next move, s.
 const REST_S: f64 = 0.1;
 /// A quarter turn at 20 deg/s with ramps of 20 deg/s^2, s.
 const DEFAULT_MOVE_S: f64 = 5.5;
@@ -42,13 +45,18 @@ impl Harmonic {
 }
 
 enum Phase {
-    Standing,
-    /// All in samples.
-    Turning {
+    Standing {
+        /// Way of each axis since it stood, rad.
+        left_rad: [f64; 2],
+        /// Samples since then.
         elapsed: u32,
-        duration: u32,
-        quiet: u32,
     },
+    /// All in samples.
+    Turning { elapsed: u32, duration: u32, quiet: u32 },
+}
+
+impl Phase {
+    const STANDING: Self = Self::Standing { left_rad: [0.0; 2], elapsed: 0 };
 }
 
 /// The random errors of both encoders.
@@ -74,7 +82,7 @@ impl EncoderErrors {
             sigma_rad,
             sigma_bridge_rad,
             durations_s: vec![DEFAULT_MOVE_S],
-            phase: Phase::Standing,
+            phase: Phase::STANDING,
             from_rad: [0.0; 2],
             to_rad: [0.0; 2],
             bridge_rad: [0.0; 2],
@@ -95,8 +103,13 @@ impl EncoderErrors {
     pub fn step(&mut self, rates_rad_s: [f64; 2]) {
         let turning = rates_rad_s.map(|rate| rate.abs() > REST_RAD_S);
         let any = turning[0] || turning[1];
-        if any && matches!(self.phase, Phase::Standing) {
-            self.start_move();
+        if let Phase::Standing { left_rad, elapsed } = self.phase {
+            let left_rad = [0, 1].map(|axis: usize| left_rad[axis] + rates_rad_s[axis] / self.rate_hz);
+            if left_rad.iter().any(|way| way.abs() > MOVED_RAD) {
+                self.start_move(elapsed);
+            } else {
+                self.phase = if any { Phase::Standing { left_rad, elapsed: elapsed + 1 } } else { Phase::STANDING };
+            }
         }
         if let Phase::Turning { elapsed, duration, quiet } = self.phase {
             self.step_bridge(turning, duration.saturating_sub(elapsed));
@@ -104,7 +117,7 @@ impl EncoderErrors {
             self.phase = Phase::Turning { elapsed, duration, quiet };
             if elapsed >= duration && f64::from(quiet) >= REST_S * self.rate_hz {
                 self.from_rad = self.to_rad;
-                self.phase = Phase::Standing;
+                self.phase = Phase::STANDING;
             }
         }
     }
@@ -118,13 +131,14 @@ impl EncoderErrors {
         })
     }
 
-    fn start_move(&mut self) {
+    /// A move that began `elapsed` samples ago.
+    fn start_move(&mut self, elapsed: u32) {
         let expected_s = self.durations_s.last().copied().unwrap_or(DEFAULT_MOVE_S);
         if self.durations_s.len() > 1 {
             self.durations_s.pop();
         }
         let duration = (expected_s * self.rate_hz).round().max(1.0) as u32;
-        self.phase = Phase::Turning { elapsed: 0, duration, quiet: 0 };
+        self.phase = Phase::Turning { elapsed, duration, quiet: 0 };
         self.to_rad = self.drawn();
         self.bridge_rad = [0.0; 2];
     }

@@ -1,6 +1,7 @@
 //! Many calibrations of virtual units: are the errors as small as they can be, and the sigmas honest?
 
 use crate::calibration::{Outcome, Precision, Setup, is_estimated};
+use crate::closed_loop::{Ended, PowerUp};
 use crate::presets::{RandomErrors, UnitErrors, errors_named};
 use crate::quantity;
 use crate::statistics::{ErrorAndSigma, ErrorStatistics, chi_square_mean_bounds};
@@ -86,6 +87,8 @@ pub struct MonteCarlo {
     pub options: Options,
     /// The scheme.
     pub scheme: Scheme,
+    /// Whether the core turns the axes, each method in a run of its own, or the scheme is played open loop.
+    pub closed_loop: bool,
     /// Errors of the units.
     pub errors: ErrorSource,
     /// Site and noise.
@@ -133,7 +136,16 @@ impl MonteCarlo {
     fn run_one(&self, run: u64) -> Vec<RunResult> {
         let run = self.virtual_run(run);
         let setups: Vec<_> = self.methods.iter().map(|method| self.setup(*method)).collect();
-        run.calibrate(&setups).iter().map(|outcome| RunResult::new(outcome, &run.unit)).collect()
+        if !self.closed_loop {
+            return run.calibrate(&setups).iter().map(|outcome| RunResult::new(outcome, &run.unit)).collect();
+        }
+        let power_up = |setup: Setup| match PowerUp::new(&run, &setup.on_scheme(&run.scheme)).in_process(|_| ()) {
+            Ok(Ended::Judged(outcome)) => RunResult::new(&outcome, &run.unit),
+            Ok(Ended::Aborted(reason)) => RunResult::none(reason.to_string()),
+            Ok(Ended::NoRun(decision)) => RunResult::none(decision.to_string()),
+            Err(error) => RunResult::none(format!("{error:#}")),
+        };
+        setups.into_iter().map(power_up).collect()
     }
 
     fn virtual_run(&self, run: u64) -> VirtualRun {
@@ -160,6 +172,20 @@ impl MonteCarlo {
 }
 
 impl RunResult {
+    /// Of a run that gave no result, for this reason.
+    fn none(reason: String) -> Self {
+        Self {
+            errors: [ErrorAndSigma { error: f64::NAN, sigma: f64::NAN }; PARAMETERS],
+            chi_square: f64::NAN,
+            degrees_of_freedom: 0,
+            accepted: false,
+            converged: false,
+            finite: false,
+            wrong: false,
+            first_reason: Some(reason),
+        }
+    }
+
     fn new(outcome: &Outcome, unit: &VirtualUnit) -> Self {
         let estimate = outcome.estimate();
         let errors = quantity::errors(&estimate.errors, &unit.errors);

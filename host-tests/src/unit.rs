@@ -105,11 +105,12 @@ impl Noise {
     }
 
     /// What the core must know of it, SI.
-    pub fn psd(&self) -> rins_selfcal::estimator::Noise {
-        rins_selfcal::estimator::Noise {
+    pub fn psd(&self) -> rins_selfcal::white_noise::Noise {
+        rins_selfcal::white_noise::Noise {
             accel_psd_sqrt: self.accel_vrw_ug_sqrt_hz * MICRO_G,
             gyro_psd_sqrt: self.gyro_arw_deg_sqrt_h * DEG_SQRT_H,
             encoder_sigma_rad: self.sigma_encoder_rad(),
+            margin: 1.0,
         }
     }
 

@@ -67,6 +67,12 @@ impl VirtualRun {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calibration::Precision;
+    use crate::presets;
+    use crate::quantity;
+    use crate::unit::{Noise, UnitConfig};
+    use rins_selfcal::error_model::block;
+    use rins_selfcal::method::Method;
 
     #[test]
     fn seeds_of_runs_and_streams_differ() {
@@ -80,5 +86,20 @@ mod tests {
     fn duration_has_ramps_and_settling() {
         let run = VirtualRun { unit: VirtualUnit::default(), scheme: Scheme::bai(10.0, 1), seed: 0 };
         assert!((run.duration_s() - (289.0 + 19.0 * SETTLING_S)).abs() < 1e-9);
+    }
+
+    /// What it does not know of must not come out magnified: with optimal weights the worst of the twelve was off by 130".
+    #[test]
+    fn the_two_stage_method_bears_the_errors_of_a_real_unit() {
+        let config = UnitConfig { noise: Noise::bai(), ..UnitConfig::default() };
+        let unit =
+            VirtualUnit { errors: presets::real(1), noise: config.noise, rate_hz: 50.0, ..VirtualUnit::default() };
+        let run = VirtualRun { unit, scheme: Scheme::bai(200.0, 2), seed: 1 };
+        let setup = Setup::new(&config, 50.0, Method::TwoStage, Precision::F64);
+        let outcome = run.calibrate(&[setup]).remove(0);
+        let errors = quantity::errors(&outcome.estimate().errors, &run.unit.errors);
+        // 30 ug of bias are 6.2" of tilt, and the other errors add to it.
+        assert!(errors[..block::ACCEL_BIAS].iter().all(|error| error.abs() < 8.0), "{errors:?}");
+        assert!(!outcome.verdict.accepted());
     }
 }

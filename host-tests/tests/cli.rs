@@ -120,7 +120,11 @@ fn simulated_log_is_replayed_to_its_truth() {
     let (log, truth, unit) = (scratch("round.csv.gz"), scratch("round.truth.json"), scratch("round-unit.toml"));
     let (estimates, out) = (scratch("round.estimates.csv"), scratch("round.json"));
     let files = ["simulate", "--out", &log, "--truth", &truth, "--write-config", &unit];
-    run(0, &[&files[..], &["--stop", "5", "--noise", "tactical", "--rate", "100", "--seed", "7"]].concat());
+    run(
+        0,
+        &[&files[..], &["--scheme", "bai", "--stop", "5", "--noise", "tactical", "--rate", "100", "--seed", "7"]]
+            .concat(),
+    );
     let files = ["replay", &log, "--config", &unit, "--truth", &truth];
     let stdout = run(0, &[&files[..], &["--json", &out, "--csv-estimates", &estimates]].concat());
     assert!(stdout.contains("at 100 Hz") && stdout.contains("error/sigma"), "{stdout}");
@@ -335,8 +339,9 @@ fn an_effect_is_found_where_it_is_asked_for() {
     let out = scratch("tilting.json");
     let report = scratch("tilting.html");
     let effects = "tilt-drift,bias-ramp";
-    let arguments = ["calibrate", "--errors", &errors, "--effects", effects, "--json", &out, "--report", &report];
-    assert!(run(0, &arguments).contains("optional states"));
+    let arguments = ["--errors", &errors, "--effects", effects, "--json", &out, "--report", &report];
+    let stdout = run(0, &[&["calibrate", "--scheme", "bai", "--stop", "10"], &arguments[..]].concat());
+    assert!(stdout.contains("optional states"), "{stdout}");
     let states = &json(&out)["optional_states"];
     assert_eq!(states.as_object().map(|map| map.len()), Some(8));
     let number = |name: &str, key: &str| states[name][key].as_f64().unwrap();
@@ -351,10 +356,11 @@ fn an_effect_is_found_where_it_is_asked_for() {
 fn without_a_command_the_virtual_rins_calibrates_itself() {
     let out = scratch("calibrate.json");
     let report = scratch("calibrate.html");
-    let stdout = run(0, &["--stop", "5", "--seed", "5", "--json", &out, "--report", &report]);
+    let stdout = run(0, &["--seed", "5", "--json", &out, "--report", &report]);
     assert!(stdout.contains("closed loop") && stdout.contains("verdict: accepted"), "{stdout}");
-    assert_eq!(json(&out)["scheme"], "bai");
-    let same = run(0, &["calibrate", "--stop", "5", "--seed", "5", "--report", &report]);
+    assert!(stdout.contains("power-up: calibrating: nothing is stored"), "{stdout}");
+    assert_eq!(json(&out)["scheme"], "fast-180");
+    let same = run(0, &["calibrate", "--seed", "5", "--report", &report]);
     let result =
         |text: &str| text.split("result:").next().and_then(|text| text.split("report:").next()).map(String::from);
     assert_eq!(result(&stdout), result(&same), "the same seed gives the same result");
@@ -366,7 +372,7 @@ fn without_a_command_the_virtual_rins_calibrates_itself() {
 fn observability_predicts_the_sigmas_of_the_sample_log() {
     let out = scratch("observability.json");
     let unit = data("sample.toml");
-    let stdout = run(0, &["observability", "--config", &unit, "--json", &out]);
+    let stdout = run(0, &["observability", "--scheme", "bai", "--stop", "10", "--config", &unit, "--json", &out]);
     assert!(stdout.contains("all states: rank 28 of 28"), "{stdout}");
     let predicted = json(&out);
     assert_eq!(predicted["rank"], 28);
@@ -388,7 +394,7 @@ fn observability_predicts_the_sigmas_of_the_sample_log() {
 fn monte_carlo_finds_the_joint_method_consistent() {
     for precision in ["f64", "f32"] {
         let out = scratch(&format!("monte-carlo-{precision}.json"));
-        run(0, &["montecarlo", "--runs", "60", "--stop", "5", "--precision", precision, "--json", &out]);
+        run(0, &["montecarlo", "--runs", "60", "--precision", precision, "--json", &out]);
         // One of 56 outside by chance: 6e-3.
         let [low, high] = chi_square_mean_bounds(60, 1.0, 0.9999);
         let joint = &json(&out)["methods"]["joint"];
@@ -414,8 +420,35 @@ fn monte_carlo_puts_both_methods_side_by_side() {
     let stdout = run(0, &[&arguments[..], &["--noise", "bai"]].concat());
     assert!(stdout.contains("\nBai Table 1: errors of Bai's own simulation as published"), "{stdout}");
     let head: Vec<_> = stdout.lines().take(5).collect();
-    assert!(head[0].starts_with("4 runs of ") && head[0].ends_with(" s at 200 Hz, seed 1"), "{stdout}");
+    assert!(head[0].starts_with("4 runs of ") && head[0].ends_with(" s at 200 Hz, open loop, seed 1"), "{stdout}");
     assert_eq!(head[1..4], ["scheme: bai, 2 periods, 37 stops of 5 s", "method: two-stage", "errors: table1"]);
     assert!(head[4].starts_with("noise: accelerometers 2.12 ug/sqrt(Hz), gyros 0.000236 deg/sqrt(h)"), "{stdout}");
     assert!(!stdout.contains("wall time"), "{stdout}");
+}
+
+#[test]
+fn closed_loop_runs_are_as_good_as_predicted() {
+    let (predicted, out) = (scratch("fast-60.json"), scratch("closed-loop.json"));
+    run(0, &["observability", "--scheme", "fast-60", "--json", &predicted]);
+    run(0, &["montecarlo", "--runs", "60", "--closed-loop", "--scheme", "fast-60", "--json", &out]);
+    let (predicted, found) = (json(&predicted), json(&out));
+    let joint = &found["methods"]["joint"];
+    assert_eq!((&joint["runs"], &joint["accepted_wrong"]), (&60.into(), &0.into()));
+    // One of 12 outside by chance: 1e-3; the tilt of the units adds 3 %.
+    let [low, high] = chi_square_mean_bounds(60, 1.0, 0.9999);
+    for name in ["Sgxy", "Sgxz", "Sgyx", "Sgyz", "Sgzx", "Sgzy", "Sayz", "Sazx", "Sazy", "alpha", "beta", "gamma"] {
+        let rms = joint["parameters"][name]["rms"].as_f64().unwrap();
+        let ratio = rms / predicted["parameters"][name]["sigma"].as_f64().unwrap();
+        assert!((low.sqrt() / 1.03..high.sqrt() * 1.03).contains(&ratio), "{name}: {ratio}");
+    }
+}
+
+#[test]
+fn a_run_on_command_stands_by_and_one_without_enough_time_says_what_is_missing() {
+    let report = scratch("terms.html");
+    let stdout = run(2, &["calibrate", "--policy", "on-command", "--report", &report]);
+    assert!(stdout.contains("power-up: standing by without a calibration: the policy says so"), "{stdout}");
+    let terms = ["--required-sigma", "0.5", "--early-finish", "--longest-run", "60"];
+    let stdout = run(2, &[&["calibrate", "--report", &report], &terms[..]].concat());
+    assert!(stdout.contains("arcsec, required 0.500"), "{stdout}");
 }

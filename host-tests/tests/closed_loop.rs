@@ -234,12 +234,18 @@ fn a_drive_is_commanded_again_and_given_up_after_ten_failures() {
 
 /// Runs a sound unit to its end with these limits and this pace.
 fn paced(limits: VerdictLimits, pace: Pace) -> Vec<Message> {
-    let unit = unit();
-    let calibrator = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
-    let config = SelfCalibrationConfig { limits, pace, ..SelfCalibrationConfig::new(calibrator, Scheme::bai(10.0, 1)) };
-    let mut rins = VirtualRins::new(&unit, 2);
+    configured(&unit(), |config| (config.limits, config.pace) = (limits, pace))
+}
+
+/// Runs a unit to its end; the configuration is that for a navigation grade one, but for a change.
+fn configured(unit: &VirtualUnit, change: impl FnOnce(&mut SelfCalibrationConfig)) -> Vec<Message> {
+    let noise = VirtualUnit::default().noise.psd();
+    let calibrator = CalibratorConfig::new(Method::Joint, unit.site, noise, unit.rate_hz);
+    let mut config = SelfCalibrationConfig::new(calibrator, Scheme::bai(10.0, 1));
+    change(&mut config);
+    let mut rins = VirtualRins::new(unit, 2);
     rins.expect_moves(&move_durations_s(&config.scheme, unit.rate_hz));
-    let bench = shared(Faulty { rins, left: (RUN_S * unit.rate_hz) as u32, fault: sound });
+    let bench = shared(Faulty { rins, left: (2.0 * RUN_S * unit.rate_hz) as u32, fault: sound });
     let mut messages = Vec::new();
     let note = |message: &Message| messages.push(message.clone());
     in_process::<f64, BASIC_STATES, _>(&Assignment::SelfCalibrate(config), None, &bench, note).expect("it runs");
@@ -289,6 +295,28 @@ fn a_run_ends_when_its_time_is_over_and_says_what_is_missing() {
     assert!((120.0..140.0).contains(&measured_s), "{measured_s}");
     let reasons = &verdict(&messages).reasons;
     assert!(reasons.iter().any(|reason| matches!(reason, Reason::Sigma { .. })), "{reasons:?}");
+}
+
+#[test]
+fn stops_last_longer_where_there_is_more_noise() {
+    let mut noisy = unit();
+    noisy.noise.accel_vrw_ug_sqrt_hz *= 1.5;
+    let strict = configured(&noisy, |_| ());
+    assert!(!verdict(&strict).accepted());
+    let messages = configured(&noisy, |config| config.calibrator.estimator.noise.margin = 4.0);
+    assert!(verdict(&messages).accepted(), "{:?}", verdict(&messages).reasons);
+    let (solution, planned) = (solution(&messages), solution(&strict));
+    // 2.25 times the variance at 19 stops of 10 s; the ratio seen at a stop of 97 blocks has a sigma of 0.33, and the
+    // largest of three channels counts.
+    let longer_s = solution.duration_s - planned.duration_s;
+    assert!((1.2 * 190.0..2.5 * 190.0).contains(&longer_s), "{longer_s}");
+    let difference = solution.estimate.errors.to_vector() - noisy.errors.to_vector();
+    for (index, (difference, sigma)) in
+        difference.iter().zip(&solution.estimate.sigmas).take(PARAMETERS - 1).enumerate()
+    {
+        // One of 27 beyond 4.5 sigma by chance: 2e-4.
+        assert!(difference.abs() < 4.5 * sigma, "{}: {:.1} sigma", PARAMETER_INFO[index].name, difference / sigma);
+    }
 }
 
 #[test]

@@ -162,7 +162,10 @@ fn encoder_errors_are_drawn_per_stop_and_axis_and_blend_linearly() {
         for (sample, (error, _)) in errors.iter().enumerate().take(end).skip(start) {
             let part = (sample - start) as f64 / (end - start) as f64;
             for axis in 0..2 {
-                assert!((error[axis] - before[axis] - (after[axis] - before[axis]) * part).abs() < 1e-11);
+                let difference = after[axis] - before[axis];
+                // The first 20 arcsec, passed in 24 ms, are not known to be a move yet.
+                let late = if sample - start <= 3 { difference.abs() * part } else { 0.0 };
+                assert!((error[axis] - before[axis] - difference * part).abs() < 1e-11 + late);
             }
         }
     }

@@ -87,9 +87,10 @@ impl fmt::Display for WrongScale {
             }
             Self::Speed(rad_s) => write!(f, "the axes turn at {} rad/s", Significant(rad_s)),
         }?;
-        match self.unit() {
-            Some(unit) => write!(f, ": {unit}?"),
-            None => write!(f, ": in which unit?"),
+        match (self.unit(), self) {
+            (Some(unit), _) => write!(f, ": {unit}?"),
+            (None, Self::Turn { .. }) => write!(f, ": an unknown unit, a saturated sensor or lost samples?"),
+            (None, _) => write!(f, ": an unknown unit or a saturated sensor?"),
         }
     }
 }
@@ -173,10 +174,17 @@ mod tests {
         assert_eq!(force(0.102), "accelerometers read 0.102 times gravity at the stops: g in place of m/s^2?");
         assert_eq!(force(1004.0), "accelerometers read 1004 times gravity at the stops: mm/s^2 in place of m/s^2?");
         assert!(force(0.005_02).ends_with("5.02e-3 times gravity at the stops: increments in place of m/s^2?"));
-        assert_eq!(force(1e7), "accelerometers read 1.00e7 times gravity at the stops: in which unit?");
+        assert_eq!(
+            force(1e7),
+            "accelerometers read 1.00e7 times gravity at the stops: an unknown unit or a saturated sensor?"
+        );
         let turn = |of_encoders| WrongScale::Turn { of_encoders, interval_s: 0.01 }.to_string();
         assert_eq!(turn(57.3), "gyros turn 57.3 times as far as the encoders: gyros in deg/s in place of rad/s?");
         assert!(turn(0.017_46).ends_with("encoders in deg in place of rad?"));
+        assert_eq!(
+            turn(0.85),
+            "gyros turn 0.850 times as far as the encoders: an unknown unit, a saturated sensor or lost samples?"
+        );
         assert!(turn(0.010_02).ends_with("gyro increments in place of rad/s?"));
         assert!(WrongScale::Speed(16.0).to_string().starts_with("the axes turn at 16.0 rad/s: gyros and encoders in"));
     }

@@ -2,6 +2,7 @@
 
 use super::files::Named;
 use crate::calibration::{Precision, Setup};
+use crate::closed_loop::Terms;
 use crate::monte_carlo::ErrorSource;
 use crate::plan::objective::{Criterion, Objective};
 use crate::plan::{PlanRequest, Travel};
@@ -15,10 +16,14 @@ use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use rins_selfcal::method::Method;
 use rins_selfcal::options::Options;
+use rins_selfcal::policy::PowerUpPolicy;
 use rins_selfcal::rehearsal::Turning;
 use rins_selfcal::scheme::Scheme;
-use rins_selfcal::units::{DEG, DEG_H, MICRO_G};
+use rins_selfcal::sequencer::Pace;
+use rins_selfcal::units::{ARCSEC, DEG, DEG_H, MICRO_G};
+use rins_selfcal::verdict::VerdictLimits;
 use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Self-calibration of a dual-axis rotational INS.
 ///
@@ -56,6 +61,8 @@ pub struct CalibrateArguments {
     pub unit: UnitArguments,
     #[command(flatten)]
     pub method: MethodArguments,
+    #[command(flatten)]
+    pub terms: TermsArguments,
     /// Run the firmware in the emulator, twice: calibrate, then find the stored calibration
     #[arg(long)]
     pub firmware: bool,
@@ -68,6 +75,67 @@ pub struct CalibrateArguments {
     /// Write the report
     #[arg(long, value_name = "OUT.html", default_value = "rins-report.html")]
     pub report: PathBuf,
+}
+
+/// When a run begins and ends, and what it must reach.
+#[derive(Debug, Args)]
+pub struct TermsArguments {
+    /// When a calibration begins at power-up
+    #[arg(long, value_enum, default_value_t)]
+    policy: PolicyArgument,
+    /// With --policy when-due: greatest age of the stored calibration, h [default: any]
+    #[arg(long, value_name = "H", value_parser = positive)]
+    longest_age: Option<f64>,
+    /// With --policy when-due: greatest difference of temperature to the stored calibration, K [default: any]
+    #[arg(long, value_name = "K", value_parser = positive)]
+    temperature_change: Option<f64>,
+    /// Required sigma of the 12 installation errors, arcsec [default: none]
+    #[arg(long, value_name = "ARCSEC", value_parser = positive)]
+    required_sigma: Option<f64>,
+    /// End the run as soon as the required sigma is reached and the fit is good
+    #[arg(long, requires = "required_sigma")]
+    early_finish: bool,
+    /// End the run after this time, s, with the stop under way
+    #[arg(long, value_name = "S", value_parser = positive)]
+    longest_run: Option<f64>,
+    /// Stay up to this many times as long at a stop whose noise has as many times the configured variance
+    #[arg(long, value_name = "RATIO", default_value_t = 1.0, value_parser = at_least_one)]
+    noise_margin: f64,
+}
+
+/// When a calibration begins at power-up.
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum PolicyArgument {
+    /// At every power-up
+    Always,
+    /// When none is stored, or it is too old or of another temperature
+    #[default]
+    WhenDue,
+    /// On command only
+    OnCommand,
+    /// Never
+    Never,
+}
+
+impl TermsArguments {
+    pub fn terms(&self) -> Terms {
+        let limits = VerdictLimits::default();
+        Terms {
+            policy: match self.policy {
+                PolicyArgument::Always => PowerUpPolicy::Always,
+                PolicyArgument::OnCommand => PowerUpPolicy::OnCommand,
+                PolicyArgument::Never => PowerUpPolicy::Never,
+                PolicyArgument::WhenDue => PowerUpPolicy::WhenDue {
+                    age_s: self.longest_age.map(|hours| (hours * 3600.0) as u64),
+                    temperature_k: self.temperature_change.map(|change| change as f32),
+                },
+            },
+            utc_s: SystemTime::now().duration_since(UNIX_EPOCH).ok().map(|since| since.as_secs()),
+            pace: Pace { early_finish: self.early_finish, longest_s: self.longest_run, ..Pace::default() },
+            limits: self.required_sigma.map_or(limits, |sigma| limits.requiring(sigma * ARCSEC)),
+            noise_margin: self.noise_margin,
+        }
+    }
 }
 
 #[derive(Debug, Args)]
@@ -255,6 +323,9 @@ pub struct MonteCarloArguments {
     pub runs: u64,
     #[command(flatten)]
     pub scheme: SchemeArguments,
+    /// Let the core turn the axes, as at power-up, and repeat disturbed stops [default: play the scheme open loop]
+    #[arg(long)]
+    pub closed_loop: bool,
     /// Which method, or both on the same data
     #[arg(long, value_enum, default_value_t)]
     pub method: MethodsArgument,
@@ -378,29 +449,29 @@ impl MethodArguments {
 
 #[derive(Debug, Args)]
 pub struct SchemeArguments {
-    /// A scheme of the library (`rins observability --all` lists them), or a file
-    #[arg(long, value_name = "NAME|FILE", default_value = "bai")]
-    scheme: String,
-    /// Time of every stop, s [default of bai: 10, two-stage 200]
+    /// A scheme of the library (`rins observability --all` lists them), or a file [default: fast-180, two-stage bai]
+    #[arg(long, value_name = "NAME|FILE")]
+    scheme: Option<String>,
+    /// Time of every stop, s [default: as the scheme says]
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     stop: Option<f64>,
-    /// How often the scheme is run [default of bai: 1, two-stage 2]
+    /// How often the scheme is run [default: as the scheme says, two-stage bai 2]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
     periods: Option<u8>,
 }
 
 impl SchemeArguments {
-    /// The scheme, as long as this method wants it where nothing else is asked for.
+    /// The scheme, the usual one of this method where nothing else is asked for.
     pub fn scheme(&self, method: Method) -> anyhow::Result<Scheme> {
-        let usual = (self.scheme == "bai").then(|| Scheme::default_for(method));
-        let stop_s = self.stop.or(usual.as_ref().map(|usual| usual.first_stop_s));
-        let periods = self.periods.or(usual.map(|usual| usual.periods));
-        of_option("--scheme", scheme_named(&self.scheme, stop_s, periods))
+        let usual = Scheme::default_for(method);
+        let name = self.scheme.as_deref().unwrap_or(&usual.name);
+        let periods = self.periods.or((name == usual.name).then_some(usual.periods));
+        of_option("--scheme", scheme_named(name, self.stop, periods))
     }
 
     /// The file that it may be.
     pub fn input(&self) -> Named<'_> {
-        ("--scheme", Some(Path::new(&self.scheme)))
+        ("--scheme", self.scheme.as_deref().map(Path::new))
     }
 }
 
@@ -488,11 +559,19 @@ impl MethodArguments {
 }
 
 fn rate(text: &str) -> Result<f64, String> {
-    number_in(text, 1.0, 100_000.0)
+    number_in(text, 10.0, 10_000.0)
 }
 
 fn seconds(text: &str) -> Result<f64, String> {
     number_in(text, 0.1, 1e6)
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    number_in(text, 1e-6, 1e9)
+}
+
+fn at_least_one(text: &str) -> Result<f64, String> {
+    number_in(text, 1.0, 1e3)
 }
 
 fn walk(text: &str) -> Result<f64, String> {

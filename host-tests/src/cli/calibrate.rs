@@ -2,7 +2,6 @@
 
 use super::arguments::CalibrateArguments;
 use super::{Ending, files, progress, replay};
-use crate::calibration::Setup;
 use crate::closed_loop::{Ended, PowerUp};
 use crate::emulator::Run;
 use crate::quantity;
@@ -12,6 +11,7 @@ use anyhow::Context;
 use indicatif::ProgressBar;
 use rins_selfcal::calibrator::Progress;
 use rins_selfcal::error_model::block;
+use rins_selfcal::policy::Decision;
 use rins_selfcal::sequencer::State;
 use rins_selfcal::telemetry::Message;
 use std::path::Path;
@@ -29,12 +29,13 @@ pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
     let run = arguments.unit.run(&config, scheme)?;
     let place = if arguments.firmware { "firmware in the emulator" } else { "in process" };
     println!("virtual RINS: scheme {}, {:.0} s, closed loop, {place}", run.scheme.name, run.duration_s());
+    let power_up = PowerUp::new(&run, &setup).on_terms(arguments.terms.terms());
     if arguments.firmware {
-        return firmware(arguments, &run, &setup);
+        return firmware(arguments, &run, &power_up);
     }
     let bar = progress::bar(run.duration_s().ceil() as u64, "s");
     let started = Instant::now();
-    let ended = PowerUp::new(&run, &setup).in_process(|message| show(&bar, message))?;
+    let ended = power_up.in_process(|message| show(&bar, message))?;
     bar.finish_and_clear();
     let wall = started.elapsed();
     let ending = conclude(arguments, &run, &ended)?;
@@ -42,25 +43,24 @@ pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
     Ok(ending)
 }
 
-/// Boots twice with the same EEPROM: the second boot shall find what the first one stored.
-fn firmware(arguments: &CalibrateArguments, run: &VirtualRun, setup: &Setup) -> anyhow::Result<Ending> {
+/// Boots twice with the same EEPROM: the second boot finds what the first one stored.
+fn firmware(arguments: &CalibrateArguments, run: &VirtualRun, power_up: &PowerUp) -> anyhow::Result<Ending> {
     let blank = tempfile::tempdir()?;
     let eeprom = arguments.eeprom.clone().unwrap_or_else(|| blank.path().join("eeprom.bin"));
-    let ended = boot(1, run, setup, &eeprom)?;
+    let ended = boot(1, run, power_up, &eeprom)?;
     let ending = conclude(arguments, run, &ended)?;
-    if ending == Ending::Done && !matches!(ended, Ended::FromStore) {
-        let ended = boot(2, run, setup, &eeprom)?;
-        conclude(arguments, run, &ended)?;
-        anyhow::ensure!(matches!(ended, Ended::FromStore), "the second boot did not find the stored calibration");
+    if ending != Ending::Done || matches!(ended, Ended::NoRun(_)) {
+        return Ok(ending);
     }
-    Ok(ending)
+    let ended = boot(2, run, power_up, &eeprom)?;
+    conclude(arguments, run, &ended)
 }
 
-fn boot(number: u32, run: &VirtualRun, setup: &Setup, eeprom: &Path) -> anyhow::Result<Ended> {
+fn boot(number: u32, run: &VirtualRun, power_up: &PowerUp, eeprom: &Path) -> anyhow::Result<Ended> {
     let bar = progress::bar(run.duration_s().ceil() as u64, "s");
     bar.println(format!("boot {number}"));
     let on_log = |line: &str| bar.suspend(|| println!("firmware: {line}"));
-    let (ended, run) = PowerUp::new(run, setup)
+    let (ended, run) = power_up
         .in_emulator(eeprom, on_log, |message| show(&bar, message))
         .with_context(|| format!("boot {number}"))?;
     bar.finish_and_clear();
@@ -88,10 +88,10 @@ fn conclude(arguments: &CalibrateArguments, run: &VirtualRun, ended: &Ended) -> 
             let truth = Truth::new(&run.unit.errors);
             replay::report(outcome, Some(&truth), arguments.json.as_deref(), Some(&arguments.report))
         }
-        Ended::FromStore => {
-            println!("stored calibration found: correcting without a new run");
-            Ok(Ending::Done)
-        }
+        Ended::NoRun(decision) => Ok(match decision {
+            Decision::StandBy(_) => Ending::NotAccepted,
+            Decision::UseStored(_) | Decision::Calibrate(_) => Ending::Done,
+        }),
         Ended::Aborted(reason) => {
             println!("verdict: aborted\n  - {reason}");
             Ok(Ending::NotAccepted)
@@ -108,6 +108,7 @@ fn show(bar: &ProgressBar, message: &Message) {
             }
         }
         Message::Segment(progress) => bar.set_message(worst(progress)),
+        Message::Decided(decision) => bar.suspend(|| println!("power-up: {decision}")),
         _ => {}
     }
 }

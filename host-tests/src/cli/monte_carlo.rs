@@ -52,10 +52,11 @@ fn head(arguments: &MonteCarloArguments, monte_carlo: &MonteCarlo) -> String {
     let periods = if scheme.periods == 1 { "1 period".into() } else { format!("{} periods", scheme.periods) };
     let methods: Vec<_> = monte_carlo.methods.iter().map(|method| method_name(*method)).collect();
     format!(
-        "{} runs of {:.1} s at {rate_hz} Hz, seed {seed}\nscheme: {}, {periods}, {} stops of {}\nmethod: {}\n\
+        "{} runs of {:.1} s at {rate_hz} Hz, {}, seed {seed}\nscheme: {}, {periods}, {} stops of {}\nmethod: {}\n\
          errors: {}\nnoise: {}\n",
         monte_carlo.runs,
         monte_carlo.duration_s(),
+        if monte_carlo.closed_loop { "closed loop" } else { "open loop" },
         scheme.name,
         scheme.moves() + 1,
         stops(scheme),
@@ -81,6 +82,7 @@ fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo> {
         precision: arguments.precision,
         options: arguments.options.options(),
         scheme: arguments.scheme.scheme(longest)?,
+        closed_loop: arguments.closed_loop,
         errors: arguments::errors(&arguments.errors)?,
         rate_hz: arguments::rate_hz(&unit),
         unit,

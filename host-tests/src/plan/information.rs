@@ -13,12 +13,13 @@ use crate::calibration::Setup;
 use crate::virtual_run::SETTLING_S;
 use rins_selfcal::angle::Angle;
 use rins_selfcal::error_model::{InstrumentErrors, PARAMETERS, block};
-use rins_selfcal::estimator::{BASIC_STATES, EstimatorConfig, Noise};
+use rins_selfcal::estimator::{BASIC_STATES, EstimatorConfig};
 use rins_selfcal::linear::{ComplexField, Matrix, Vector};
 use rins_selfcal::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
 use rins_selfcal::options::{Circumstances, OptionalColumns, force_columns, rotation_columns};
 use rins_selfcal::rehearsal::{BLOCK_LOSS_S, GUARD_S, Stand, Turning, move_segment, stop_segment, usable_s};
 use rins_selfcal::segment::SegmentKind;
+use rins_selfcal::white_noise::Noise;
 use std::borrow::Borrow;
 
 /// Encoder errors below this are taken as this, arcsec/1000, so that their information stays finite.

@@ -55,7 +55,9 @@ fn run(board: &mut Board, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
     }
 }
 
-/// What the host assigns; without a word from it, the default.
+/// What the host assigns; without a word from it, the default. Not inlined, as others below: what they need on the stack
+/// is free again when the run begins.
+#[inline(never)]
 fn assignment(board: &mut Board) -> Assignment {
     let mut buffer = [0; MAX_ASSIGNMENT_BYTES];
     let assigned = board.configuration(&mut buffer).map(postcard::from_bytes);
@@ -69,15 +71,18 @@ fn assignment(board: &mut Board) -> Assignment {
     }
 }
 
+#[inline(never)]
 fn self_calibrate(
     board: &mut Board,
     config: SelfCalibrationConfig,
     calibrator: &mut ImageCalibrator,
 ) -> Result<(), ()> {
     let stored = load(board);
-    let mut run = match SelfCalibration::new(config, stored.as_ref(), calibrator) {
+    // Borrowed where it is: moved out, it would be on the stack twice.
+    let mut made = SelfCalibration::new(config, stored.as_ref(), calibrator);
+    let run = match &mut made {
         Ok(run) => run,
-        Err(error) => return refuse(board, error),
+        Err(error) => return refuse(board, *error),
     };
     let mut samples = 0;
     while board.powered() {
@@ -91,7 +96,7 @@ fn self_calibrate(
             run.drives_answered(command_rates(&mut board.drives, step.rates_rad_s));
             count(work, &span);
             if step.save {
-                let saved = run.record().is_some_and(|record| board.store.save(&record).is_ok());
+                let saved = save(board, run);
                 run.saved();
                 send(&mut board.telemetry, &Message::Saved(saved));
             }
@@ -122,6 +127,7 @@ fn work_in(state: State) -> Work {
     }
 }
 
+#[inline(never)]
 fn replay(board: &mut Board, config: &CalibratorConfig, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
     if config.estimator.options.needs_states() && STATES < FULL_STATES {
         return refuse(board, ConfigError::States);
@@ -144,7 +150,14 @@ fn replay(board: &mut Board, config: &CalibratorConfig, calibrator: &mut ImageCa
     Ok(())
 }
 
+/// Stores the run's result; whether that went well.
+#[inline(never)]
+fn save(board: &mut Board, run: &SelfCalibration<'_, Scalar, STATES>) -> bool {
+    run.record().is_some_and(|record| board.store.save(&record).is_ok())
+}
+
 /// The stored calibration, if there is a good one.
+#[inline(never)]
 fn load(board: &mut Board) -> Option<StoredCalibration> {
     let (record, damaged, fault) = match board.store.load() {
         Ok(Loaded::Empty) => (None, false, false),

@@ -1,0 +1,130 @@
+//! White noise at a stop: what the means of its blocks show, against what is configured.
+
+use crate::linear::{ComplexField, Real};
+use crate::segment::{CHANNELS, Segment, SegmentKind};
+use serde::{Deserialize, Serialize};
+
+/// Normal deviate beyond which the noise of a stop is larger than configured; 1e-3 each.
+const LARGER_Z: f64 = 3.0;
+
+/// White noise of the sensors and repeatability of the encoders.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Noise {
+    /// Velocity random walk, m/s^2/sqrt(Hz).
+    pub accel_psd_sqrt: f64,
+    /// Angular random walk, rad/sqrt(s).
+    pub gyro_psd_sqrt: f64,
+    /// Encoder error, drawn anew for each stop and axis, rad.
+    pub encoder_sigma_rad: f64,
+    /// How many times the configured variance of the white noise a stop may show, and is then allowed for; 1 for no more
+    /// than configured.
+    pub margin: f64,
+}
+
+/// Of one channel at a stop, in units of the noise that is allowed for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ScatterRatios {
+    /// Variance of the block means.
+    pub variance: f64,
+    /// Their trend, in sigmas.
+    pub trend: f64,
+}
+
+impl Noise {
+    /// How many times the configured variance is allowed for on each channel at a stop: 1 unless the stop significantly
+    /// shows more.
+    pub fn allowances<T: Real>(&self, stop: &Segment<T>) -> [f64; CHANNELS] {
+        let mut allowances = [1.0; CHANNELS];
+        if self.margin > 1.0 {
+            for (channel, allowance) in (0_u8..).zip(&mut allowances) {
+                *allowance = self.allowance(stop, channel);
+            }
+        }
+        allowances
+    }
+
+    /// Scatter of a stop's block means on one channel. `None` for moves and for stops that are too short.
+    pub fn scatter<T: Real>(&self, stop: &Segment<T>, channel: u8) -> Option<ScatterRatios> {
+        let ScatterRatios { variance, trend } = self.unallowed(stop, channel)?;
+        let allowance = self.allowance(stop, channel);
+        Some(ScatterRatios { variance: variance / allowance, trend: trend / ComplexField::sqrt(allowance) })
+    }
+
+    fn allowance<T: Real>(&self, stop: &Segment<T>, channel: u8) -> f64 {
+        let freedom = u32::from(stop.scatter.blocks).saturating_sub(1);
+        match self.unallowed(stop, channel) {
+            Some(ScatterRatios { variance, .. })
+                if variance * f64::from(freedom) > chi_square_quantile(freedom, LARGER_Z) =>
+            {
+                variance.clamp(1.0, self.margin.max(1.0))
+            }
+            _ => 1.0,
+        }
+    }
+
+    /// In units of the noise that is configured.
+    fn unallowed<T: Real>(&self, stop: &Segment<T>, channel: u8) -> Option<ScatterRatios> {
+        let scatter = &stop.scatter;
+        if stop.kind == SegmentKind::Move || scatter.blocks < 3 {
+            return None;
+        }
+        let psd_sqrt = if channel < 3 { self.accel_psd_sqrt } else { self.gyro_psd_sqrt };
+        let block_s = stop.duration_s().widened() / f64::from(scatter.blocks);
+        let expected = psd_sqrt * psd_sqrt / block_s;
+        let variance = f64::from(*scatter.variance.get(usize::from(channel))?);
+        let trend = f64::from(*scatter.trend.get(usize::from(channel))?);
+        Some(ScatterRatios { variance: variance / expected, trend: trend / ComplexField::sqrt(expected) })
+    }
+}
+
+/// Quantile of chi-square at the normal deviate `z` (Wilson and Hilferty 1931; within 1 % from 10 degrees of freedom).
+pub fn chi_square_quantile(degrees_of_freedom: u32, z: f64) -> f64 {
+    let n = f64::from(degrees_of_freedom);
+    let part = 2.0 / (9.0 * n);
+    let root = (1.0 - part + z * ComplexField::sqrt(part)).max(0.0);
+    n * root * root * root
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::segment::Scatter;
+
+    const NOISE: Noise = Noise { accel_psd_sqrt: 1e-4, gyro_psd_sqrt: 3e-7, encoder_sigma_rad: 2.5e-6, margin: 4.0 };
+
+    /// A stop of 100 blocks of 0.1 s with this many times the configured variance on accelerometer y.
+    fn stop(ratio: f64) -> Segment<f64> {
+        let variance = |psd_sqrt: f64| (psd_sqrt * psd_sqrt / 0.1) as f32;
+        let (accel, gyro) = (variance(NOISE.accel_psd_sqrt), variance(NOISE.gyro_psd_sqrt));
+        let scatter = Scatter {
+            blocks: 100,
+            variance: [accel, accel * ratio as f32, accel, gyro, gyro, gyro],
+            trend: [accel.sqrt(); 6],
+        };
+        Segment { scatter, ..Segment::quiet_stop(10_000_000) }
+    }
+
+    #[test]
+    fn larger_noise_is_allowed_for_up_to_the_margin() {
+        // 99 degrees of freedom: a ratio beyond 1.48 is significant.
+        for (ratio, allowed) in [(0.5, 1.0), (1.4, 1.0), (1.6, 1.6), (3.9, 3.9), (10.0, 4.0)] {
+            let stop = stop(ratio);
+            let allowances = NOISE.allowances(&stop);
+            assert!((allowances[1] - allowed).abs() < 1e-6, "{allowances:?}");
+            assert_eq!([allowances[0], allowances[2], allowances[3]], [1.0; 3]);
+            let seen = NOISE.scatter(&stop, 1).expect("a stop");
+            assert!((seen.variance - ratio / allowed).abs() < 1e-6);
+            assert!((seen.trend - allowed.sqrt().recip()).abs() < 1e-6);
+            assert_eq!(Noise { margin: 1.0, ..NOISE }.allowances(&stop), [1.0; CHANNELS]);
+        }
+    }
+
+    #[test]
+    fn chi_square_quantiles_are_those_of_tables() {
+        // 99.9 % is a normal deviate of 3.0902.
+        for (freedom, table) in [(10, 29.588), (30, 59.703), (100, 149.449)] {
+            let found = chi_square_quantile(freedom, 3.0902);
+            assert!((found / table - 1.0).abs() < 0.01, "{freedom}: {found}");
+        }
+    }
+}
