@@ -9,6 +9,7 @@
 //! ```
 //! Rooms decide and return values; only drivers touch pins. Time is an argument. Dictionaries, which every room may use:
 //! `units`, `angle`, `linear`, `site`, `sample`, `error_model`, `scheme`, `method`, `options`, `policy`, `assignment`.
+//! Before anything turns, `rehearsal` gives the estimator the segments that a scheme would bring.
 //!
 //! Frames: n local level (east, north, up); b vehicle, which is r at gimbal angles (0, 0); r fixed to the inner gimbal, x
 //! along the outer and z along the inner axis; s IMU; a, g the accelerometers' and the gyros' own axes. `rot_ab` takes

@@ -6,7 +6,8 @@
 //!                                                           CSV file -> log  /
 //!
 //! virtual_run, replay -> calibration -> report, table -> cli
-//! closed_loop, prediction, monte_carlo -^
+//! closed_loop, prediction -> plot, monte_carlo -^
+//! plan: finds schemes; prediction then says what the core makes of them
 //! faults -> fault_campaign: can a disturbed run be accepted with a wrong answer?
 //! ```
 

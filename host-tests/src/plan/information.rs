@@ -19,9 +19,12 @@ use rins_selfcal::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
 use rins_selfcal::options::{Circumstances, OptionalColumns, force_columns, rotation_columns};
 use rins_selfcal::rehearsal::{BLOCK_LOSS_S, GUARD_S, Stand, Turning, move_segment, stop_segment, usable_s};
 use rins_selfcal::segment::SegmentKind;
+use rins_selfcal::site::EARTH_RATE_RAD_S;
 use rins_selfcal::white_noise::Noise;
 use std::borrow::Borrow;
 
+/// Numbers of a model, of the size of one, are rounded to this; rotation by attitude to as much of Earth rate.
+const ROUNDING: f64 = 1.0 / (1 << 24) as f64;
 /// Encoder errors below this are taken as this, arcsec/1000, so that their information stays finite.
 const LEAST_ENCODER_SIGMA_RAD: f64 = 5e-9;
 
@@ -202,7 +205,10 @@ impl<const STATES: usize> Forecast<STATES> {
         let mut rest = self.model.rotation(&at_rest);
         // The same encoder error at both ends.
         rest.by_encoder_errors.fill(0.0);
-        LegModel { move_s, turn: self.model.rotation(&turn), force: self.model.force_at_stop(&at_rest), rest }
+        let (turn, force) = (self.model.rotation(&turn), self.model.force_at_stop(&at_rest));
+        let of_rotation = ROUNDING * EARTH_RATE_RAD_S;
+        let (turn, rest) = (rounded(turn, of_rotation), rounded(rest, of_rotation));
+        LegModel { move_s, turn, force: rounded(force, ROUNDING), rest }
     }
 
     /// The information at the end of all stops. `on_segment` gets it after each segment, with the time, s.
@@ -271,6 +277,18 @@ impl<const STATES: usize> Forecast<STATES> {
         let at = Circumstances { since_reference_s, stop_before, stop };
         self.config.options.needs_states().then_some(at)
     }
+}
+
+/// A prediction without its last digits, which depend on the order of operations in the core: a search shall find the same
+/// scheme after a change of the core that is none of the model. Derivatives by attitude are rounded to `by_attitude`.
+fn rounded(mut prediction: Prediction<f64>, by_attitude: f64) -> Prediction<f64> {
+    let round = |value: &mut f64, unit: f64| *value = ComplexField::round(*value / unit) * unit;
+    prediction.by_encoder_errors.iter_mut().for_each(|value| round(value, ROUNDING));
+    for (parameter, mut column) in prediction.by_parameters.column_iter_mut().enumerate() {
+        let unit = if parameter < block::ATTITUDE { ROUNDING } else { by_attitude };
+        column.iter_mut().for_each(|value| round(value, unit));
+    }
+    prediction
 }
 
 #[cfg(test)]

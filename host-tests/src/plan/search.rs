@@ -2,8 +2,9 @@
 //!
 //! Independent chains start from chance; those that end best are cooled further with small steps. A chain belongs to its
 //! seed and nothing else, so the result does not depend on the number of cores; nor on the machine, because what it
-//! computes with is the core's own mathematics. (Kirkpatrick, Gelatt and Vecchi, Science 220, 1983; the annealers of the
-//! crates at hand know neither schemes whose number of stops changes nor chains without a common state.)
+//! computes with is the core's own mathematics. (Kirkpatrick, Gelatt and Vecchi, Science 220, 1983.) The
+//! loop is a dozen lines, which argmin's annealer could replace at the price of its own random numbers; the steps, which
+//! are the rest of this file, belong to schemes alone.
 
 use super::Travel;
 use super::information::{Forecast, LegModel};
