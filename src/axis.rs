@@ -7,6 +7,7 @@
 
 use crate::angle::{Angle, rad_to_ticks, ticks_to_rad};
 use crate::linear::{ComplexField, Real, real};
+use crate::profile::Profile;
 use crate::units::{ARCSEC, DEG};
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +16,10 @@ const POSITION_GAIN: f64 = 10.0;
 /// Sample intervals from a sample's time, the middle of its interval, to the end of the next interval, by when the drive
 /// reaches the commanded rate.
 const LEAD_INTERVALS: f64 = 1.5;
+/// Longest time between commands without samples, s: that between ticks of the main loop.
+const LONGEST_COMMAND_INTERVAL_S: f64 = 0.1;
+/// Highest rate that a drive can be told, rad/s: nanoradians per second in 32 bits.
+const HIGHEST_RATE_RAD_S: f64 = i32::MAX as f64 * 1e-9;
 
 /// Rate, acceleration and travel of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -34,11 +39,13 @@ pub struct AxisLimits {
 }
 
 impl AxisLimits {
-    /// Whether every number is finite, every limit positive and the travel not empty.
+    /// Whether every number is finite, every limit positive, the rate one that a drive can be told, and the travel not
+    /// empty.
     pub fn are_valid(&self) -> bool {
         let positive = [self.rate_rad_s, self.acceleration_rad_s2, self.arrived_rad, self.following_error_rad];
         let travel_rad = self.highest_rad - self.lowest_rad;
-        positive.iter().chain([&travel_rad]).all(|limit| limit.is_finite() && *limit > 0.0)
+        let all_positive = positive.iter().chain([&travel_rad]).all(|limit| limit.is_finite() && *limit > 0.0);
+        all_positive && self.rate_rad_s <= HIGHEST_RATE_RAD_S
     }
 }
 
@@ -53,48 +60,6 @@ impl Default for AxisLimits {
             arrived_rad: 2.0 * ARCSEC,
             following_error_rad: DEG,
         }
-    }
-}
-
-/// Angle and rate against time: constant acceleration, constant rate, constant deceleration; without the middle part
-/// where the way is short.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Profile<T> {
-    direction: T,
-    acceleration: T,
-    ramp_s: T,
-    cruise_s: T,
-}
-
-impl<T: Real> Profile<T> {
-    /// Over `distance_rad`, of either sign, at no more than these positive rates and accelerations.
-    pub fn new(distance_rad: T, rate_rad_s: T, acceleration_rad_s2: T) -> Self {
-        let distance = distance_rad.abs();
-        let full_ramp_s = rate_rad_s / acceleration_rad_s2;
-        let short = distance < rate_rad_s * full_ramp_s;
-        let ramp_s = if short { (distance / acceleration_rad_s2).sqrt() } else { full_ramp_s };
-        let cruise_s = if short { T::zero() } else { distance / rate_rad_s - full_ramp_s };
-        let direction = if distance_rad < T::zero() { -T::one() } else { T::one() };
-        Self { direction, acceleration: acceleration_rad_s2, ramp_s, cruise_s }
-    }
-
-    /// Duration, s.
-    pub fn duration_s(&self) -> T {
-        self.ramp_s + self.cruise_s + self.ramp_s
-    }
-
-    /// Angle from the start (rad) and rate (rad/s) at a time from the start.
-    pub fn at(&self, time_s: T) -> (T, T) {
-        let half: T = real(0.5);
-        let time = time_s.max(T::zero()).min(self.duration_s());
-        let rising = time.min(self.ramp_s);
-        let cruising = (time - self.ramp_s).max(T::zero()).min(self.cruise_s);
-        let falling = (time - self.ramp_s - self.cruise_s).max(T::zero());
-        let top = self.acceleration * self.ramp_s;
-        let angle = half * self.acceleration * rising * rising + top * cruising + top * falling
-            - half * self.acceleration * falling * falling;
-        let rate = self.acceleration * (rising - falling);
-        (self.direction * angle, self.direction * rate)
     }
 }
 
@@ -117,6 +82,8 @@ pub struct Axis<T: Real> {
     motion: Option<Motion<T>>,
     /// Coming to rest, wherever that will be.
     braking: bool,
+    /// The encoder is not believed: the drive is brought to rest and left there until the next move.
+    released: bool,
     commanded_rad_s: T,
     commanded_us: u64,
 }
@@ -131,21 +98,30 @@ impl<T: Real> Axis<T> {
             target_ticks: 0,
             motion: None,
             braking: false,
+            released: false,
             commanded_rad_s: T::zero(),
             commanded_us: 0,
         }
     }
 
-    /// Takes in an encoder reading; the first decides the turn, as the angle in half a turn either way.
+    /// Takes in an encoder reading; the first decides the turn: the one within the travel, of several the one nearest to
+    /// zero.
     pub fn measure(&mut self, angle: Angle) {
         self.angle_ticks = Some(match self.angle_ticks {
             Some(before) => before + i64::from(angle.since(Angle::from_ticks(before as u32))),
             None => {
                 // It stands there until it is told to move.
-                self.target_ticks = i64::from(angle.ticks() as i32);
+                self.target_ticks = self.within_travel(i64::from(angle.ticks() as i32));
                 self.target_ticks
             }
         });
+    }
+
+    /// This angle on the turn that is within the travel; as it is where none is.
+    fn within_travel(&self, ticks: i64) -> i64 {
+        let travel = rad_to_ticks(self.limits.lowest_rad)..=rad_to_ticks(self.limits.highest_rad);
+        let turns = [0, -1, 1, -2, 2].map(|turns: i64| ticks + (turns << 32));
+        turns.into_iter().find(|turned| travel.contains(turned)).unwrap_or(ticks)
     }
 
     /// Starts a move to `target_rad`, counted over whole turns.
@@ -155,7 +131,13 @@ impl<T: Real> Axis<T> {
         let distance = ticks_to_rad(self.target_ticks - from_ticks);
         let profile = Profile::new(distance, real(rate_rad_s), real(acceleration_rad_s2));
         self.motion = Some(Motion { profile, from_ticks, start_us: now_us });
-        self.braking = false;
+        (self.braking, self.released) = (false, false);
+    }
+
+    /// Comes to rest and stays there without a look at the encoder, until the next move.
+    pub fn release(&mut self) {
+        self.hold();
+        self.released = true;
     }
 
     /// Comes to rest as fast as it may, and stays there.
@@ -167,10 +149,20 @@ impl<T: Real> Axis<T> {
 
     /// Rate that the drive shall reach by the end of the next interval, rad/s. Zero before the first reading.
     pub fn rate_command(&mut self, now_us: u64) -> T {
+        self.rate_within(now_us, self.interval_s)
+    }
+
+    /// As [`Self::rate_command`], where commands come less often than samples should: the drive may have to change its
+    /// rate by what the acceleration allows over the time since the last command, up to a tenth of a second.
+    pub fn late_rate_command(&mut self, now_us: u64) -> T {
+        self.rate_within(now_us, real(LONGEST_COMMAND_INTERVAL_S))
+    }
+
+    fn rate_within(&mut self, now_us: u64, longest_s: T) -> T {
         let Some(angle_ticks) = self.angle_ticks else { return T::zero() };
-        if self.braking {
+        if self.braking || self.released {
             self.target_ticks = angle_ticks;
-            self.braking = self.commanded_rad_s != T::zero();
+            self.braking &= self.commanded_rad_s != T::zero();
         }
         let (wanted_ticks, _) = self.wanted(now_us, T::zero());
         let (_, rate) = self.wanted(now_us, self.interval_s * real(LEAD_INTERVALS));
@@ -178,11 +170,16 @@ impl<T: Real> Axis<T> {
         let highest: T = real(self.limits.rate_rad_s);
         // However long ago the last command was, the drive takes this one up within an interval.
         let since_s: T = real(now_us.saturating_sub(self.commanded_us) as f64 * 1e-6);
-        let step = since_s.min(self.interval_s) * real(self.limits.acceleration_rad_s2);
+        let step = since_s.min(longest_s) * real(self.limits.acceleration_rad_s2);
         self.commanded_us = now_us;
         let wanted = (rate + error * real(POSITION_GAIN)).max(-highest).min(highest);
         self.commanded_rad_s = wanted.max(self.commanded_rad_s - step).min(self.commanded_rad_s + step);
         self.commanded_rad_s
+    }
+
+    /// Whether the drive has been told to stand.
+    pub fn is_at_rest(&self) -> bool {
+        self.commanded_rad_s == T::zero()
     }
 
     /// The rate commanded last, rad/s.
@@ -198,6 +195,9 @@ impl<T: Real> Axis<T> {
 
     /// Distance of the encoder from the profile, rad, if it is more than the axis is allowed to be behind.
     pub fn following_error_rad(&self, now_us: u64) -> Option<f64> {
+        if self.released {
+            return None;
+        }
         let error = self.distance_rad(self.wanted(now_us, T::zero()).0);
         (error > self.limits.following_error_rad).then_some(error)
     }
@@ -237,23 +237,6 @@ mod tests {
 
     fn axis() -> Axis<f64> {
         Axis::new(&AxisLimits::default(), INTERVAL_S)
-    }
-
-    #[test]
-    fn profile_covers_the_way_with_and_without_cruise() {
-        for distance in [1.5, -1.5, 0.2, -0.01] {
-            let profile = Profile::<f64>::new(distance, 0.35, 0.35);
-            let end = profile.duration_s();
-            assert!((profile.at(end).0 - distance).abs() < 1e-15 && profile.at(end).1.abs() < 1e-15);
-            let (middle, rate) = profile.at(end / 2.0);
-            assert!((middle - distance / 2.0).abs() < 1e-15 && rate.abs() <= 0.35 && rate * distance > 0.0);
-            // The rate is the derivative of the angle.
-            for k in 1..20 {
-                let t = end * f64::from(k) / 20.0;
-                let slope = (profile.at(t + 1e-6).0 - profile.at(t - 1e-6).0) / 2e-6;
-                assert!((slope - profile.at(t).1).abs() < 1e-6);
-            }
-        }
     }
 
     /// A drive that reaches the commanded rate at the end of each interval, with a gain error, and an encoder.
@@ -312,6 +295,38 @@ mod tests {
             axis.measure(Angle::from_rad(angle));
         }
         assert!((angle - 0.5).abs() < 1e-8, "{angle}");
+    }
+
+    #[test]
+    fn the_turn_is_the_one_within_the_travel() {
+        let degrees = |lowest: f64, highest: f64, read: f64| {
+            let limits = AxisLimits { lowest_rad: lowest * DEG, highest_rad: highest * DEG, ..AxisLimits::default() };
+            let mut axis = Axis::<f64>::new(&limits, INTERVAL_S);
+            axis.measure(Angle::from_rad(read * DEG));
+            (ticks_to_rad::<f64>(axis.target_ticks) / DEG).round()
+        };
+        assert_eq!(degrees(-361.0, 1.0, 68.0), -292.0);
+        assert_eq!(degrees(-361.0, 1.0, 0.0), 0.0);
+        assert_eq!(degrees(-720.0, 720.0, 200.0), -160.0);
+        assert_eq!(degrees(400.0, 800.0, 100.0), 460.0);
+        assert_eq!(degrees(-10.0, 10.0, 100.0), 100.0, "none is");
+    }
+
+    #[test]
+    fn a_released_axis_does_not_look_at_its_encoder() {
+        let mut axis = axis();
+        axis.measure(Angle::from_rad(0.0));
+        axis.move_to(1.0, 0.35, 0.35, 0);
+        let mut rate = 0.0;
+        for edge in 1..400_u64 {
+            if edge == 100 {
+                axis.release();
+            }
+            // An encoder of reversed sign.
+            axis.measure(Angle::from_rad(-1e-3 * edge as f64));
+            rate = axis.rate_command(edge * 5000);
+        }
+        assert_eq!((rate, axis.following_error_rad(2_000_000)), (0.0, None));
     }
 
     #[test]

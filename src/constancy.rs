@@ -71,7 +71,14 @@ impl Suspicion {
 
     /// The one that exceeds its limit more, or comes nearer to it.
     pub fn more_significant(self, other: Self) -> Self {
-        if other.sigmas.abs() * self.limit > self.sigmas.abs() * other.limit { other } else { self }
+        if self.sigmas.is_nan() {
+            return self;
+        }
+        if other.sigmas.is_nan() || other.sigmas.abs() * self.limit > self.sigmas.abs() * other.limit {
+            other
+        } else {
+            self
+        }
     }
 }
 

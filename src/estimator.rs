@@ -49,6 +49,9 @@ pub const FULL_STATES: usize = BASIC_STATES + OPTIONAL_STATES;
 /// Encoder errors of one stop.
 const ENCODER_ERRORS_PER_STOP: usize = 2;
 
+/// A parameter is observed if its sigma is at most this part of its prior sigma.
+pub const OBSERVED_RATIO: f64 = 0.1;
+
 /// Sweeps over the segments before the estimate must stand.
 const MAX_SWEEPS: u8 = 12;
 
@@ -240,6 +243,8 @@ enum Pass<T: Real> {
     Iterating { sweep: Sweep, made: u8, before: Vector<T, PARAMETERS> },
     /// One sweep that leaves the live estimate better linearized.
     Refreshing { sweep: Sweep },
+    /// The last sweep with the gate, so that the covariance is that of the solution.
+    Closing { sweep: Sweep },
     /// Testing for changes that begin with segment `onset`, in several sweeps, about the solution.
     Testing { sweep: Sweep, onset: usize, part: usize },
 }
@@ -370,6 +375,11 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
                 self.pass = Pass::Iterating { sweep, made, before };
                 swept && self.iterate(sweep, made + 1, &before)
             }
+            Pass::Closing { mut sweep } => {
+                let swept = self.sweep_piece(&mut sweep);
+                self.pass = if swept { Pass::Idle } else { Pass::Closing { sweep } };
+                swept
+            }
             Pass::Testing { mut sweep, onset, part } => {
                 let swept = self.sweep_piece(&mut sweep);
                 self.pass = Pass::Testing { sweep, onset, part };
@@ -454,6 +464,10 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             part = 0;
         }
         self.suspects.clear();
+        if self.config.gate_sigma.is_some() {
+            self.pass = Pass::Closing { sweep: self.begin_sweep(None) };
+            return false;
+        }
         self.pass = Pass::Idle;
         true
     }

@@ -8,8 +8,12 @@
 //!                                  '---------------- self_calibration ------------------------> telemetry
 //! ```
 //! Rooms decide and return values; only drivers touch pins. Time is an argument. Dictionaries, which every room may use:
-//! `units`, `angle`, `linear`, `site`, `sample`, `error_model`, `scheme`, `method`, `options`, `policy`, `assignment`.
-//! Before anything turns, `rehearsal` gives the estimator the segments that a scheme would bring.
+//! `units`, `angle`, `linear`, `site`, `sample`, `error_model`, `profile`, `scheme`, `method`, `policy`.
+//!
+//! Beside the estimator: `options` (further states), `white_noise` (what a stop shows of it), `weighting` (gains of the
+//! two-stage method), `constancy` (tests for change), `observability`, and `rehearsal`, which before anything turns gives
+//! the estimator the segments that a scheme would bring. Beside the verdict: `wiring`. `assignment` is the configuration
+//! of all rooms. `telemetry` is the messages of all rooms; calibrator and self_calibration tell them to whoever calls.
 //!
 //! Frames: n local level (east, north, up); b vehicle, which is r at gimbal angles (0, 0); r fixed to the inner gimbal, x
 //! along the outer and z along the inner axis; s IMU; a, g the accelerometers' and the gyros' own axes. `rot_ab` takes
@@ -37,6 +41,7 @@ pub mod method;
 pub mod observability;
 pub mod options;
 pub mod policy;
+pub mod profile;
 pub mod queue;
 pub mod rehearsal;
 pub mod sample;

@@ -11,10 +11,10 @@
 //! the scheme's rate, so that both are numbers.
 
 use crate::angle::Angle;
-use crate::axis::Profile;
 use crate::error_model::{InstrumentErrors, PARAMETERS};
 use crate::linear::{ComplexField, Matrix, Vector, Vector3, singular_values, skew};
 use crate::measurement::{accel_non_orthogonality_matrix, gyro_non_orthogonality_matrix};
+use crate::profile::Profile;
 use crate::scheme::{Leg, Scheme};
 use crate::site::Site;
 

@@ -6,21 +6,14 @@
 //! its blocks of 0.1 s, of which a stop loses a part that is taken as its mean.
 
 use crate::angle::Angle;
-use crate::axis::Profile;
 use crate::error_model::{InstrumentErrors, PARAMETERS, block};
-use crate::estimator::Estimator;
+use crate::estimator::{Estimator, OBSERVED_RATIO};
 use crate::linear::{ComplexField, Real, Vector3, real};
 use crate::measurement::MeasurementModel;
-use crate::scheme::Scheme;
-use crate::segment::{GimbalSums, Held, Scatter, Segment, SegmentKind};
-use crate::sequencer::SETTLE_US;
-use crate::verdict::OBSERVED_RATIO;
+use crate::profile::Profile;
+use crate::scheme::{SETTLING_S, Scheme};
+use crate::segment::{GUARD_S, GimbalSums, Held, Scatter, Segment, SegmentKind};
 
-/// Standing time after arrival before a stop counts, s: the sequencer's.
-pub const SETTLING_S: f64 = 0.3;
-const _: () = assert!((SETTLING_S * 1e6) as u64 == SETTLE_US);
-/// Settling after a move and guard before the next, as the segmenter cuts them, s.
-pub const GUARD_S: f64 = 0.3;
 /// What a stop loses on average because its window is made of whole blocks, less the ends of the ramps that count as still, s.
 pub const BLOCK_LOSS_S: f64 = 0.05;
 /// Steps of the integrals over a move: midpoint rule, good to 4e-4 over half a turn.

@@ -3,11 +3,15 @@
 pub mod library;
 
 use crate::method::Method;
+use crate::profile::Profile;
 use crate::units::DEG;
 use core::fmt;
 use heapless::{String, Vec};
 use library::{BAI, LIBRARY, LibraryScheme, compiled_in, of_quarters};
 use serde::{Deserialize, Serialize};
+
+/// Standing time after arrival before a stop counts, s.
+pub const SETTLING_S: f64 = 0.3;
 
 /// Most legs of one period.
 pub const MAX_LEGS: usize = 48;
@@ -149,14 +153,7 @@ impl Scheme {
 
     /// Time of a trapezoidal (or, where it is short, triangular) move by `angle_rad`, s.
     pub fn move_s(&self, angle_rad: f64) -> f64 {
-        use crate::linear::ComplexField;
-        let angle = ComplexField::abs(angle_rad);
-        let ramp_s = self.rate_rad_s / self.acceleration_rad_s2;
-        if angle >= self.rate_rad_s * ramp_s {
-            angle / self.rate_rad_s + ramp_s
-        } else {
-            2.0 * ComplexField::sqrt(angle / self.acceleration_rad_s2)
-        }
+        Profile::new(angle_rad, self.rate_rad_s, self.acceleration_rad_s2).duration_s()
     }
 
     /// Nominal duration of all stops and moves, s, without settling beyond the stops' own time.

@@ -24,6 +24,8 @@ use serde::{Deserialize, Serialize};
 const BLOCK_US: u64 = 100_000;
 /// Blocks of settling after a move, and of guard before the next.
 const GUARD_BLOCKS: u8 = 3;
+/// The same, s.
+pub const GUARD_S: f64 = GUARD_BLOCKS as f64 * BLOCK_US as f64 * 1e-6;
 /// A stop with a longer gap between two samples may hide a move and back; a move with one has lost rotation.
 pub const LONGEST_GAP_US: u64 = 100_000;
 

@@ -4,6 +4,7 @@
 //! for every sample and [`SelfCalibration::tick`] on every turn of the main loop, passes the rates to the drives, tells
 //! whether they were taken, and stores [`SelfCalibration::record`] when asked to.
 
+use crate::angle::{Angle, ticks_to_rad};
 use crate::axis::{Axis, AxisLimits};
 use crate::calibrator::{Calibrator, CalibratorConfig};
 use crate::error_model::{Calibration, PARAMETER_INFO};
@@ -26,8 +27,6 @@ use serde::{Deserialize, Serialize};
 
 /// A gyro output beyond this is motion, rad/s: fifty times Earth rate, a tenth of the slowest useful move.
 const STILL_RAD_S: f64 = 0.2 * DEG;
-/// A change of an encoder angle from sample to sample beyond this is motion, rad/s.
-const AXIS_STILL_RAD_S: f64 = 0.2 * DEG;
 /// Time without usable samples that ends a run, us.
 const SAMPLE_LOSS_US: u64 = 1_000_000;
 /// The same while an axis turns: nobody sees where, and the move is lost.
@@ -61,7 +60,7 @@ const COMMANDED: Decision = Decision::Calibrate(Cause::Commanded);
 /// Why a configuration is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ConfigError {
-    /// The sample rate is not from 10 to 10 000 Hz.
+    /// The sample rate is not from 50 to 10 000 Hz.
     Rate,
     /// A noise is not positive and finite, or its margin not at least 1.
     Noise,
@@ -89,7 +88,7 @@ pub enum ConfigError {
     Scheme(SchemeError),
     /// The scheme turns or accelerates faster than this axis may (0 outer, 1 inner).
     TooFast(u8),
-    /// This leg, counted from 1, leaves the travel of this axis.
+    /// This leg, counted from 1, or the start at (0, 0), leg 0, is outside the travel of this axis.
     Travel {
         /// Leg.
         leg: u8,
@@ -104,7 +103,7 @@ impl fmt::Display for ConfigError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let name = |axis: &u8| if *axis == 0 { "outer" } else { "inner" };
         match self {
-            Self::Rate => f.write_str("the sample rate must be from 10 to 10 000 Hz"),
+            Self::Rate => f.write_str("the sample rate must be from 50 to 10 000 Hz"),
             Self::Noise => f.write_str("every noise must be finite and positive, and its margin at least 1"),
             Self::Heading => f.write_str("a configured heading must be finite, and its sigma positive"),
             Self::Stillness => f.write_str("the range of an axis at rest, and the gate, must be finite and positive"),
@@ -125,6 +124,7 @@ impl fmt::Display for ConfigError {
             Self::TooFast(axis) => {
                 write!(f, "the scheme turns or accelerates faster than the {} axis may", name(axis))
             }
+            Self::Travel { leg: 0, axis } => write!(f, "(0, 0) is outside the travel of the {} axis", name(axis)),
             Self::Travel { leg, axis } => write!(f, "leg {leg} leaves the travel of the {} axis", name(axis)),
             Self::Unobserved(parameter) => {
                 let info = PARAMETER_INFO.get(usize::from(*parameter));
@@ -134,8 +134,9 @@ impl fmt::Display for ConfigError {
     }
 }
 
-/// Sample rates with enough samples in a segmenter's block, and whole microseconds between them.
-const RATES_HZ: RangeInclusive<f64> = 10.0..=10_000.0;
+/// Sample rates with enough samples in a segmenter's block and within the position loop's time constant, and whole
+/// microseconds between them.
+const RATES_HZ: RangeInclusive<f64> = 50.0..=10_000.0;
 
 fn positive(x: &f64) -> bool {
     x.is_finite() && *x > 0.0
@@ -206,8 +207,8 @@ impl SelfCalibrationConfig {
             {
                 return Err(ConfigError::TooFast(axis));
             }
-            for (leg, to) in (1_u8..).zip(&self.scheme.legs) {
-                let angle = if axis == 0 { to.outer_rad } else { to.inner_rad };
+            let angles = self.scheme.legs.iter().map(|to| if axis == 0 { to.outer_rad } else { to.inner_rad });
+            for (leg, angle) in (0_u8..).zip(core::iter::once(0.0).chain(angles)) {
                 if !(limits.lowest_rad..=limits.highest_rad).contains(&angle) {
                     return Err(ConfigError::Travel { leg, axis });
                 }
@@ -251,6 +252,8 @@ pub struct SelfCalibration<'c, T: Real, const STATES: usize = BASIC_STATES> {
     axes: [Axis<T>; 2],
     previous: Option<RawSample<T>>,
     heard: Option<Heard>,
+    /// Where the outer and the inner axis were when they were last seen to move.
+    standing: Option<[Angle; 2]>,
     drive_failures: [u8; 2],
     enough: Option<bool>,
     solution: Option<Solution>,
@@ -290,6 +293,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             axes: config.axes.each_ref().map(|limits| Axis::new(limits, interval_s)),
             previous: None,
             heard: None,
+            standing: None,
             drive_failures: [0; 2],
             enough: None,
             solution: None,
@@ -349,7 +353,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         self.act(command, now_us, report);
         self.report_state(state, now_us, report);
         self.axes.iter_mut().for_each(Axis::hold);
-        Some(self.rate_commands(now_us))
+        Some(self.axes.each_mut().map(|axis| axis.late_rate_command(now_us)))
     }
 
     /// Tells whether the outer and the inner drive took their last rates. A drive is commanded again with the next
@@ -427,8 +431,9 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             now_us,
             decision: self.decision,
             start: mem::take(&mut self.start),
-            still: previous.is_some_and(|previous| self.is_still(sample, previous)),
+            still: self.is_still(sample),
             arrived: self.axes.iter().all(|axis| axis.has_arrived(now_us)),
+            at_rest: self.axes.iter().all(Axis::is_at_rest),
             move_us: self.axes.iter().map(Axis::move_us).max().unwrap_or(0),
             disturbed: self.is_disturbed(),
             abort,
@@ -456,14 +461,17 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         }
     }
 
-    fn is_still(&self, sample: &RawSample<T>, previous: &RawSample<T>) -> bool {
-        let step_rad = AXIS_STILL_RAD_S / self.config.calibrator.rate_hz;
-        let still = |now: crate::angle::Angle, before: crate::angle::Angle| {
-            crate::angle::ticks_to_rad::<f64>(now.since(before).into()).abs() <= step_rad
-        };
+    /// Whether the gyros feel no motion, and both axes are where they were when they were last seen to move.
+    fn is_still(&mut self, sample: &RawSample<T>) -> bool {
+        let angles = [sample.outer, sample.inner];
+        let standing = *self.standing.get_or_insert(angles);
+        let away_rad = angles.into_iter().zip(standing).map(|(now, then)| ticks_to_rad::<f64>(now.since(then).into()));
+        let still_rad = self.config.calibrator.stillness.still_rad;
+        if away_rad.into_iter().any(|away| away.abs() > still_rad) {
+            self.standing = Some(angles);
+            return false;
+        }
         sample.omega_g.norm() <= real(STILL_RAD_S)
-            && still(sample.outer, previous.outer)
-            && still(sample.inner, previous.inner)
     }
 
     /// How many times as long as planned the stop under way shall last, for as much noise. Looked at when the dwell is over.
@@ -495,6 +503,10 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             Command::Continue => {}
             Command::Decide => self.decide(report),
             Command::Begin => self.begin(report),
+            Command::Release => {
+                self.axes.iter_mut().for_each(Axis::release);
+                report(&Message::Released);
+            }
             Command::Hold => self.axes.iter_mut().for_each(Axis::hold),
             Command::MoveTo { outer_rad, inner_rad } => {
                 let Scheme { rate_rad_s, acceleration_rad_s2, .. } = *self.sequencer.scheme();
@@ -569,9 +581,6 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     }
 
     fn correct(&mut self, sample: &RawSample<T>, report: &mut impl FnMut(&Message)) -> Option<CorrectedSample<T>> {
-        if !matches!(self.sequencer.state(), State::Correcting | State::Parked | State::Stranded) {
-            return None;
-        }
         let corrected = self.calibration.as_ref()?.correct(sample);
         if self.corrected_report_us.is_none_or(|last| sample.time_us.abs_diff(last) >= CORRECTED_REPORT_US) {
             self.corrected_report_us = Some(sample.time_us);
@@ -606,7 +615,7 @@ mod tests {
     #[test]
     fn every_wrong_number_of_a_configuration_is_refused() {
         type Spoil = fn(&mut SelfCalibrationConfig);
-        let wrong: [(Spoil, ConfigError); 24] = [
+        let wrong: [(Spoil, ConfigError); 26] = [
             (|config| config.calibrator.estimator.noise.margin = 0.5, ConfigError::Noise),
             (|config| config.pace.longest_s = Some(f64::NAN), ConfigError::Pace),
             (|config| config.policy = too_cold(), ConfigError::Policy),
@@ -631,6 +640,8 @@ mod tests {
             (|config| config.axes[1].rate_rad_s = 0.1, ConfigError::TooFast(1)),
             (|config| config.axes[0].acceleration_rad_s2 = 0.1, ConfigError::TooFast(0)),
             (|config| config.axes[0].lowest_rad = -4.0, ConfigError::Travel { leg: 3, axis: 0 }),
+            (|config| config.axes[0].highest_rad = -0.1, ConfigError::Travel { leg: 0, axis: 0 }),
+            (|config| config.axes[0].rate_rad_s = 2.2, ConfigError::Axis(0)),
         ];
         assert_eq!(config().check(), Ok(()));
         for (number, (spoil, error)) in wrong.into_iter().enumerate() {

@@ -23,7 +23,7 @@
 //! Correcting, StandBy, Parked and Stranded a command starts a run: AwaitStill.
 
 use crate::policy::Decision;
-use crate::scheme::{Leg, Scheme};
+use crate::scheme::{Leg, SETTLING_S, Scheme};
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
@@ -32,8 +32,8 @@ const STILL_US: u64 = 1_000_000;
 /// Longest wait for the base to be still, us.
 const STILL_TIMEOUT_US: u64 = 60_000_000;
 /// Standing time after arrival before the dwell counts, us.
-pub const SETTLE_US: u64 = 300_000;
-/// Time to bring the axes to rest before they are parked, us.
+const SETTLE_US: u64 = (SETTLING_S * 1e6) as u64;
+/// Least time to bring the axes to rest before they are parked, us.
 const STOP_US: u64 = 1_000_000;
 /// Longest time beyond its nominal duration that a move may take, us.
 const TURN_TIMEOUT_US: u64 = 10_000_000;
@@ -68,7 +68,7 @@ impl Pace {
 pub enum AbortReason {
     /// The operator or the navigation software asked for it.
     Commanded,
-    /// The base was not still for a second within a minute of power-up.
+    /// The base was not still for a second within a minute of the run's start.
     NotStill,
     /// The move of this leg did not end in time.
     TurnTimeout(u16),
@@ -95,7 +95,7 @@ impl fmt::Display for AbortReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Commanded => write!(f, "given up on command"),
-            Self::NotStill => write!(f, "the base was not still for 1 s within 60 s of power-up"),
+            Self::NotStill => write!(f, "the base was not still for 1 s within 60 s of the start of the run"),
             Self::TurnTimeout(leg) => write!(f, "leg {leg}: the axes did not arrive in time"),
             Self::OuterFollowing => write!(f, "the outer axis did not follow its profile"),
             Self::InnerFollowing => write!(f, "the inner axis did not follow its profile"),
@@ -142,9 +142,9 @@ pub enum State {
 }
 
 impl State {
-    /// Whether the axes are on their way, or coming to rest.
+    /// Whether the axes are on their way, or coming to rest: what is lost of a move cannot be repeated.
     pub fn is_turning(self) -> bool {
-        matches!(self, Self::Turn(_) | Self::Stopping | Self::Parking)
+        matches!(self, Self::Turn(_) | Self::Settle(_) | Self::Stopping | Self::Parking)
     }
 }
 
@@ -161,6 +161,8 @@ pub struct Input {
     pub still: bool,
     /// Both axes have arrived where they were sent.
     pub arrived: bool,
+    /// Both drives have been told to stand.
+    pub at_rest: bool,
     /// Nominal duration of the move under way, us.
     pub move_us: u64,
     /// The stop under way was not at rest.
@@ -185,6 +187,8 @@ pub struct Input {
 pub enum Command {
     /// Nothing new.
     Continue,
+    /// Both drives shall come to rest and stay there, whatever the encoders say.
+    Release,
     /// Decide what to do after power-up.
     Decide,
     /// A run begins: forget the one before. Both axes shall stand where they are.
@@ -287,10 +291,10 @@ impl Sequencer {
                 None => Command::Continue,
             },
             State::Store if input.saved => self.enter(input, State::Correcting, Command::Correct),
-            State::Stopping if self.elapsed_us(input) >= STOP_US => {
+            State::Stopping if input.at_rest && self.elapsed_us(input) >= STOP_US => {
                 self.enter(input, State::Parking, Command::MoveTo { outer_rad: 0.0, inner_rad: 0.0 })
             }
-            State::Parking if self.is_overdue(input) => self.enter(input, State::Stranded, Command::Hold),
+            State::Parking if self.is_overdue(input) => self.enter(input, State::Stranded, Command::Release),
             State::Parking if input.arrived => self.enter(input, State::Parked, Command::Hold),
             State::Correcting | State::StandBy | State::Parked | State::Stranded if input.start => self.begin(input),
             State::Store
@@ -303,11 +307,13 @@ impl Sequencer {
         }
     }
 
-    /// Ends the run for a reason, if it is under way, or its parking, if something failed. Without usable samples this is
-    /// all that can be done.
+    /// Ends the run for a reason, if it is under way, or its parking, if something failed. Where no run is under way, axes
+    /// that do not follow are released. Without usable samples this is all that can be done.
     pub fn abort(&mut self, now_us: u64, reason: AbortReason) -> Command {
         let input = Input { now_us, ..Input::default() };
         match self.state {
+            // An IMU may take its time to start.
+            State::PowerUp if reason == AbortReason::SampleLoss => Command::Continue,
             State::PowerUp
             | State::AwaitStill
             | State::Turn(_)
@@ -316,7 +322,12 @@ impl Sequencer {
             | State::Weigh(_)
             | State::Compute
             | State::Verdict => self.give_up(&input, Some(reason)),
-            State::Parking if reason.is_fault() => self.enter(&input, State::Stranded, Command::Hold),
+            State::Parking if reason.is_fault() => self.enter(&input, State::Stranded, Command::Release),
+            State::Store | State::Correcting | State::StandBy | State::Parked | State::Stranded
+                if matches!(reason, AbortReason::OuterFollowing | AbortReason::InnerFollowing) =>
+            {
+                Command::Release
+            }
             State::Store
             | State::Correcting
             | State::StandBy
@@ -448,7 +459,7 @@ mod tests {
     use crate::policy::Cause;
     use std::vec::Vec;
 
-    /// Steps at 200 Hz with `input` made of the time and the state, until the state stays or an hour has passed.
+    /// Steps at 200 Hz for an hour with `input` made of the time and the state. Returns states entered and commands.
     fn run(sequencer: &mut Sequencer, mut input: impl FnMut(u64, State) -> Input) -> Vec<(State, Command)> {
         let mut trace: Vec<(State, Command)> = Vec::new();
         for step in 0..720_000_u64 {
@@ -467,6 +478,7 @@ mod tests {
             start: false,
             still: true,
             arrived: true,
+            at_rest: true,
             move_us: 5_500_000,
             disturbed: false,
             extension: 1.0,
@@ -591,7 +603,7 @@ mod tests {
     #[test]
     fn abort_from_every_state_before_storing_parks_the_gimbals() {
         for state in ABORTABLE {
-            for reason in [AbortReason::Commanded, AbortReason::SampleLoss] {
+            for reason in [AbortReason::Commanded, AbortReason::OuterFollowing] {
                 let (sequencer, trace) = aborted_in(state, reason);
                 assert_eq!(sequencer.state(), State::Parked, "from {state:?}");
                 let end = [
@@ -605,12 +617,35 @@ mod tests {
     }
 
     #[test]
-    fn an_abort_from_storing_on_changes_nothing() {
-        for state in LATE {
-            let (sequencer, trace) = aborted_in(state, AbortReason::SampleLoss);
-            assert_eq!(sequencer.state(), State::Correcting, "in {state:?}");
-            assert!(!trace.iter().any(|(_, command)| matches!(command, Command::GiveUp(_))));
+    fn an_abort_from_storing_on_leaves_the_state_as_it_is() {
+        for state in LATE.into_iter().filter(|state| *state != State::Parking) {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+            sequencer.state = state;
+            for reason in [AbortReason::Commanded, AbortReason::SampleLoss, AbortReason::OuterDrive] {
+                assert_eq!((sequencer.abort(0, reason), sequencer.state()), (Command::Continue, state));
+            }
+            // Axes at rest that do not follow are let go.
+            let following = sequencer.abort(0, AbortReason::InnerFollowing);
+            let expected = if state == State::Stopping { Command::Continue } else { Command::Release };
+            assert_eq!((following, sequencer.state()), (expected, state));
         }
+    }
+
+    #[test]
+    fn parking_begins_when_the_axes_are_at_rest() {
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+        sequencer.state = State::Stopping;
+        let after = |now_us, at_rest| Input { at_rest, ..cooperative(now_us, State::Stopping) };
+        assert_eq!(sequencer.step(&after(STOP_US, false)), Command::Continue);
+        assert_eq!(sequencer.step(&after(STOP_US - 1, true)), Command::Continue);
+        assert!(matches!(sequencer.step(&after(STOP_US, true)), Command::MoveTo { .. }));
+    }
+
+    #[test]
+    fn an_imu_that_takes_its_time_moves_nothing() {
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+        assert_eq!(sequencer.abort(2_000_000, AbortReason::SampleLoss), Command::Continue);
+        assert_eq!(sequencer.state(), State::PowerUp);
     }
 
     #[test]
@@ -660,8 +695,8 @@ mod tests {
         };
         let sequencer = || Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         let end = |trace: Vec<(State, Command)>| trace.last().copied();
-        assert_eq!(end(run(&mut sequencer(), faulty)), Some((State::Stranded, Command::Hold)));
-        assert_eq!(end(run(&mut sequencer(), slow)), Some((State::Stranded, Command::Hold)));
+        assert_eq!(end(run(&mut sequencer(), faulty)), Some((State::Stranded, Command::Release)));
+        assert_eq!(end(run(&mut sequencer(), slow)), Some((State::Stranded, Command::Release)));
         assert_eq!(end(run(&mut sequencer(), asked)), Some((State::Parked, Command::Hold)));
     }
 

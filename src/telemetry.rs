@@ -30,6 +30,8 @@ pub enum Message {
     },
     /// What is done at power-up or on command, and why.
     Decided(Decision),
+    /// The axes did not follow where they should stand: their drives are told to rest, and the encoders not believed.
+    Released,
     /// The configuration is refused.
     Refused(ConfigError),
     /// The run has entered a state.

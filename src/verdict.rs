@@ -10,7 +10,7 @@ pub use reason::{CHANNEL_NAMES, Reason, Sensors, Unrest};
 pub use scale::WrongScale;
 
 use crate::error_model::{PARAMETERS, block};
-use crate::estimator::{Estimate, Solution};
+use crate::estimator::{Estimate, OBSERVED_RATIO, Solution};
 use crate::intake::IntakeCounts;
 use crate::linear::{ComplexField, Real};
 use crate::segment::{CHANNELS, Segment};
@@ -44,8 +44,6 @@ const LOST_PART: f64 = 0.03;
 const STUCK_RATIO: f64 = 0.01;
 /// A fit that is too good is explained by stops whose variance is this part of white noise's.
 const QUIET_RATIO: f64 = 0.5;
-/// A parameter is observed if its sigma is at most this part of its prior sigma.
-pub const OBSERVED_RATIO: f64 = 0.1;
 /// A change against the stored calibration is large beyond this many combined sigmas.
 const CHANGE_LIMIT: f64 = 6.0;
 /// Reasons that fit; more are counted.

@@ -165,7 +165,7 @@ impl<F: FnMut(&Message)> Watch<F> {
         self.record.note(message);
         match message {
             Message::State { state, .. } => self.state = *state,
-            Message::Corrected { .. } => self.corrected += 1,
+            Message::Corrected { .. } => self.corrected += u32::from(self.state == State::Correcting),
             Message::Decided(decision) => self.decision = Some(*decision),
             Message::Refused(error) => self.refused = Some(error.to_string()),
             _ => {}

@@ -9,6 +9,7 @@ use crate::toml_file::TomlFileError;
 use crate::unit::UnitConfig;
 use crate::virtual_rins::VirtualUnit;
 use crate::virtual_run::{Stream, VirtualRun, derived_seed};
+use anyhow::Result;
 use rayon::prelude::*;
 use rins_selfcal::error_model::{PARAMETERS, block};
 use rins_selfcal::method::Method;
@@ -42,7 +43,7 @@ impl ErrorSource {
     ///
     /// # Errors
     /// One line that names the file and, for its contents, line and key.
-    pub fn named(name: &str) -> Result<Self, TomlFileError> {
+    pub fn named(name: &str) -> std::result::Result<Self, TomlFileError> {
         match (name, name.strip_prefix("random:").and_then(random_errors)) {
             ("real", _) => Ok(Self::Real),
             ("random", _) => Ok(Self::Random(RandomErrors::default())),
@@ -108,24 +109,26 @@ pub struct RunResult {
     accepted: bool,
     converged: bool,
     finite: bool,
+    aborted: bool,
     wrong: bool,
     first_reason: Option<String>,
 }
 
 impl MonteCarlo {
     /// All runs on all cores; per method its results in the order of the runs. `on_run` is called after each.
-    pub fn run(&self, on_run: impl Fn() + Sync) -> Vec<MethodStatistics> {
-        let results: Vec<Vec<RunResult>> = (0..self.runs)
-            .into_par_iter()
-            .map(|run| {
-                let results = self.run_one(run);
-                on_run();
-                results
-            })
-            .collect();
+    ///
+    /// # Errors
+    /// In closed loop, what the core has against the configuration.
+    pub fn run(&self, on_run: impl Fn() + Sync) -> Result<Vec<MethodStatistics>> {
+        let runs = (0..self.runs).into_par_iter().map(|run| {
+            let results = self.run_one(run);
+            on_run();
+            results
+        });
+        let results: Vec<Vec<RunResult>> = runs.collect::<Result<_>>()?;
         let of_method = |index: usize| results.iter().map(|run| run[index].clone()).collect::<Vec<_>>();
         let methods = self.methods.iter().enumerate();
-        methods.map(|(index, method)| MethodStatistics::new(*method, &of_method(index))).collect()
+        Ok(methods.map(|(index, method)| MethodStatistics::new(*method, &of_method(index))).collect())
     }
 
     /// Duration of a run, s.
@@ -133,17 +136,19 @@ impl MonteCarlo {
         self.virtual_run(0).duration_s()
     }
 
-    fn run_one(&self, run: u64) -> Vec<RunResult> {
+    fn run_one(&self, run: u64) -> Result<Vec<RunResult>> {
         let run = self.virtual_run(run);
         let setups: Vec<_> = self.methods.iter().map(|method| self.setup(*method)).collect();
         if !self.closed_loop {
-            return run.calibrate(&setups).iter().map(|outcome| RunResult::new(outcome, &run.unit)).collect();
+            return Ok(run.calibrate(&setups).iter().map(|outcome| RunResult::new(outcome, &run.unit)).collect());
         }
-        let power_up = |setup: Setup| match PowerUp::new(&run, &setup.on_scheme(&run.scheme)).in_process(|_| ()) {
-            Ok(Ended::Judged(outcome)) => RunResult::new(&outcome, &run.unit),
-            Ok(Ended::Aborted(reason)) => RunResult::none(reason.to_string()),
-            Ok(Ended::NoRun(decision)) => RunResult::none(decision.to_string()),
-            Err(error) => RunResult::none(format!("{error:#}")),
+        let power_up = |setup: Setup| {
+            let ended = PowerUp::new(&run, &setup.on_scheme(&run.scheme)).in_process(|_| ())?;
+            Ok(match ended {
+                Ended::Judged(outcome) => RunResult::new(&outcome, &run.unit),
+                Ended::Aborted(reason) => RunResult::none(reason.to_string()),
+                Ended::NoRun(decision) => RunResult::none(decision.to_string()),
+            })
         };
         setups.into_iter().map(power_up).collect()
     }
@@ -181,6 +186,7 @@ impl RunResult {
             accepted: false,
             converged: false,
             finite: false,
+            aborted: true,
             wrong: false,
             first_reason: Some(reason),
         }
@@ -198,6 +204,7 @@ impl RunResult {
             accepted: outcome.verdict.accepted(),
             converged: outcome.solution.converged,
             finite,
+            aborted: false,
             wrong: (0..block::ACCEL_BIAS).any(|index| is_wrong(errors[index], sigmas[index])),
             first_reason: outcome.reasons().into_iter().next(),
         }
@@ -237,6 +244,8 @@ pub struct MethodStatistics {
     pub unconverged: usize,
     /// Runs that gave a number that is not finite.
     pub diverged: usize,
+    /// Runs that were given up without a result.
+    pub aborted: usize,
     /// Per parameter; none where the method does not estimate it.
     pub parameters: [Option<ErrorStatistics>; PARAMETERS],
     /// Bounds of each mean normalized error squared.
@@ -264,9 +273,10 @@ impl MethodStatistics {
             runs: good.len(),
             accepted,
             accepted_wrong: results.iter().filter(|result| result.accepted && result.wrong).count(),
-            rejected: results.len() - accepted,
-            unconverged: results.iter().filter(|result| !result.converged).count(),
-            diverged: results.len() - good.len(),
+            rejected: results.iter().filter(|result| !result.accepted && !result.aborted).count(),
+            unconverged: results.iter().filter(|result| !result.converged && !result.aborted).count(),
+            diverged: results.iter().filter(|result| !result.finite && !result.aborted).count(),
+            aborted: results.iter().filter(|result| result.aborted).count(),
             parameters: std::array::from_fn(of_parameter),
             normalized_bounds: chi_square_mean_bounds(good.len(), 1.0, CONFIDENCE),
             fit: FitStatistics::new(&good),

@@ -19,8 +19,9 @@ use objective::Objective;
 use rins_selfcal::axis::AxisLimits;
 use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES, MAX_SEGMENTS};
 use rins_selfcal::method::Method;
-use rins_selfcal::rehearsal::{GUARD_S, Stand, Turning};
+use rins_selfcal::rehearsal::{Stand, Turning};
 use rins_selfcal::scheme::{Leg, MAX_LEGS, Scheme};
+use rins_selfcal::segment::GUARD_S;
 use rins_selfcal::units::DEG;
 use search::{Problem, search};
 

@@ -11,11 +11,11 @@ use crate::virtual_rins::VirtualUnit;
 use crate::virtual_run::VirtualRun;
 use rins_selfcal::calibrator::Progress;
 use rins_selfcal::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS};
+use rins_selfcal::estimator::OBSERVED_RATIO;
 use rins_selfcal::linear::Matrix;
 use rins_selfcal::observability::{INSTALLATION_STATES, along_scheme, of_covariance};
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::SegmentKind;
-use rins_selfcal::verdict::OBSERVED_RATIO;
 use serde::Serialize;
 
 const SILENT: Noise = Noise {

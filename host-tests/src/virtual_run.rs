@@ -6,7 +6,7 @@ use crate::virtual_rins::{VirtualRins, VirtualUnit};
 use rins_selfcal::scheme::Scheme;
 
 /// Standing time after each arrival before the stop counts, s: the sequencer's.
-pub const SETTLING_S: f64 = rins_selfcal::rehearsal::SETTLING_S;
+pub const SETTLING_S: f64 = rins_selfcal::scheme::SETTLING_S;
 
 /// Independent streams of random numbers of one seed.
 #[derive(Clone, Copy, Debug)]

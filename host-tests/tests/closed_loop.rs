@@ -104,6 +104,17 @@ fn run(
     fault: impl FnMut(&mut Reading),
     damage: impl FnMut(Chip, &mut [u8]) + 'static,
 ) -> Run {
+    run_as(PowerUpPolicy::default(), standing_deg, run_s, stored, fault, damage)
+}
+
+fn run_as(
+    policy: PowerUpPolicy,
+    standing_deg: [f64; 2],
+    run_s: f64,
+    stored: Option<&StoredCalibration>,
+    fault: impl FnMut(&mut Reading),
+    damage: impl FnMut(Chip, &mut [u8]) + 'static,
+) -> Run {
     let unit = unit();
     let scheme = Scheme::bai(10.0, 1);
     let mut rins = VirtualRins::new(&unit, 1).standing_at(standing_deg.map(|angle| angle * DEG));
@@ -111,7 +122,8 @@ fn run(
     let bench = shared(Faulty { rins, left: (run_s * unit.rate_hz) as u32, fault });
     bench.borrow_mut().damage(damage);
     let calibrator = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
-    let assignment = Assignment::SelfCalibrate(SelfCalibrationConfig::new(calibrator, scheme));
+    let config = SelfCalibrationConfig { policy, ..SelfCalibrationConfig::new(calibrator, scheme) };
+    let assignment = Assignment::SelfCalibrate(config);
     let mut messages = Vec::new();
     let note = |message: &Message| messages.push(message.clone());
     let saved = in_process::<f64, BASIC_STATES, _>(&assignment, stored, &bench, note).expect("a good configuration");
@@ -351,4 +363,61 @@ fn a_run_is_started_on_command_and_judged_against_the_one_before() {
     assert_eq!(verdicts, [true, true]);
     assert!(records[0].utc_s.zip(records[1].utc_s).is_some_and(|(first, second)| second - first == 200));
     assert!(records[0].errors != records[1].errors);
+}
+
+/// What a bad encoder makes of the true angles.
+fn run_on_bad_encoders(policy: PowerUpPolicy, bad: impl FnMut(&mut Reading)) -> Run {
+    run_as(policy, [0.0, 0.0], 30.0, None, bad, intact)
+}
+
+#[test]
+fn gimbals_do_not_run_away_from_bad_encoders() {
+    for policy in [PowerUpPolicy::Always, PowerUpPolicy::OnCommand] {
+        let reversed = run_on_bad_encoders(policy, |reading| reading.outer_rad = -reading.outer_rad - 1e-6);
+        let swapped = run_on_bad_encoders(policy, |reading| {
+            (reading.outer_rad, reading.inner_rad) = (reading.inner_rad + 1e-6, reading.outer_rad);
+        });
+        let stuck = run_on_bad_encoders(policy, |reading| {
+            if reading.time_us > 2_000_000 {
+                reading.inner_rad = 0.01;
+            }
+        });
+        for (run, name) in [(reversed, "reversed"), (swapped, "swapped"), (stuck, "stuck")] {
+            assert_eq!(run.rins.true_rates_rad_s(), [0.0; 2], "{name}, {policy:?}");
+            let farthest = run.rins.true_angles_rad().into_iter().map(f64::abs).fold(0.0, f64::max);
+            assert!(farthest < 30.0 * DEG, "{name}, {policy:?}: {} deg", farthest / DEG);
+            assert!(!run.accepted());
+        }
+    }
+}
+
+#[test]
+fn a_data_ready_line_that_dies_stops_the_gimbals_at_ten_ticks_a_second() {
+    let unit = unit();
+    let calibrator_config = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
+    let config = SelfCalibrationConfig::new(calibrator_config, Scheme::bai(10.0, 1));
+    let mut rins = VirtualRins::new(&unit, 1);
+    let mut calibrator = Calibrator::<f64>::UNCONFIGURED;
+    let mut run = SelfCalibration::new(config, None, &mut calibrator).expect("a good configuration");
+    let last_us = (TURNING_S * 1e6) as u64;
+    for board_us in (0..last_us).step_by(5000) {
+        let reading = rins.next_reading().expect("it never ends");
+        rins.command_rates(run.step(&raw_sample(&reading), &mut |_| ()).rates_rad_s);
+        assert_eq!(run.tick(board_us, &mut |_| ()), None);
+    }
+    assert!(rins.true_rates_rad_s()[0].abs() > 19.0 * DEG);
+    let mut rates_rad_s = None;
+    for board_us in (last_us..last_us + 800_000).step_by(100_000) {
+        rates_rad_s = run.tick(board_us, &mut |_| ());
+    }
+    // 0.2 s to notice, a third of a second to stop from 20 deg/s at 60 deg/s^2.
+    assert_eq!(rates_rad_s, Some([0.0; 2]));
+}
+
+#[test]
+fn an_imu_that_takes_its_time_to_start_moves_nothing() {
+    let run = run([30.0, 0.0], 3.0, None, sound, spoiled(Chip::Imu, 0.0, 2.0));
+    assert!(run.aborted().is_empty());
+    assert_eq!(run.last_state(), Some(State::AwaitStill));
+    assert_eq!(run.rins.true_angles_rad(), [30.0 * DEG, 0.0]);
 }

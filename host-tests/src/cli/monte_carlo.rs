@@ -30,7 +30,7 @@ pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
     print!("{}", head(arguments, &monte_carlo));
     let bar = progress::bar(arguments.runs, "runs");
     let start = Instant::now();
-    let methods = monte_carlo.run(|| bar.inc(1));
+    let methods = monte_carlo.run(|| bar.inc(1))?;
     bar.finish_and_clear();
     let wall = start.elapsed();
     let beside_bai = arguments.errors == "table1";
@@ -93,8 +93,8 @@ fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo> {
 fn text(method: &MethodStatistics, beside_bai: bool) -> String {
     let name = method_name(method.method);
     let counts = format!(
-        "{} accepted ({} of them wrong), {} rejected, {} not converged, {} diverged",
-        method.accepted, method.accepted_wrong, method.rejected, method.unconverged, method.diverged
+        "{} accepted ({} of them wrong), {} rejected, {} not converged, {} diverged, {} aborted",
+        method.accepted, method.accepted_wrong, method.rejected, method.unconverged, method.diverged, method.aborted
     );
     let mut text = format!("{name} method: {counts}\n");
     for reason in &method.rejections {
@@ -187,6 +187,7 @@ struct MethodReport {
     rejected: usize,
     unconverged: usize,
     diverged: usize,
+    aborted: usize,
     rejections: Vec<String>,
     mean_ratio: f64,
     largest_ratio: f64,
@@ -233,6 +234,7 @@ impl From<&MethodStatistics> for MethodReport {
             rejected: method.rejected,
             unconverged: method.unconverged,
             diverged: method.diverged,
+            aborted: method.aborted,
             rejections: method.rejections.clone(),
             mean_ratio,
             largest_ratio,

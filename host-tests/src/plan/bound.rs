@@ -26,8 +26,9 @@ use crate::calibration::Setup;
 use rayon::prelude::*;
 use rins_selfcal::error_model::block;
 use rins_selfcal::linear::Matrix;
-use rins_selfcal::rehearsal::{GUARD_S, Stand, Turning};
+use rins_selfcal::rehearsal::{Stand, Turning};
 use rins_selfcal::scheme::Scheme;
+use rins_selfcal::segment::GUARD_S;
 use rins_selfcal::units::DEG;
 
 /// Accelerometer non-orthogonality, mounting, bias and scale; roll and pitch of the base.
