@@ -397,14 +397,13 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     /// The solution, as it is to be stored.
     pub fn record(&self) -> Option<StoredCalibration> {
         let estimator = &self.config.calibrator.estimator;
-        let now_us = self.previous.map_or(0, |sample| sample.time_us);
         self.solution.map(|solution| StoredCalibration {
             errors: solution.estimate.errors,
             sigmas: solution.estimate.sigmas,
             method: estimator.method,
             scheme: self.config.scheme.name.clone(),
             site: estimator.site,
-            utc_s: self.config.utc_s.map(|utc_s| utc_s.saturating_add(now_us / 1_000_000)),
+            utc_s: self.config.utc_s,
             temperature_c: solution.temperature_c,
             chi_square: solution.fit.chi_square,
             degrees_of_freedom: solution.degrees_of_freedom,
@@ -530,7 +529,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             }
             Command::GiveUp(reason) => {
                 self.measuring = false;
-                self.axes.iter_mut().for_each(Axis::hold);
+                self.axes.iter_mut().for_each(Axis::release);
                 if let Some(reason) = reason {
                     report(&Message::Aborted(reason));
                 }

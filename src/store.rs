@@ -45,7 +45,7 @@ pub struct StoredCalibration {
     pub scheme: String<32>,
     /// Where it was done.
     pub site: Site,
-    /// When it was done, seconds since 1970-01-01 UTC; `None` where there is no clock.
+    /// Time of the power-up at which it was done, seconds since 1970-01-01 UTC; `None` where there is no clock.
     pub utc_s: Option<u64>,
     /// Mean IMU temperature, deg C; not a number where there is no sensor.
     pub temperature_c: f32,

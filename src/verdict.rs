@@ -353,6 +353,9 @@ fn chi_square_bounds(degrees_of_freedom: u32) -> [f64; 2] {
 fn judge_parameters<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, limits: &VerdictLimits) {
     let estimate = &assessment.solution.estimate;
     let values = estimate.errors.to_vector();
+    for (parameter, sigma, required) in limits.unmet(&estimate.sigmas) {
+        verdict.doubt(Reason::Sigma { parameter, sigma, required });
+    }
     let sigmas = estimate.sigmas.iter().zip(assessment.prior_sigmas);
     for ((parameter, value), (sigma, prior)) in (0_u8..).zip(values.iter()).zip(sigmas) {
         if !value.is_finite() || !sigma.is_finite() {
@@ -364,12 +367,10 @@ fn judge_parameters<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, 
             verdict.doubt(Reason::Implausible { parameter, value: *value, limit });
         }
         // How well the heading is known depends on the latitude and the gyros; its sigma says so.
-        if usize::from(parameter) != HEADING && *sigma > OBSERVED_RATIO * prior {
+        let is_named = limits.unmet(&estimate.sigmas).any(|(unmet, ..)| unmet == parameter);
+        if usize::from(parameter) != HEADING && *sigma > OBSERVED_RATIO * prior && !is_named {
             verdict.doubt(Reason::Unobserved { parameter, of_prior: sigma / prior });
         }
-    }
-    for (parameter, sigma, required) in limits.unmet(&estimate.sigmas) {
-        verdict.doubt(Reason::Sigma { parameter, sigma, required });
     }
 }
 

@@ -56,7 +56,8 @@ impl Noise {
             Some(ScatterRatios { variance, .. })
                 if variance * f64::from(freedom) > chi_square_quantile(freedom, LARGER_Z) =>
             {
-                variance.clamp(1.0, self.margin.max(1.0))
+                // `clamp` can panic.
+                variance.min(self.margin).max(1.0)
             }
             _ => 1.0,
         }
