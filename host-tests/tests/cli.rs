@@ -452,3 +452,18 @@ fn a_run_on_command_stands_by_and_one_without_enough_time_says_what_is_missing()
     let stdout = run(2, &[&["calibrate", "--report", &report], &terms[..]].concat());
     assert!(stdout.contains("arcsec, required 0.500"), "{stdout}");
 }
+
+#[test]
+fn a_planned_scheme_can_be_run_and_one_that_hides_parameters_is_not_written() {
+    let (scheme, report) = (scratch("planned.toml"), scratch("planned.html"));
+    let request = ["plan", "--weights", "gyro_scale_z,gamma=3", "--criterion", "a", "--angles", "45", "--out"];
+    run(0, &[&request[..], &[&scheme, "--time", "60", "--evaluations", "30000"]].concat());
+    let stdout = run(0, &["calibrate", "--scheme", &scheme, "--report", &report]);
+    assert!(stdout.contains("verdict: accepted"), "{stdout}");
+    let hidden = scratch("hidden.toml");
+    // Without the inner axis, its mounting is never seen.
+    let still = ["--time", "60", "--evaluations", "2000", "--limits=-360..0,0..0"];
+    let message = refused(&[&request[..], &[&hidden], &still[..]].concat());
+    assert!(message.contains("unobserved") && message.contains("--time"), "{message}");
+    assert!(!Path::new(&hidden).exists());
+}
