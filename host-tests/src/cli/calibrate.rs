@@ -45,6 +45,7 @@ pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
 
 /// Boots twice with the same EEPROM: the second boot finds what the first one stored.
 fn firmware(arguments: &CalibrateArguments, run: &VirtualRun, power_up: &PowerUp) -> anyhow::Result<Ending> {
+    println!("building the ARM image");
     let blank = tempfile::tempdir()?;
     let eeprom = arguments.eeprom.clone().unwrap_or_else(|| blank.path().join("eeprom.bin"));
     let ended = boot(1, run, power_up, &eeprom)?;

@@ -38,6 +38,13 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
         precision: arguments.method.precision,
         options: arguments.method.options.options(),
     };
+    if let (Some(config), Some([configured, measured])) = (&arguments.config, replay.other_rate_hz()?) {
+        let (config, log) = (config.display(), arguments.log.display());
+        let measured = (measured * 1e3).round() / 1e3;
+        eprintln!(
+            "note: {config}: rate_hz = {configured}, but {measured} Hz by the stamps of {log}; gaps are counted at {configured} Hz"
+        );
+    }
     let mut segments = Vec::new();
     let counter = progress::counter("rows");
     let outcome = replay.run(|rows| counter.set_position(rows), |progress| segments.push(*progress))?;
