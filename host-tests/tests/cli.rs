@@ -494,3 +494,33 @@ fn a_planned_scheme_can_be_run_and_one_that_hides_parameters_is_not_written() {
     assert!(message.contains("unobserved") && message.contains("--time"), "{message}");
     assert!(!Path::new(&hidden).exists());
 }
+
+#[test]
+fn a_full_output_is_an_error_and_a_closed_one_loses_no_file() {
+    let (report, out) = (scratch("full.html"), scratch("full.json"));
+    let command = |stdout: std::process::Stdio| {
+        let arguments = ["replay", &data("sample.csv.gz"), "--config", &data("sample.toml"), "--json", &out];
+        Command::new(env!("CARGO_BIN_EXE_rins")).args(arguments).args(["--report", &report]).stdout(stdout).output()
+    };
+    let output = command(fs::File::create("/dev/full").unwrap().into()).unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(text(&output.stderr).starts_with("error: standard output: No space left"), "{}", text(&output.stderr));
+    assert!(Path::new(&report).exists() && json(&out)["verdict"] == "accepted");
+    fs::remove_file(&out).unwrap();
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    command(writer.into()).unwrap();
+    assert_eq!(json(&out)["verdict"], "accepted");
+}
+
+#[test]
+fn errors_name_what_was_meant() {
+    assert!(refused(&["calibrate", "--scheme", "."]).starts_with("--scheme: .: "));
+    let errors = log("unknown-error.toml", "[parameters]\nSgxy = 1.0\nSgxx = 2.0\n");
+    assert_eq!(refused(&["calibrate", "--errors", &errors]), "unknown-error.toml:3: unknown parameter `Sgxx`");
+    let semicolons = log("semicolons.csv", &HEADER.replace(',', ";"));
+    assert_eq!(replay_refused(&semicolons), "semicolons.csv:1: the columns are separated by ';', not ','");
+    for option in [["--scheme", "bai"], ["--method", "two-stage"]] {
+        assert!(refused(&[&["observability", "--all"][..], &option].concat()).contains(option[0]));
+    }
+}

@@ -3,6 +3,7 @@
 use super::Ending;
 use super::arguments::{PlanArguments, unit_config};
 use super::observability::sigmas;
+use super::output::{say, sayln};
 use super::{files, progress};
 use crate::plan::objective::Criterion;
 use crate::plan::{PlanRequest, Planned, plan};
@@ -17,6 +18,10 @@ use rins_selfcal::scheme::Scheme;
 use rins_selfcal::units::DEG;
 use std::path::Path;
 use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+/// Between two lines of progress where the standard error is no terminal.
+const TELL: Duration = Duration::from_secs(10);
 
 pub fn run(arguments: &PlanArguments) -> anyhow::Result<Ending> {
     let inputs = [("--config", arguments.config.as_deref()), ("--noise", arguments.noise.as_deref().map(Path::new))];
@@ -31,10 +36,10 @@ pub fn run(arguments: &PlanArguments) -> anyhow::Result<Ending> {
     if let Some(path) = &arguments.json {
         write_json(path, &prediction)?;
     }
-    print!("{}\n{}\n{}", legs(&planned.scheme), sigmas(&prediction), summary(&request, &planned, &prediction));
-    println!("scheme: {}", arguments.out.display());
+    say!("{}\n{}\n{}", legs(&planned.scheme), sigmas(&prediction), summary(&request, &planned, &prediction));
+    sayln!("scheme: {}", arguments.out.display());
     if let Some(path) = &arguments.json {
-        println!("prediction: {}", path.display());
+        sayln!("prediction: {}", path.display());
     }
     Ok(Ending::Done)
 }
@@ -54,13 +59,18 @@ fn refuse_unobserved(prediction: &Prediction) -> anyhow::Result<()> {
 
 fn search(request: &PlanRequest, name: &str) -> anyhow::Result<Planned> {
     let bar = progress::bar(request.evaluations, "schemes");
-    let best = Mutex::new(f64::INFINITY);
+    let state = Mutex::new((f64::INFINITY, Instant::now()));
     let progress = |looked_at, value: f64| {
         bar.inc(looked_at);
-        let Ok(mut best) = best.lock() else { return };
+        let Ok(mut state) = state.lock() else { return };
+        let (best, told) = &mut *state;
         if value < *best {
             *best = value;
             bar.set_message(format!("best {}", significant(value)));
+        }
+        if bar.is_hidden() && told.elapsed() >= TELL {
+            *told = Instant::now();
+            eprintln!("{} of {} schemes, best {}", bar.position(), request.evaluations, significant(*best));
         }
     };
     let planned = plan(request, name, &progress);
