@@ -46,16 +46,23 @@ const MAX_NAME: usize = 32;
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rerun-if-env-changed={VARIABLE}");
-    let code = env::var(VARIABLE).ok().filter(|path| !path.is_empty()).map_or("None".into(), |path| expression(&path));
+    let path = env::var(VARIABLE).ok().filter(|path| !path.is_empty());
+    let code =
+        path.map_or(Ok("None".into()), |path| expression(&path).map_err(|error| format!("{VARIABLE}={path}: {error}")));
+    let code = code.unwrap_or_else(|error| {
+        // Cargo shows it and fails.
+        println!("cargo::error={}", error.split_whitespace().collect::<Vec<_>>().join(" "));
+        "None".into()
+    });
     let folder = env::var("OUT_DIR").expect("cargo sets it");
     fs::write(Path::new(&folder).join("compiled_scheme.rs"), code).expect("cargo's folder can be written");
 }
 
-/// The scheme as a Rust expression.
-fn expression(path: &str) -> String {
+/// The scheme as a Rust expression, or what is wrong with the file.
+fn expression(path: &str) -> Result<String, String> {
     println!("cargo:rerun-if-changed={path}");
-    let text = fs::read_to_string(path).unwrap_or_else(|error| panic!("{VARIABLE}={path}: {error}"));
-    let scheme: SchemeTable = toml::from_str(&text).unwrap_or_else(|error| panic!("{VARIABLE}={path}: {error}"));
+    let text = fs::read_to_string(path).map_err(|error| error.to_string())?;
+    let scheme: SchemeTable = toml::from_str(&text).map_err(|error| error.to_string())?;
     let SchemeTable { mut name, rate_deg_s, acceleration_deg_s2, first_stop_s, periods, legs } = scheme;
     if name.is_empty() {
         let stem = Path::new(path).file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
@@ -64,11 +71,17 @@ fn expression(path: &str) -> String {
     }
     let numbers = legs.iter().flat_map(|leg| [leg.outer_deg, leg.inner_deg, leg.stop_s]);
     let all = [rate_deg_s, acceleration_deg_s2, first_stop_s].into_iter().chain(numbers);
-    assert!(all.into_iter().all(f64::is_finite), "{VARIABLE}={path}: a number is not finite");
-    assert!(name.len() <= MAX_NAME, "{VARIABLE}={path}: the name has more than {MAX_NAME} bytes");
-    assert!(legs.len() <= MAX_LEGS, "{VARIABLE}={path}: {} legs, at most {MAX_LEGS} fit", legs.len());
+    if !all.into_iter().all(f64::is_finite) {
+        return Err("a number is not finite".into());
+    }
+    if name.len() > MAX_NAME {
+        return Err(format!("the name has more than {MAX_NAME} bytes"));
+    }
+    if legs.len() > MAX_LEGS {
+        return Err(format!("{} legs, at most {MAX_LEGS} fit", legs.len()));
+    }
     let legs: Vec<_> = legs.iter().map(|leg| (leg.outer_deg, leg.inner_deg, leg.stop_s)).collect();
-    format!(
+    Ok(format!(
         "Some(of_file({name:?}, [{rate_deg_s:?}, {acceleration_deg_s2:?}], {first_stop_s:?}, {periods}, &{legs:?}))"
-    )
+    ))
 }

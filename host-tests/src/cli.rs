@@ -5,6 +5,7 @@ mod calibrate;
 mod files;
 mod monte_carlo;
 mod observability;
+mod output;
 mod plan;
 mod progress;
 mod replay;
@@ -13,6 +14,7 @@ mod simulate;
 use arguments::{Arguments, Command};
 use clap::Parser;
 use clap::error::ErrorKind;
+use output::say;
 use std::process::ExitCode;
 
 /// How a command ended.
@@ -51,7 +53,7 @@ fn run(arguments: Arguments) -> anyhow::Result<Ending> {
 /// Help and version go to the standard output; what is wrong is said in one line.
 fn usage(error: &clap::Error) -> ExitCode {
     if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) {
-        print!("{error}");
+        say!("{error}");
         return ExitCode::SUCCESS;
     }
     let text = error.to_string();

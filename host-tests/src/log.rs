@@ -72,6 +72,12 @@ pub enum LogError {
         /// The file.
         path: PathBuf,
     },
+    /// Columns separated by something else.
+    #[error("{}:1: the columns are separated by ';', not ','", path.display())]
+    Semicolons {
+        /// The file.
+        path: PathBuf,
+    },
     /// The header lacks a column.
     #[error("{}:1: column {column} is missing", path.display())]
     MissingColumn {
@@ -359,6 +365,9 @@ fn read_header(path: &Path, csv: &mut csv::Reader<Box<dyn Read>>) -> Result<Vec<
     };
     if header.is_empty() {
         return Err(LogError::Empty { path: path.into() });
+    }
+    if header.len() == 1 && header[0].contains(&b';') {
+        return Err(LogError::Semicolons { path: path.into() });
     }
     let name = |(number, field): (usize, &[u8])| match std::str::from_utf8(field) {
         Ok(name) => Ok(name.trim().to_string()),

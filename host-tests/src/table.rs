@@ -116,7 +116,7 @@ pub fn optional_states(outcome: &Outcome) -> String {
 pub fn samples(outcome: &Outcome) -> String {
     let counts = &outcome.counts;
     let mut text = format!(
-        "{} samples at {} Hz, {:.1} s: {} stops and {} moves\n",
+        "{} samples at {} Hz, {:.1} s; used: {} stops and {} moves\n",
         counts.admitted,
         (outcome.setup.rate_hz * 1e6).round() / 1e6,
         outcome.solution.duration_s,

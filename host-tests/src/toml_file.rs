@@ -58,6 +58,8 @@ impl TomlFile {
         toml::from_str(&self.text).map_err(|error| {
             let at = error.span().map_or(0, |span| span.start.min(self.text.len()));
             let line = self.text.as_bytes()[..at].iter().filter(|&&byte| byte == b'\n').count() + 1;
+            let named = error.message().split('`').nth(1);
+            let line = named.map_or(line, |key| self.line_of(line, key));
             let message = error.message().trim().replace('\n', "; ");
             let key = self.key_on(line).filter(|key| !message.contains(&format!("`{key}`")));
             self.content(line, key.map_or(message.clone(), |key| format!("{key}: {message}")))
@@ -77,6 +79,13 @@ impl TomlFile {
             }
         }
         self.content(found, format!("{key}: {what}"))
+    }
+
+    /// The first line from this one on that sets `key`; this one where none does. Errors of a whole table stand at its
+    /// first line.
+    fn line_of(&self, line: usize, key: &str) -> usize {
+        let lines = line..=self.text.lines().count();
+        lines.into_iter().find(|line| self.key_on(*line) == Some(key)).unwrap_or(line)
     }
 
     fn key_on(&self, line: usize) -> Option<&str> {

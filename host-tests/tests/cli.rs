@@ -281,7 +281,15 @@ fn parameters_whose_truth_is_not_known_are_not_compared() {
 
 /// Reasons that a replay of the sample log gives, all of whose readings are changed.
 fn reasons_with(name: &str, config: &str, change: impl Fn(&mut Reading)) -> Vec<String> {
-    let (path, out) = (scratch(&format!("{name}.csv.gz")), scratch(&format!("{name}.reasons.json")));
+    let (path, out) = (with_change(name, change), scratch(&format!("{name}.reasons.json")));
+    run(2, &["replay", &path, "--config", config, "--json", &out]);
+    let reasons = json(&out)["reasons"].as_array().unwrap().clone();
+    reasons.iter().map(|reason| reason.as_str().unwrap().into()).collect()
+}
+
+/// The sample log with all readings changed.
+fn with_change(name: &str, change: impl Fn(&mut Reading)) -> String {
+    let path = scratch(&format!("{name}.csv.gz"));
     let mut writer = LogWriter::create(Path::new(&path), false).unwrap();
     for row in LogReader::open(Path::new(&data("sample.csv.gz"))).unwrap() {
         let mut reading = row.unwrap().reading;
@@ -289,9 +297,22 @@ fn reasons_with(name: &str, config: &str, change: impl Fn(&mut Reading)) -> Vec<
         writer.write(&reading).unwrap();
     }
     writer.finish().unwrap();
-    run(2, &["replay", &path, "--config", config, "--json", &out]);
-    let reasons = json(&out)["reasons"].as_array().unwrap().clone();
-    reasons.iter().map(|reason| reason.as_str().unwrap().into()).collect()
+    path
+}
+
+#[test]
+fn a_configured_rate_that_is_not_that_of_the_stamps_is_noted() {
+    let text_of = fs::read_to_string(data("sample.toml")).unwrap();
+    let with_rate = |rate_hz: f64| {
+        let mut unit: toml::Table = text_of.parse().unwrap();
+        unit.insert("sampling".into(), toml::toml! { rate_hz = 0.0 }.into());
+        unit["sampling"]["rate_hz"] = rate_hz.into();
+        let unit = log("rate.toml", &unit.to_string());
+        text(&rins(&["replay", &data("sample.csv.gz"), "--config", &unit]).stderr)
+    };
+    assert_eq!(with_rate(198.0), "");
+    let note = with_rate(250.0);
+    assert!(note.contains("rate_hz = 250, but 200 Hz by the stamps") && note.lines().count() == 1, "{note}");
 }
 
 #[test]
@@ -304,8 +325,14 @@ fn logs_in_other_units_are_rejected_for_that_alone() {
     let in_degrees = |reading: &mut Reading| {
         (reading.outer_rad, reading.inner_rad) = (reading.outer_rad.to_degrees(), reading.inner_rad.to_degrees());
     };
-    let encoders = reasons_with("in-deg", &unit, in_degrees);
-    assert_eq!(encoders, ["gyros turn 0.0175 times as far as the encoders: encoders in deg in place of rad?"]);
+    let path = with_change("in-deg", in_degrees);
+    let message = refused(&["replay", &path, "--config", &unit]);
+    let said =
+        "in-deg.csv.gz: outer_rad and inner_rad turn 57 times as fast as the gyros: degrees in place of radians?";
+    assert_eq!(message, said);
+    let path = with_change("in-ms", |reading| reading.time_us *= 1000);
+    let message = refused(&["replay", &path, "--config", &unit]);
+    assert_eq!(message, "in-ms.csv.gz: time_s: 0.200 Hz by the stamps; are they in ms or us in place of s?");
     let all = reasons_with("all-in-deg", &unit, |reading| {
         in_degrees(reading);
         reading.omega_g = reading.omega_g.map(f64::to_degrees);
@@ -451,4 +478,49 @@ fn a_run_on_command_stands_by_and_one_without_enough_time_says_what_is_missing()
     let terms = ["--required-sigma", "0.5", "--early-finish", "--longest-run", "150"];
     let stdout = run(2, &[&["calibrate", "--report", &report], &terms[..]].concat());
     assert!(stdout.contains("arcsec, required 0.500"), "{stdout}");
+}
+
+#[test]
+fn a_planned_scheme_can_be_run_and_one_that_hides_parameters_is_not_written() {
+    let (scheme, report) = (scratch("planned.toml"), scratch("planned.html"));
+    let request = ["plan", "--weights", "gyro_scale_z,gamma=3", "--criterion", "a", "--angles", "45", "--out"];
+    run(0, &[&request[..], &[&scheme, "--time", "60", "--evaluations", "30000"]].concat());
+    let stdout = run(0, &["calibrate", "--scheme", &scheme, "--report", &report]);
+    assert!(stdout.contains("verdict: accepted"), "{stdout}");
+    let hidden = scratch("hidden.toml");
+    // Without the inner axis, its mounting is never seen.
+    let still = ["--time", "60", "--evaluations", "2000", "--limits=-360..0,0..0"];
+    let message = refused(&[&request[..], &[&hidden], &still[..]].concat());
+    assert!(message.contains("unobserved") && message.contains("--time"), "{message}");
+    assert!(!Path::new(&hidden).exists());
+}
+
+#[test]
+fn a_full_output_is_an_error_and_a_closed_one_loses_no_file() {
+    let (report, out) = (scratch("full.html"), scratch("full.json"));
+    let command = |stdout: std::process::Stdio| {
+        let arguments = ["replay", &data("sample.csv.gz"), "--config", &data("sample.toml"), "--json", &out];
+        Command::new(env!("CARGO_BIN_EXE_rins")).args(arguments).args(["--report", &report]).stdout(stdout).output()
+    };
+    let output = command(fs::File::create("/dev/full").unwrap().into()).unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(text(&output.stderr).starts_with("error: standard output: No space left"), "{}", text(&output.stderr));
+    assert!(Path::new(&report).exists() && json(&out)["verdict"] == "accepted");
+    fs::remove_file(&out).unwrap();
+    let (reader, writer) = std::io::pipe().unwrap();
+    drop(reader);
+    command(writer.into()).unwrap();
+    assert_eq!(json(&out)["verdict"], "accepted");
+}
+
+#[test]
+fn errors_name_what_was_meant() {
+    assert!(refused(&["calibrate", "--scheme", "."]).starts_with("--scheme: .: "));
+    let errors = log("unknown-error.toml", "[parameters]\nSgxy = 1.0\nSgxx = 2.0\n");
+    assert_eq!(refused(&["calibrate", "--errors", &errors]), "unknown-error.toml:3: unknown parameter `Sgxx`");
+    let semicolons = log("semicolons.csv", &HEADER.replace(',', ";"));
+    assert_eq!(replay_refused(&semicolons), "semicolons.csv:1: the columns are separated by ';', not ','");
+    for option in [["--scheme", "bai"], ["--method", "two-stage"]] {
+        assert!(refused(&[&["observability", "--all"][..], &option].concat()).contains(option[0]));
+    }
 }

@@ -47,7 +47,7 @@ pub enum Command {
     Replay(ReplayArguments),
     /// Predict sigmas, rank and condition number of a scheme
     Observability(ObservabilityArguments),
-    /// Find a scheme for the time given
+    /// Find a scheme for the time given; one to two minutes by default
     Plan(PlanArguments),
     /// Calibrate many virtual units: errors against bounds, sigmas against errors
     Montecarlo(MonteCarloArguments),
@@ -191,8 +191,8 @@ pub struct ObservabilityArguments {
     pub noise: Option<String>,
     #[command(flatten)]
     pub method: MethodArguments,
-    /// Compare all schemes of the library
-    #[arg(long)]
+    /// Compare all schemes of the library, by the joint method
+    #[arg(long, conflicts_with_all = ["scheme", "stop", "periods", "method"])]
     pub all: bool,
     /// Draw the sigmas of Bai's twelve against time
     #[arg(long, value_name = "OUT.svg", conflicts_with = "all")]
@@ -242,7 +242,7 @@ pub struct PlanArguments {
     /// bai, navigation, tactical, or a file [default: that of --config]
     #[arg(long, value_name = "NAME|FILE")]
     pub noise: Option<String>,
-    /// How many schemes to look at
+    /// How many schemes to look at; the time that planning takes is proportional to it
     #[arg(long, value_name = "N", default_value_t = 1_500_000, value_parser = clap::value_parser!(u64).range(100..))]
     evaluations: u64,
     /// Of everything random
@@ -528,10 +528,10 @@ pub fn unit_inputs<'a>(errors: &'a str, noise: Option<&'a str>, config: Option<&
     [("--errors", Some(Path::new(errors))), ("--noise", noise.map(Path::new)), ("--config", config)]
 }
 
-/// An unknown name says whose value it is; what is wrong in a file, the file says.
+/// An unknown name, or what is no file, says whose value it is; what is wrong in a file, the file says.
 fn of_option<T>(option: &'static str, found: Result<T, TomlFileError>) -> anyhow::Result<T> {
     match found {
-        Err(error @ TomlFileError::Name { .. }) => Err(error).context(option),
+        Err(error @ (TomlFileError::Name { .. } | TomlFileError::Io { .. })) => Err(error).context(option),
         found => Ok(found?),
     }
 }

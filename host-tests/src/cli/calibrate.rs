@@ -1,6 +1,7 @@
 //! `rins calibrate`
 
 use super::arguments::CalibrateArguments;
+use super::output::sayln;
 use super::{Ending, files, progress, replay};
 use crate::closed_loop::{Ended, PowerUp};
 use crate::emulator::Run;
@@ -28,7 +29,7 @@ pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
     let setup = arguments.method.setup(&config).on_scheme(&scheme);
     let run = arguments.unit.run(&config, scheme)?;
     let place = if arguments.firmware { "firmware in the emulator" } else { "in process" };
-    println!("virtual RINS: scheme {}, {:.0} s, closed loop, {place}", run.scheme.name, run.duration_s());
+    sayln!("virtual RINS: scheme {}, {:.0} s, closed loop, {place}", run.scheme.name, run.duration_s());
     let power_up = PowerUp::new(&run, &setup).on_terms(arguments.terms.terms());
     if arguments.firmware {
         return firmware(arguments, &run, &power_up);
@@ -45,6 +46,7 @@ pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
 
 /// Boots twice with the same EEPROM: the second boot finds what the first one stored.
 fn firmware(arguments: &CalibrateArguments, run: &VirtualRun, power_up: &PowerUp) -> anyhow::Result<Ending> {
+    sayln!("building the ARM image");
     let blank = tempfile::tempdir()?;
     let eeprom = arguments.eeprom.clone().unwrap_or_else(|| blank.path().join("eeprom.bin"));
     let ended = boot(1, run, power_up, &eeprom)?;
@@ -59,12 +61,12 @@ fn firmware(arguments: &CalibrateArguments, run: &VirtualRun, power_up: &PowerUp
 fn boot(number: u32, run: &VirtualRun, power_up: &PowerUp, eeprom: &Path) -> anyhow::Result<Ended> {
     let bar = progress::bar(run.duration_s().ceil() as u64, "s");
     bar.println(format!("boot {number}"));
-    let on_log = |line: &str| bar.suspend(|| println!("firmware: {line}"));
+    let on_log = |line: &str| bar.suspend(|| sayln!("firmware: {line}"));
     let (ended, run) = power_up
         .in_emulator(eeprom, on_log, |message| show(&bar, message))
         .with_context(|| format!("boot {number}"))?;
     bar.finish_and_clear();
-    println!("boot {number}: {}", figures(&run));
+    sayln!("boot {number}: {}", figures(&run));
     Ok(ended)
 }
 
@@ -86,14 +88,14 @@ fn conclude(arguments: &CalibrateArguments, run: &VirtualRun, ended: &Ended) -> 
     match ended {
         Ended::Judged(outcome) => {
             let truth = Truth::new(&run.unit.errors);
-            replay::report(outcome, Some(&truth), arguments.json.as_deref(), Some(&arguments.report))
+            replay::report(outcome, Some(&truth), arguments.json.as_deref(), Some(&arguments.report), "")
         }
         Ended::NoRun(decision) => Ok(match decision {
             Decision::StandBy(_) => Ending::NotAccepted,
             Decision::UseStored(_) | Decision::Calibrate(_) => Ending::Done,
         }),
         Ended::Aborted(reason) => {
-            println!("verdict: aborted\n  - {reason}");
+            sayln!("verdict: aborted\n  - {reason}");
             Ok(Ending::NotAccepted)
         }
     }
@@ -108,7 +110,7 @@ fn show(bar: &ProgressBar, message: &Message) {
             }
         }
         Message::Segment(progress) => bar.set_message(worst(progress)),
-        Message::Decided(decision) => bar.suspend(|| println!("power-up: {decision}")),
+        Message::Decided(decision) => bar.suspend(|| sayln!("power-up: {decision}")),
         _ => {}
     }
 }

@@ -1,6 +1,7 @@
 //! `rins montecarlo`
 
 use super::arguments::{self, MethodsArgument, MonteCarloArguments};
+use super::output::{say, sayln};
 use super::{Ending, files, progress};
 use crate::calibration::method_name;
 use crate::monte_carlo::{CONFIDENCE, FitStatistics, MethodStatistics, MonteCarlo};
@@ -27,20 +28,22 @@ pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
     let inputs = [arguments.scheme.input(), errors, noise, config];
     files::check(&inputs, &[("--json", arguments.json.as_deref())])?;
     let monte_carlo = monte_carlo(arguments)?;
-    print!("{}", head(arguments, &monte_carlo));
+    say!("{}", head(arguments, &monte_carlo));
     let bar = progress::bar(arguments.runs, "runs");
     let start = Instant::now();
     let methods = monte_carlo.run(|| bar.inc(1))?;
     bar.finish_and_clear();
     let wall = start.elapsed();
-    let beside_bai = arguments.errors == "table1";
-    methods.iter().for_each(|method| print!("\n{}", text(method, beside_bai)));
-    if let [joint, two_stage] = methods.as_slice() {
-        print!("\n{}", side_by_side(joint, two_stage));
-    }
     if let Some(path) = &arguments.json {
         write_json(path, &Report::new(arguments, &monte_carlo, &methods))?;
-        println!("statistics: {}", path.display());
+    }
+    let beside_bai = arguments.errors == "table1";
+    methods.iter().for_each(|method| say!("\n{}", text(method, beside_bai)));
+    if let [joint, two_stage] = methods.as_slice() {
+        say!("\n{}", side_by_side(joint, two_stage));
+    }
+    if let Some(path) = &arguments.json {
+        sayln!("statistics: {}", path.display());
     }
     progress::wall_time(wall);
     Ok(Ending::Done)

@@ -2,6 +2,7 @@
 
 use super::Ending;
 use super::arguments::{ObservabilityArguments, unit_config};
+use super::output::{say, sayln};
 use crate::calibration::Setup;
 use crate::plan::bound::of_scheme;
 use crate::plot::write_sigmas;
@@ -27,22 +28,26 @@ pub fn run(arguments: &ObservabilityArguments) -> anyhow::Result<Ending> {
     let setup = arguments.method.setup(&unit);
     if arguments.all {
         let predictions = library(&setup);
-        print!("{}", comparison(&predictions));
         if let Some(path) = &arguments.json {
             write_json(path, &predictions)?;
         }
+        say!("{}", comparison(&predictions));
         return Ok(Ending::Done);
     }
     let scheme = arguments.scheme.scheme(method)?;
     let prediction = predicted(&setup, &scheme);
-    print!("{}", text(&prediction));
     if let Some(path) = &arguments.json {
         write_json(path, &prediction)?;
-        println!("prediction: {}", path.display());
     }
     if let Some(path) = &arguments.plot {
         write_sigmas(path, &prediction)?;
-        println!("plot: {}", path.display());
+    }
+    say!("{}", text(&prediction));
+    if let Some(path) = &arguments.json {
+        sayln!("prediction: {}", path.display());
+    }
+    if let Some(path) = &arguments.plot {
+        sayln!("plot: {}", path.display());
     }
     Ok(Ending::Done)
 }

@@ -3,43 +3,74 @@
 use super::Ending;
 use super::arguments::{PlanArguments, unit_config};
 use super::observability::sigmas;
-use super::progress;
+use super::output::{say, sayln};
+use super::{files, progress};
 use crate::plan::objective::Criterion;
 use crate::plan::{PlanRequest, Planned, plan};
 use crate::prediction::Prediction;
-use crate::quantity::significant;
+use crate::quantity::{HEADING, significant};
 use crate::report::write_json;
 use crate::scheme_file::write_scheme;
 use crate::table;
+use anyhow::ensure;
+use rins_selfcal::error_model::PARAMETER_INFO;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::units::DEG;
+use std::path::Path;
 use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+/// Between two lines of progress where the standard error is no terminal.
+const TELL: Duration = Duration::from_secs(10);
 
 pub fn run(arguments: &PlanArguments) -> anyhow::Result<Ending> {
+    let inputs = [("--config", arguments.config.as_deref()), ("--noise", arguments.noise.as_deref().map(Path::new))];
+    files::check(&inputs, &[("--out", Some(arguments.out.as_path())), ("--json", arguments.json.as_deref())])?;
     let unit = unit_config(arguments.config.as_ref(), arguments.noise.as_deref(), None)?;
     let request = arguments.request(&unit)?;
     let stem = arguments.out.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
     let planned = search(&request, arguments.name.as_deref().unwrap_or(&stem))?;
-    write_scheme(&arguments.out, &planned.scheme)?;
     let prediction = Prediction::new(&request.setup, &planned.scheme);
-    print!("{}\n{}\n{}", legs(&planned.scheme), sigmas(&prediction), summary(&request, &planned, &prediction));
-    println!("scheme: {}", arguments.out.display());
+    refuse_unobserved(&prediction)?;
+    write_scheme(&arguments.out, &planned.scheme)?;
     if let Some(path) = &arguments.json {
         write_json(path, &prediction)?;
-        println!("prediction: {}", path.display());
+    }
+    say!("{}\n{}\n{}", legs(&planned.scheme), sigmas(&prediction), summary(&request, &planned, &prediction));
+    sayln!("scheme: {}", arguments.out.display());
+    if let Some(path) = &arguments.json {
+        sayln!("prediction: {}", path.display());
     }
     Ok(Ending::Done)
 }
 
+/// A calibration by a scheme that leaves parameters unobserved, the heading apart, is refused before anything turns.
+fn refuse_unobserved(prediction: &Prediction) -> anyhow::Result<()> {
+    let heading = PARAMETER_INFO[HEADING].name;
+    let missing: Vec<_> = prediction.unobserved.iter().copied().filter(|name| *name != heading).collect();
+    ensure!(
+        missing.is_empty(),
+        "the best scheme found leaves {} unobserved and would be refused, so it is not written; give more --time or \
+         --evaluations, finer --angles, wider --limits, or --weights for these parameters too",
+        missing.join(", ")
+    );
+    Ok(())
+}
+
 fn search(request: &PlanRequest, name: &str) -> anyhow::Result<Planned> {
     let bar = progress::bar(request.evaluations, "schemes");
-    let best = Mutex::new(f64::INFINITY);
+    let state = Mutex::new((f64::INFINITY, Instant::now()));
     let progress = |looked_at, value: f64| {
         bar.inc(looked_at);
-        let Ok(mut best) = best.lock() else { return };
+        let Ok(mut state) = state.lock() else { return };
+        let (best, told) = &mut *state;
         if value < *best {
             *best = value;
             bar.set_message(format!("best {}", significant(value)));
+        }
+        if bar.is_hidden() && told.elapsed() >= TELL {
+            *told = Instant::now();
+            eprintln!("{} of {} schemes, best {}", bar.position(), request.evaluations, significant(*best));
         }
     };
     let planned = plan(request, name, &progress);

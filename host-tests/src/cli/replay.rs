@@ -2,6 +2,7 @@
 
 use super::Ending;
 use super::arguments::ReplayArguments;
+use super::output::{say, sayln};
 use super::{files, progress};
 use crate::calibration::Outcome;
 use crate::page::write_page;
@@ -38,35 +39,48 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
         precision: arguments.method.precision,
         options: arguments.method.options.options(),
     };
+    if let (Some(config), Some([configured, measured])) = (&arguments.config, replay.other_rate_hz()?) {
+        let (config, log) = (config.display(), arguments.log.display());
+        let measured = (measured * 1e3).round() / 1e3;
+        eprintln!(
+            "note: {config}: rate_hz = {configured}, but {measured} Hz by the stamps of {log}; gaps are counted at {configured} Hz"
+        );
+    }
     let mut segments = Vec::new();
     let counter = progress::counter("rows");
     let outcome = replay.run(|rows| counter.set_position(rows), |progress| segments.push(*progress))?;
     counter.finish_and_clear();
-    print!("{}", unit.described(&origin));
     if let Some(path) = &arguments.csv_estimates {
         write_estimates(path, &segments).with_context(|| path.display().to_string())?;
     }
-    report(&outcome, truth.as_ref(), arguments.json.as_deref(), arguments.report.as_deref())
+    let head = replay.unit.described(&origin);
+    report(&outcome, truth.as_ref(), arguments.json.as_deref(), arguments.report.as_deref(), &head)
 }
 
-/// Prints an outcome and writes it where asked for, as JSON and as a page.
+/// Writes an outcome where asked for, as JSON and as a page, and prints it below `head`.
 pub fn report(
     outcome: &Outcome,
     truth: Option<&Truth>,
     json: Option<&Path>,
     page: Option<&Path>,
+    head: &str,
 ) -> anyhow::Result<Ending> {
     let truth = truth.map(|truth| &truth.parameters);
-    println!("{}", table::samples(outcome));
-    println!("{}", table::parameters(outcome, truth));
-    print!("{}{}", table::optional_states(outcome), table::verdict(outcome));
+    // Before the tables: a reader who leaves them early does not lose the files.
     if let Some(path) = json {
         write_json(path, &CalibrationReport::from(outcome))?;
-        println!("result: {}", path.display());
     }
     if let Some(path) = page {
         write_page(path, outcome, truth)?;
-        println!("report: {}", path.display());
+    }
+    sayln!("{head}{}", table::samples(outcome));
+    sayln!("{}", table::parameters(outcome, truth));
+    say!("{}{}", table::optional_states(outcome), table::verdict(outcome));
+    if let Some(path) = json {
+        sayln!("result: {}", path.display());
+    }
+    if let Some(path) = page {
+        sayln!("report: {}", path.display());
     }
     Ok(if outcome.is_in_use() { Ending::Done } else { Ending::NotAccepted })
 }

@@ -2,6 +2,7 @@
 
 use super::Ending;
 use super::arguments::SimulateArguments;
+use super::output::sayln;
 use super::{files, progress};
 use crate::log::LogWriter;
 use crate::truth::Truth;
@@ -31,7 +32,7 @@ pub fn run(arguments: &SimulateArguments) -> anyhow::Result<Ending> {
     if let Some(path) = &arguments.write_config {
         write_config(path, &config)?;
     }
-    println!("{}: {samples} samples, {:.1} s of scheme {}", arguments.out.display(), run.duration_s(), run.scheme.name);
+    sayln!("{}: {samples} samples, {:.1} s of scheme {}", arguments.out.display(), run.duration_s(), run.scheme.name);
     Ok(Ending::Done)
 }
 

@@ -145,6 +145,11 @@ impl<const STATES: usize> Information<STATES> {
         column
     }
 
+    /// Sigma of a parameter over its prior sigma.
+    pub fn part_of_prior(&self, factor: &Matrix<f64, STATES, STATES>, parameter: usize) -> f64 {
+        self.inverse_column(factor, parameter).norm() / self.prior_sigmas[ENCODER_ERRORS + parameter]
+    }
+
     /// Sigmas of all parameters, SI.
     pub fn sigmas(&self) -> Option<[f64; PARAMETERS]> {
         let factor = self.factor()?;

@@ -1,8 +1,10 @@
 //! Which parameters matter, and how their sigmas make one number.
 
 use super::information::Information;
+use crate::quantity::HEADING;
 use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS, ParameterInfo};
-use rins_selfcal::linear::{ComplexField, Vector};
+use rins_selfcal::estimator::OBSERVED_RATIO;
+use rins_selfcal::linear::{ComplexField, Matrix, Vector};
 use rins_selfcal::observability::INSTALLATION_STATES;
 use rins_selfcal::options::{OPTIONAL_INFO, Options};
 
@@ -77,7 +79,7 @@ impl Objective {
         &self.weights
     }
 
-    /// The number for this information; of the worst sigma a p-norm with this exponent, which is smooth, or with an
+    /// The number for this information, many times as large where it leaves parameters unobserved; of the worst sigma a p-norm with this exponent, which is smooth, or with an
     /// infinite one itself. `None` where the information is not positive definite.
     pub fn value<const STATES: usize>(&self, information: &Information<STATES>, exponent: f64) -> Option<f64> {
         let factor = information.factor()?;
@@ -85,12 +87,24 @@ impl Objective {
             let unit = info_of(weight.parameter).map_or(1.0, |info| info.unit_si);
             information.inverse_column(&factor, weight.parameter) * (weight.factor / unit)
         });
-        Some(match self.criterion {
+        let value = match self.criterion {
             Criterion::Worst => power_mean(&columns.map(|column| column.norm()).collect::<Vec<_>>(), exponent),
             Criterion::A => power_mean(&columns.map(|column| column.norm()).collect::<Vec<_>>(), 2.0),
             Criterion::D => mean_edge(columns.collect()),
-        })
+        };
+        Some(value * unobserved_penalty(information, &factor))
     }
+}
+
+/// 1 where all parameters are observed by the verdict's measure; else the product of what each lacks, so that every step
+/// towards a whole scheme pays. The core asks nothing of the heading.
+fn unobserved_penalty<const STATES: usize>(
+    information: &Information<STATES>,
+    factor: &Matrix<f64, STATES, STATES>,
+) -> f64 {
+    let others = (0..PARAMETERS).filter(|parameter| *parameter != HEADING);
+    let lacks = others.map(|parameter| information.part_of_prior(factor, parameter) / OBSERVED_RATIO);
+    lacks.map(|lack| lack.max(1.0)).product()
 }
 
 /// `(mean x^p)^(1/p)`
