@@ -13,9 +13,10 @@
 //! The encoder error of a stop is the reading minus the true angle; over a move it passes linearly from the one stop's
 //! to the next one's.
 
+use crate::angle::rad_to_ticks;
 use crate::error_model::{InstrumentErrors, PARAMETERS, block, frame_rotation_x, frame_rotation_z};
 use crate::linear::{Matrix, Matrix3, Real, Vector3, exp_so3, inverse3, left_jacobian_so3, real, skew};
-use crate::segment::{GimbalSums, Segment};
+use crate::segment::{GUARD_S, GimbalSums, Segment, SegmentKind};
 use crate::site::Site;
 
 /// Encoder errors that a measurement may depend on: outer and inner at the stop before, outer and inner at this stop.
@@ -106,7 +107,7 @@ impl<T: Real> MeasurementModel<T> {
         let gimbals = &segment.gimbals;
         let tilt = &self.rot_inner_axis;
         let untilt = tilt.transpose();
-        let axes = GimbalAxes::new(tilt, gimbals, segment.duration_s());
+        let axes = GimbalAxes::new(tilt, segment);
         let y = skew(&unit::<T>(1));
         let attitude = tilt * attitude_integral(gimbals, &untilt);
         let attitude_by_tilt = y * attitude - tilt * attitude_integral(gimbals, &(untilt * y));
@@ -152,6 +153,9 @@ impl<T: Real> MeasurementModel<T> {
     }
 }
 
+/// Time that the axes stand at either end of a move, s: the guard, and what its blocks are longer on average.
+const STANDING_S: f64 = GUARD_S + 0.025;
+
 /// A vector or an integral of one, in the rotation frame.
 struct Motion<T: Real> {
     in_r: Vector3<T>,
@@ -167,30 +171,49 @@ struct GimbalAxes<T: Real> {
     outer_sums: Matrix3<T>,
     /// Integral of the outer axis over the outer angle, rad.
     outer_integral: Vector3<T>,
-    /// Mean of the outer axis over time.
+    /// The same, weighted with the part of the move's time that has passed.
+    outer_late: Vector3<T>,
+    /// Mean of the outer axis over the time of the move.
     outer_mean: Vector3<T>,
     inner: Vector3<T>,
 }
 
 impl<T: Real> GimbalAxes<T> {
-    fn new(tilt: &Matrix3<T>, gimbals: &GimbalSums<T>, duration_s: T) -> Self {
+    fn new(tilt: &Matrix3<T>, segment: &Segment<T>) -> Self {
+        let gimbals = &segment.gimbals;
         let [_, [cos_s, _, _], [sin_s, _, _]] = gimbals.attitude_s.map(|row| row.map(|sum_s| real(sum_s.into())));
         let outer_sums = rotation_z_integral(gimbals.outer_cos_inner, gimbals.outer_sin_inner, gimbals.outer);
         let outer_untilted = tilt.transpose().column(0).into_owned();
-        let mean = rotation_z_integral(cos_s, sin_s, duration_s) / duration_s;
+        // What stands still at both ends of a move is no part of it.
+        let duration_s = segment.duration_s();
+        let standing_s: T = if segment.kind == SegmentKind::Move { real(STANDING_S) } else { T::zero() };
+        let move_s = (duration_s - standing_s - standing_s).max(standing_s);
+        let (sin_to, cos_to): (T, T) = segment.inner.sin_cos();
+        let (sin_from, cos_from): (T, T) =
+            segment.inner.turned(-rad_to_ticks(gimbals.inner.widened()) as i32).sin_cos();
+        let ends = rotation_z_integral(cos_from + cos_to, sin_from + sin_to, T::one() + T::one()) * standing_s;
+        let mean = (rotation_z_integral(cos_s, sin_s, duration_s) - ends) / move_s;
+        let late = |late_s: T, sum: T| (late_s - sum * standing_s) / move_s;
+        let outer_late = rotation_z_integral(
+            late(gimbals.late_cos_inner_s, gimbals.outer_cos_inner),
+            late(gimbals.late_sin_inner_s, gimbals.outer_sin_inner),
+            gimbals.outer * real(0.5),
+        );
         Self {
             outer_sums,
             outer_integral: tilt * outer_sums * outer_untilted,
+            outer_late: tilt * outer_late * outer_untilted,
             outer_mean: tilt * mean * outer_untilted,
             inner: tilt.column(2).into_owned(),
         }
     }
 
-    /// Along its axis an encoder error counts where it changes; across, an inner error turns the outer axis, by the mean
-    /// of both stops' errors.
+    /// An encoder's error goes from that of one stop to that of the next in proportion to time. Along its axis it counts
+    /// where it changes; across, an inner error turns the outer axis, while that turns.
     fn by_encoder_errors(&self) -> Matrix<T, 3, ENCODER_ERRORS> {
-        let across = self.inner.cross(&self.outer_integral) * real::<T>(0.5);
-        Matrix::from_columns(&[self.outer_mean, self.inner + across, -self.outer_mean, across - self.inner])
+        let late = self.inner.cross(&self.outer_late);
+        let early = self.inner.cross(&self.outer_integral) - late;
+        Matrix::from_columns(&[self.outer_mean, self.inner + early, -self.outer_mean, late - self.inner])
     }
 }
 
@@ -289,17 +312,22 @@ mod tests {
         InstrumentErrors::from_vector(&x)
     }
 
+    fn smooth(t: f64) -> f64 {
+        let t = t.clamp(0.0, 1.0);
+        t * t * t * (10.0 - 15.0 * t + 6.0 * t * t)
+    }
+
     /// Angles of both axes turning at once, with stops at both ends, s after the start.
     fn angles(time_s: f64) -> (f64, f64) {
-        let smooth = |t: f64| {
-            let t = t.clamp(0.0, 1.0);
-            t * t * t * (10.0 - 15.0 * t + 6.0 * t * t)
-        };
         (0.3 - 1.2 * smooth((time_s - 2.0) / 4.0), -0.5 + 0.9 * smooth((time_s - 2.5) / 3.0))
     }
 
-    /// A stop, a move of both axes and a stop, without noise.
     fn segments() -> [Segment<f64>; 3] {
+        segments_along(angles)
+    }
+
+    /// A stop, a move of both axes and a stop, without noise.
+    fn segments_along(angles: fn(f64) -> (f64, f64)) -> [Segment<f64>; 3] {
         const STEP_US: u64 = 1000;
         let mut segmenter = Segmenter::new();
         segmenter.restart(&Stillness::default());
@@ -356,7 +384,12 @@ mod tests {
     }
 
     /// The integral of (12), summed sample by sample.
-    fn rotation_by_steps(errors: &InstrumentErrors<f64>, site: &Site, turn: &Segment<f64>) -> Vector3<f64> {
+    fn rotation_by_steps(
+        errors: &InstrumentErrors<f64>,
+        site: &Site,
+        turn: &Segment<f64>,
+        angles: impl Fn(f64) -> (f64, f64),
+    ) -> Vector3<f64> {
         const STEPS: u32 = 200_000;
         let (start_s, duration_s) = (turn.start_us as f64 * 1e-6, turn.duration_us as f64 * 1e-6);
         let step_s = duration_s / f64::from(STEPS);
@@ -380,10 +413,34 @@ mod tests {
     fn equation_12_integrates_exactly_with_both_axes_turning() {
         let [_, turn, _] = segments();
         let (errors, site) = (errors(), Site::default());
-        let difference =
-            MeasurementModel::new(&errors, &site).rotation(&turn).value - rotation_by_steps(&errors, &site, &turn);
+        let difference = MeasurementModel::new(&errors, &site).rotation(&turn).value
+            - rotation_by_steps(&errors, &site, &turn, angles);
         // What is left is the change of rate within the segment's steps of 1 ms: acceleration * step^2 / 12 per radian.
         assert!(difference.norm() < 1e-8, "{difference}");
+    }
+
+    #[test]
+    fn encoder_errors_of_a_move_match_differences() {
+        /// The outer axis is there long before the inner one, which starts with it.
+        fn early(time_s: f64) -> (f64, f64) {
+            (-1.2 * smooth((time_s - 2.0) / 1.5), 0.9 * smooth((time_s - 2.0) / 4.0))
+        }
+        let [_, turn, _] = segments_along(early);
+        let (errors, site) = (errors(), Site::default());
+        let by = MeasurementModel::new(&errors, &site).rotation(&turn).by_encoder_errors;
+        let exact = rotation_by_steps(&errors, &site, &turn, early);
+        for column in 0..ENCODER_ERRORS {
+            // An error that goes, over the move, from one stop's to the other's; the true angle is the reading less it.
+            let with = rotation_by_steps(&errors, &site, &turn, |time_s| {
+                let (outer, inner) = early(time_s);
+                let part = ((time_s - 2.0) / 4.0).clamp(0.0, 1.0);
+                let error = 1e-5 * if column < 2 { 1.0 - part } else { part };
+                if column % 2 == 0 { (outer - error, inner) } else { (outer, inner - error) }
+            });
+            // The ends of the move are known to half a block of 0.1 s.
+            let found = ((with - exact) / 1e-5 - by.column(column)).norm();
+            assert!(found < 0.05, "{column}: {found}");
+        }
     }
 
     #[test]

@@ -92,6 +92,7 @@ pub fn move_segment<T: Real>(from: &Stand, to: &Stand, turning: &Turning) -> Seg
     let move_s = turning.move_s(from, to);
     let guard_s = GUARD_S + 0.5 * BLOCK_LOSS_S;
     let mut gimbals = GimbalSums { outer: ways[0], inner: ways[1], ..GimbalSums::default() };
+    let mut since_s = 0.0;
     let mut add = |[outer, inner]: [f64; 2], time_s: f64, outer_way: f64| {
         let (so, co) = ComplexField::sin_cos(from.outer_rad + outer);
         let (si, ci) = ComplexField::sin_cos(from.inner_rad + inner);
@@ -100,6 +101,9 @@ pub fn move_segment<T: Real>(from: &Stand, to: &Stand, turning: &Turning) -> Seg
         }
         gimbals.outer_cos_inner += ci * outer_way;
         gimbals.outer_sin_inner += si * outer_way;
+        gimbals.late_cos_inner_s += ci * outer_way * (since_s + 0.5 * time_s);
+        gimbals.late_sin_inner_s += si * outer_way * (since_s + 0.5 * time_s);
+        since_s += time_s;
     };
     add([0.0; 2], guard_s, 0.0);
     let step_s = move_s / f64::from(STEPS);
@@ -131,6 +135,8 @@ fn segment<T: Real>(kind: SegmentKind, stand: &Stand, gimbals: &GimbalSums<f64>,
             attitude_s: gimbals.attitude_s,
             outer_cos_inner: real(gimbals.outer_cos_inner),
             outer_sin_inner: real(gimbals.outer_sin_inner),
+            late_cos_inner_s: real(gimbals.late_cos_inner_s),
+            late_sin_inner_s: real(gimbals.late_sin_inner_s),
             outer: real(gimbals.outer),
             inner: real(gimbals.inner),
         },

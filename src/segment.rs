@@ -62,6 +62,10 @@ pub struct GimbalSums<T> {
     pub outer_cos_inner: T,
     /// Integral of sin(inner) over the outer angle, rad.
     pub outer_sin_inner: T,
+    /// The same two, each weighted with the time since the segment's start, rad s.
+    pub late_cos_inner_s: T,
+    /// See [`Self::late_cos_inner_s`].
+    pub late_sin_inner_s: T,
     /// Outer increment, rad.
     pub outer: T,
     /// Inner increment, rad.
@@ -281,6 +285,8 @@ struct Sums<T> {
     attitude: [[CompensatedSum<T>; 3]; 3],
     outer_cos_inner: CompensatedSum<T>,
     outer_sin_inner: CompensatedSum<T>,
+    late_cos_inner_s: CompensatedSum<T>,
+    late_sin_inner_s: CompensatedSum<T>,
     outer_ticks: i64,
     inner_ticks: i64,
     outer: AngleMean,
@@ -330,6 +336,8 @@ impl<T: Real> Sums<T> {
         attitude: [[CompensatedSum::ZERO; 3]; 3],
         outer_cos_inner: CompensatedSum::ZERO,
         outer_sin_inner: CompensatedSum::ZERO,
+        late_cos_inner_s: CompensatedSum::ZERO,
+        late_sin_inner_s: CompensatedSum::ZERO,
         outer_ticks: 0,
         inner_ticks: 0,
         outer: AngleMean::ZERO,
@@ -369,6 +377,9 @@ impl<T: Real> Sums<T> {
             let outer = ticks_to_rad::<T>(interval.outer_ticks.into()) * mean;
             self.outer_cos_inner.add(ci * outer);
             self.outer_sin_inner.add(si * outer);
+            let since_s = seconds::<T>(self.duration_us.saturating_sub(interval.duration_us / 2));
+            self.late_cos_inner_s.add(ci * outer * since_s);
+            self.late_sin_inner_s.add(si * outer * since_s);
         }
         self.outer_ticks += i64::from(interval.outer_ticks);
         self.inner_ticks += i64::from(interval.inner_ticks);
@@ -379,6 +390,11 @@ impl<T: Real> Sums<T> {
             *self = *other;
             return;
         }
+        // The other begins where this one ends.
+        let since_s = seconds::<T>(self.duration_us);
+        let late = |sum: &CompensatedSum<T>, late_s: &CompensatedSum<T>| late_s.total() + sum.total() * since_s;
+        self.late_cos_inner_s.add(late(&other.outer_cos_inner, &other.late_cos_inner_s));
+        self.late_sin_inner_s.add(late(&other.outer_sin_inner, &other.late_sin_inner_s));
         self.samples += other.samples;
         self.duration_us += other.duration_us;
         self.longest_interval_us = self.longest_interval_us.max(other.longest_interval_us);
@@ -420,6 +436,8 @@ impl<T: Real> Sums<T> {
                 attitude_s: self.attitude.map(|row| row.map(|sum| sum.total().widened() as f32)),
                 outer_cos_inner: self.outer_cos_inner.total(),
                 outer_sin_inner: self.outer_sin_inner.total(),
+                late_cos_inner_s: self.late_cos_inner_s.total(),
+                late_sin_inner_s: self.late_sin_inner_s.total(),
                 outer: ticks_to_rad(self.outer_ticks),
                 inner: ticks_to_rad(self.inner_ticks),
             },
