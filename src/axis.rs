@@ -69,6 +69,8 @@ struct Motion<T> {
     profile: Profile<T>,
     from_ticks: i64,
     start_us: u64,
+    /// Nominal duration, us.
+    duration_us: u64,
 }
 
 /// State of one axis.
@@ -129,8 +131,9 @@ impl<T: Real> Axis<T> {
         let Some(from_ticks) = self.angle_ticks else { return };
         self.target_ticks = rad_to_ticks(target_rad);
         let distance = ticks_to_rad(self.target_ticks - from_ticks);
-        let profile = Profile::new(distance, real(rate_rad_s), real(acceleration_rad_s2));
-        self.motion = Some(Motion { profile, from_ticks, start_us: now_us });
+        let profile = Profile::<T>::new(distance, real(rate_rad_s), real(acceleration_rad_s2));
+        let duration_us = (profile.duration_s().widened() * 1e6) as u64;
+        self.motion = Some(Motion { profile, from_ticks, start_us: now_us, duration_us });
         (self.braking, self.released) = (false, false);
     }
 
@@ -204,7 +207,7 @@ impl<T: Real> Axis<T> {
 
     /// Nominal duration of the move under way, us.
     pub fn move_us(&self) -> u64 {
-        self.motion.map_or(0, |motion| (motion.profile.duration_s().widened() * 1e6) as u64)
+        self.motion.map_or(0, |motion| motion.duration_us)
     }
 
     fn distance_rad(&self, from_ticks: i64) -> f64 {

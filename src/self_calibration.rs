@@ -430,7 +430,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             now_us,
             decision: self.decision,
             start: mem::take(&mut self.start),
-            still: self.is_still(sample),
+            still: self.sequencer.state() == State::AwaitStill && self.is_still(sample),
             arrived: self.axes.iter().all(|axis| axis.has_arrived(now_us)),
             at_rest: self.axes.iter().all(Axis::is_at_rest),
             move_us: self.axes.iter().map(Axis::move_us).max().unwrap_or(0),
@@ -460,7 +460,8 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         }
     }
 
-    /// Whether the gyros feel no motion, and both axes are where they were when they were last seen to move.
+    /// Whether the gyros feel no motion, and both axes are where they were when they were last seen to move. Looked at
+    /// while a run waits for it.
     fn is_still(&mut self, sample: &RawSample<T>) -> bool {
         let angles = [sample.outer, sample.inner];
         let standing = *self.standing.get_or_insert(angles);
