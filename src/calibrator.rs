@@ -110,12 +110,16 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
     }
 
     /// One bounded piece of what is to be done at the end of the samples: closes the last stop, processes all segments
-    /// until the estimate stands, and reports solution and covariance. Returns the solution when done.
+    /// until the estimate stands, and reports innovations, solution and covariance. Returns the solution when done.
     pub fn conclude_piece(&mut self, report: &mut impl FnMut(&Message)) -> Option<Solution> {
         if let Some(progress) = self.finish() {
             report(&Message::Segment(progress));
         }
-        if self.estimator.solve_piece() { self.report_solution(report) } else { None }
+        let solved = self.estimator.solve_piece();
+        for innovations in self.estimator.closing_innovations() {
+            report(&Message::Innovations(*innovations));
+        }
+        if solved { self.report_solution(report) } else { None }
     }
 
     /// Not inlined: the pieces need the stack.

@@ -160,6 +160,16 @@ pub struct LargestInnovation {
     pub channel: u8,
 }
 
+/// How far the measurements of a segment are from what all others say, in the last sweep.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SegmentInnovations {
+    /// Segment, counted from 0.
+    pub segment: u16,
+    /// Innovation of each channel in units of its standard deviation, accelerometers x y z, gyros x y z; `None` where
+    /// nothing was measured, or refused.
+    pub normalized: [Option<f32>; CHANNELS],
+}
+
 /// Agreement of the segments with the model.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fit {
@@ -243,7 +253,7 @@ enum Pass<T: Real> {
     Iterating { sweep: Sweep, made: u8, before: Vector<T, PARAMETERS> },
     /// One sweep that leaves the live estimate better linearized.
     Refreshing { sweep: Sweep },
-    /// The last sweep with the gate, so that the covariance is that of the solution.
+    /// The last sweep, about the solution: its innovations are told, and the covariance is that of the solution.
     Closing { sweep: Sweep },
     /// Testing for changes that begin with segment `onset`, in several sweeps, about the solution.
     Testing { sweep: Sweep, onset: usize, part: usize },
@@ -274,6 +284,8 @@ pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATES
     solution: Option<Solution>,
     /// Changes under test; none but in the last part of the final pass.
     suspects: Suspects<STATES>,
+    /// Innovations of the segments of the last piece.
+    innovations: heapless::Vec<SegmentInnovations, SEGMENTS_PER_PIECE>,
 }
 
 impl<T: Real, const SEGMENTS: usize, const STATES: usize> Default for Estimator<T, SEGMENTS, STATES> {
@@ -300,6 +312,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             pass: Pass::Idle,
             solution: None,
             suspects: Suspects::NONE,
+            innovations: heapless::Vec::new(),
         }
     }
 
@@ -373,7 +386,10 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             Pass::Iterating { mut sweep, made, before } => {
                 let swept = self.sweep_piece(&mut sweep);
                 self.pass = Pass::Iterating { sweep, made, before };
-                swept && self.iterate(sweep, made + 1, &before)
+                if swept {
+                    self.iterate(sweep, made + 1, &before);
+                }
+                false
             }
             Pass::Closing { mut sweep } => {
                 let swept = self.sweep_piece(&mut sweep);
@@ -383,7 +399,10 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             Pass::Testing { mut sweep, onset, part } => {
                 let swept = self.sweep_piece(&mut sweep);
                 self.pass = Pass::Testing { sweep, onset, part };
-                swept && self.tested(onset, part)
+                if swept {
+                    self.tested(onset, part);
+                }
+                false
             }
         }
     }
@@ -405,6 +424,13 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         matches!(self.pass, Pass::Refreshing { .. })
     }
 
+    /// Innovations of the segments that the last piece of the final pass has processed for the last time; none while the
+    /// estimate is still sought.
+    pub fn closing_innovations(&self) -> &[SegmentInnovations] {
+        let closing = matches!(self.pass, Pass::Closing { .. }) || self.solution().is_some();
+        if closing { &self.innovations } else { &[] }
+    }
+
     /// The outcome of the final pass, once it is done.
     pub fn solution(&self) -> Option<&Solution> {
         self.solution.as_ref().filter(|_| matches!(self.pass, Pass::Idle))
@@ -421,55 +447,54 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.pass = Pass::Iterating { sweep, made: 0, before: self.nominal };
     }
 
-    /// A sweep has ended, and `made` are made: another one, unless the estimate stands. Returns whether all is done. Not
-    /// inlined: what it needs on the stack, the sweeps do not.
+    /// A sweep has ended, and `made` are made: another one, unless the estimate stands. Not inlined: what it
+    /// needs on the stack, the sweeps do not.
     #[inline(never)]
-    fn iterate(&mut self, Sweep { period_moves, .. }: Sweep, made: u8, before: &Vector<T, PARAMETERS>) -> bool {
+    fn iterate(&mut self, Sweep { period_moves, .. }: Sweep, made: u8, before: &Vector<T, PARAMETERS>) {
         let converged = self.stands(before);
         if made < MAX_SWEEPS && !converged {
             let sweep = self.begin_sweep(period_moves);
             self.pass = Pass::Iterating { sweep, made, before: self.nominal };
-            return false;
+            return;
         }
         self.solution = Some(self.solved(made, converged));
-        if self.config.method == Method::TwoStage {
-            self.pass = Pass::Idle;
-            return true;
+        match self.config.method {
+            Method::TwoStage => self.close(period_moves),
+            Method::Joint => self.test_next(0, 0),
         }
-        self.test_next(0, 0)
+    }
+
+    fn close(&mut self, period_moves: Option<u16>) {
+        self.innovations.clear();
+        self.pass = Pass::Closing { sweep: self.begin_sweep(period_moves) };
     }
 
     /// A sweep with changes under test has ended. It leaves the estimate as it was solved.
     #[inline(never)]
-    fn tested(&mut self, onset: usize, part: usize) -> bool {
+    fn tested(&mut self, onset: usize, part: usize) {
         let found = self.suspects.most_significant(&sigmas(&self.filter, ENCODER_ERRORS));
         if let Some(solution) = &mut self.solution {
             self.nominal = solution.estimate.errors.to_vector().map(real);
             solution.suspicion = solution.suspicion.more_significant(found);
         }
-        self.test_next(onset, part + 1)
+        self.test_next(onset, part + 1);
     }
 
     /// Begins the sweep that tests this part of the changes that begin with segment `onset`, or the next one that there
-    /// is: changes begin with the first stop and with every move. Returns whether none is left.
-    fn test_next(&mut self, onset: usize, part: usize) -> bool {
+    /// is: changes begin with the first stop and with every move. After the last one the pass is closed.
+    fn test_next(&mut self, onset: usize, part: usize) {
         let mut part = part;
         for onset in onset..self.segments.len() {
             let is_stop = self.segments.get(onset).is_some_and(|segment| segment.kind == SegmentKind::Stop);
             if (!is_stop || onset == 0) && self.suspects.restart(onset as u16, is_stop, part) {
                 let sweep = self.begin_sweep(None);
                 self.pass = Pass::Testing { sweep, onset, part };
-                return false;
+                return;
             }
             part = 0;
         }
         self.suspects.clear();
-        if self.config.gate_sigma.is_some() {
-            self.pass = Pass::Closing { sweep: self.begin_sweep(None) };
-            return false;
-        }
-        self.pass = Pass::Idle;
-        true
+        self.close(None);
     }
 
     fn begin_sweep(&mut self, period_moves: Option<u16>) -> Sweep {
@@ -485,9 +510,13 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
 
     /// Processes the next segments of a sweep. Returns whether it has ended.
     fn sweep_piece(&mut self, sweep: &mut Sweep) -> bool {
+        self.innovations.clear();
         for _ in 0..SEGMENTS_PER_PIECE {
             let Some(segment) = self.segments.get(sweep.next).copied() else { break };
             let usage = self.use_of(segment.kind, sweep.moves, sweep.period_moves);
+            let none = SegmentInnovations { segment: sweep.next as u16, normalized: [None; CHANNELS] };
+            // It holds those of a piece.
+            let _ = self.innovations.push(none);
             let _ = self.process(sweep.next, &segment, usage);
             sweep.moves += u16::from(segment.kind == SegmentKind::Move);
             sweep.next += 1;
@@ -659,6 +688,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             };
             let (update, gain) = self.filter.update(&measurement, choose);
             self.fit.note(&update, segment, channel);
+            self.note_innovation(&update, channel);
             if let Update::Applied(innovation) = &update {
                 let by_attitude_rate = prediction.by_attitude_rate.row(row).transpose().into();
                 let Innovation { value: innovation, variance } = *innovation;
@@ -673,6 +703,17 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
                     by_attitude_rate,
                 });
             }
+        }
+    }
+
+    fn note_innovation(&mut self, update: &Update<T>, channel: u8) {
+        let normalized = match update {
+            Update::Applied(innovation) | Update::Gated(innovation) => innovation.normalized().widened() as f32,
+            Update::Refused => return,
+        };
+        let last = self.innovations.last_mut();
+        if let Some(place) = last.and_then(|last| last.normalized.get_mut(usize::from(channel))) {
+            *place = Some(normalized);
         }
     }
 

@@ -2,7 +2,7 @@
 
 use crate::calibrator::Progress;
 use crate::error_model::PARAMETERS;
-use crate::estimator::Solution;
+use crate::estimator::{SegmentInnovations, Solution};
 use crate::intake::IntakeCounts;
 use crate::policy::Decision;
 use crate::queue::Losses;
@@ -45,6 +45,8 @@ pub enum Message {
     },
     /// A segment has ended.
     Segment(Progress),
+    /// How far a segment is from what all others say.
+    Innovations(SegmentInnovations),
     /// All segments are processed.
     Solved {
         /// The solution.

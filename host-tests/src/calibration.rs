@@ -5,7 +5,7 @@ use crate::unit::{Noise, UnitConfig};
 use rins_selfcal::angle::Angle;
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig, Progress};
 use rins_selfcal::error_model::{PARAMETERS, ParameterInfo, block};
-use rins_selfcal::estimator::{BASIC_STATES, Estimate, FULL_STATES, HeadingSource, Solution};
+use rins_selfcal::estimator::{BASIC_STATES, Estimate, FULL_STATES, HeadingSource, SegmentInnovations, Solution};
 use rins_selfcal::intake::IntakeCounts;
 use rins_selfcal::linear::{Matrix, Real, Vector3, real};
 use rins_selfcal::method::Method;
@@ -155,7 +155,9 @@ impl<T: Real, const STATES: usize> CoreChain<T, STATES> {
 
 impl<T: Real, const STATES: usize> Chain for CoreChain<T, STATES> {
     fn step(&mut self, reading: &Reading) -> Option<Progress> {
-        self.calibrator.step(&raw_sample(reading))
+        let progress = self.calibrator.step(&raw_sample(reading));
+        self.record.live.extend(progress);
+        progress
     }
 
     fn conclude(&mut self, on_segment: &mut dyn FnMut(&Progress)) -> Outcome {
@@ -197,6 +199,10 @@ pub struct Outcome {
     pub stops: usize,
     /// Moves found.
     pub moves: usize,
+    /// The live estimate after every segment.
+    pub live: Vec<Progress>,
+    /// How far every segment is from what all others say.
+    pub innovations: Vec<SegmentInnovations>,
 }
 
 /// What is kept of the messages of a run.
@@ -210,13 +216,19 @@ pub struct Record {
     losses: Option<Losses>,
     stops: usize,
     moves: usize,
+    live: Vec<Progress>,
+    innovations: Vec<SegmentInnovations>,
 }
 
 impl Record {
     /// Takes in a message.
     pub fn note(&mut self, message: &Message) {
         match message {
-            Message::Segment(progress) => self.note_segment(progress.kind),
+            Message::Segment(progress) => {
+                self.note_segment(progress.kind);
+                self.live.push(*progress);
+            }
+            Message::Innovations(innovations) => self.innovations.push(*innovations),
             Message::Solved { solution, counts } => self.solution = Some((*solution, *counts)),
             Message::Covariance { row, values } => {
                 self.covariance.row_mut(usize::from(*row)).copy_from_slice(values);
@@ -255,6 +267,8 @@ impl Record {
             losses: self.losses,
             stops: self.stops,
             moves: self.moves,
+            live: self.live,
+            innovations: self.innovations,
         })
     }
 }

@@ -88,6 +88,25 @@ mod tests {
         assert!((run.duration_s() - (289.0 + 19.0 * SETTLING_S)).abs() < 1e-9);
     }
 
+    /// Of both methods: told once for each segment, and together the chi-square of the solution.
+    #[test]
+    fn innovations_of_the_last_sweep_make_up_the_chi_square() {
+        let config = UnitConfig::default();
+        let unit = VirtualUnit { errors: presets::table3(), rate_hz: 50.0, ..VirtualUnit::default() };
+        let run = VirtualRun { unit, scheme: Scheme::bai(2.0, 2), seed: 3 };
+        let setups = [Method::Joint, Method::TwoStage].map(|method| Setup::new(&config, 50.0, method, Precision::F64));
+        for outcome in run.calibrate(&setups) {
+            let segments: Vec<u16> = outcome.innovations.iter().map(|innovations| innovations.segment).collect();
+            assert_eq!(segments, (0..outcome.solution.segments).collect::<Vec<_>>());
+            let all = outcome.innovations.iter().flat_map(|innovations| innovations.normalized).flatten();
+            let (count, sum) = all.fold((0, 0.0), |(count, sum), value| (count + 1, sum + f64::from(value * value)));
+            let fit = &outcome.solution.fit;
+            assert_eq!(count, fit.measurements);
+            // The estimate may still move by a hundredth of a sigma.
+            assert!((sum / fit.chi_square - 1.0).abs() < 1e-3, "{sum} for {}", fit.chi_square);
+        }
+    }
+
     /// What it does not know of must not come out magnified: with optimal weights the worst of the twelve was off by 130".
     #[test]
     fn the_two_stage_method_bears_the_errors_of_a_real_unit() {
