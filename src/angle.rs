@@ -9,6 +9,9 @@ use serde::{Deserialize, Serialize};
 /// Ticks of one turn.
 pub const TICKS_PER_TURN: f64 = 4_294_967_296.0;
 
+/// One tick, rad.
+pub const RAD_PER_TICK: f64 = core::f64::consts::TAU / TICKS_PER_TURN;
+
 /// Angle of one gimbal axis within a turn, right-handed about the axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Angle(u32);
@@ -61,7 +64,7 @@ impl Angle {
 /// `ticks` in radians, of any number of turns.
 pub fn ticks_to_rad<T: Real>(ticks: i64) -> T {
     // The product is formed in f64 so that an f32 core rounds once.
-    real(ticks as f64 * (core::f64::consts::TAU / TICKS_PER_TURN))
+    real(ticks as f64 * RAD_PER_TICK)
 }
 
 /// Radians in ticks, of any number of turns (saturating at 2^31 turns; not-a-number gives 0).

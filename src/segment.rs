@@ -13,7 +13,7 @@
 //! with three still blocks in a row (settling); a stop ends three blocks before the first that is not still (guard). So
 //! a move's window reaches from inside one stop to inside the next, and no ramp touches a stop.
 
-use crate::angle::{Angle, rad_to_ticks, ticks_to_rad};
+use crate::angle::{Angle, RAD_PER_TICK, rad_to_ticks, ticks_to_rad};
 use crate::linear::{CompensatedSum, ComplexField, Real, Vector3, real};
 use crate::sample::RawSample;
 use crate::units::ARCSEC;
@@ -321,6 +321,8 @@ struct Interval<T> {
     inner_ticks: i32,
     sin_cos_outer: (T, T),
     sin_cos_inner: (T, T),
+    /// Rate of the outer axis times the inner one's acceleration, less the other way round, ticks^2.
+    swerve_ticks2: i64,
 }
 
 impl<T: Real> Sums<T> {
@@ -370,13 +372,16 @@ impl<T: Real> Sums<T> {
                 sum.add(inner * column);
             }
         }
-        if interval.outer_ticks != 0 {
+        if interval.outer_ticks != 0 || interval.swerve_ticks2 != 0 {
             let inner: T = ticks_to_rad(interval.inner_ticks.into());
             // Mean of cosine and sine over an interval that they pass at constant rate, from their value in its middle.
             let mean = T::one() - inner * inner / real(24.0);
             let outer = ticks_to_rad::<T>(interval.outer_ticks.into()) * mean;
-            self.outer_cos_inner.add(ci * outer);
-            self.outer_sin_inner.add(si * outer);
+            // What the axes' accelerations add, to the same order; at the sample where this interval and the last meet.
+            let swerve = ticks_to_rad::<T>(interval.swerve_ticks2) * real(RAD_PER_TICK / 12.0);
+            let half = inner * real(0.5);
+            self.outer_cos_inner.add(ci * outer + (si - ci * half) * swerve);
+            self.outer_sin_inner.add(si * outer - (ci + si * half) * swerve);
             let since_s = seconds::<T>(self.duration_us.saturating_sub(interval.duration_us / 2));
             self.late_cos_inner_s.add(ci * outer * since_s);
             self.late_sin_inner_s.add(si * outer * since_s);
@@ -515,6 +520,8 @@ enum Phase {
 pub struct Segmenter<T: Real> {
     still_ticks: i64,
     previous: Option<RawSample<T>>,
+    /// How far outer and inner axis turned in the interval before, ticks.
+    turned: [i32; 2],
     trig_outer: CachedSinCos<T>,
     trig_inner: CachedSinCos<T>,
     runs: Runs,
@@ -540,6 +547,7 @@ impl<T: Real> Segmenter<T> {
         Self {
             still_ticks: 0,
             previous: None,
+            turned: [0; 2],
             trig_outer: CachedSinCos::EMPTY,
             trig_inner: CachedSinCos::EMPTY,
             runs: Runs::NONE,
@@ -556,6 +564,7 @@ impl<T: Real> Segmenter<T> {
     /// Forgets all samples; motion is recognized as `stillness` says from here on.
     pub fn restart(&mut self, stillness: &Stillness) {
         (self.previous, self.block, self.phase, self.stopped_before) = (None, None, Phase::Start, false);
+        self.turned = [0; 2];
         self.guard.clear();
         (self.stop, self.moved) = (Sums::ZERO, Sums::ZERO);
         self.scatter = ScatterSums::ZERO;
@@ -618,6 +627,8 @@ impl<T: Real> Segmenter<T> {
         let outer_ticks = sample.outer.since(previous.outer);
         let inner_ticks = sample.inner.since(previous.inner);
         let half = real::<T>(0.5);
+        let [outer_before, inner_before] = mem::replace(&mut self.turned, [outer_ticks, inner_ticks]).map(i64::from);
+        let gained = i64::from(inner_ticks) * outer_before;
         Interval {
             duration_us,
             held: self.runs.step(previous, sample),
@@ -628,6 +639,7 @@ impl<T: Real> Segmenter<T> {
             inner_ticks,
             sin_cos_outer: self.trig_outer.at(previous.outer.turned(outer_ticks / 2)),
             sin_cos_inner: self.trig_inner.at(previous.inner.turned(inner_ticks / 2)),
+            swerve_ticks2: gained.saturating_sub(inner_before * i64::from(outer_ticks)),
         }
     }
 
