@@ -1,7 +1,7 @@
 //! The firmware image in QEMU, with the host as its bench.
 //!
 //! Builds the image, installs what is missing, starts the emulator and serves the pipes that
-//! `src/bin/firmware/mps2_an500.rs` opens: `requests` and `answers` carry the transfers on SPI, `telemetry` COBS frames,
+//! `src/bin/firmware/mps2.rs` opens: `requests` and `answers` carry the transfers on SPI, `telemetry` COBS frames,
 //! `log` defmt frames; the files are `configuration` (to the firmware), `run` and `fault` (from it).
 
 use crate::bench::{Bench, Chip};

@@ -3,15 +3,17 @@
 #![no_main]
 #![deny(unsafe_code)]
 
-mod bit_bang_i2c;
-mod mps2_an500;
+mod board;
+mod fault;
+mod mps2;
+mod stack;
+mod work;
 
+use board::{Board, ThisBoard};
 use cortex_m::singleton;
 use cortex_m_rt::entry;
-use mps2_an500::{Board, Span, Telemetry, Work, count};
 use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
-use rins_selfcal::device::command_rates;
 #[cfg(not(feature = "optional-states"))]
 use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::estimator::{FULL_STATES, MAX_SEGMENTS};
@@ -21,6 +23,7 @@ use rins_selfcal::sequencer::State;
 use rins_selfcal::store::{Loaded, StoredCalibration};
 use rins_selfcal::telemetry::{MAX_FRAME_BYTES, Message, encode};
 use rins_selfcal::verdict::VerdictLimits;
+use work::{Span, Work, count};
 
 /// The scalar of this image.
 #[cfg(not(feature = "single-precision"))]
@@ -40,7 +43,7 @@ type ImageCalibrator = Calibrator<Scalar, MAX_SEGMENTS, STATES>;
 
 #[entry]
 fn main() -> ! {
-    let mut board = Board::start();
+    let mut board = ThisBoard::start();
     let status = match singleton!(: ImageCalibrator = Calibrator::UNCONFIGURED) {
         Some(calibrator) => run(&mut board, calibrator),
         None => Err(()),
@@ -48,7 +51,7 @@ fn main() -> ! {
     board.finish(status)
 }
 
-fn run(board: &mut Board, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
+fn run(board: &mut impl Board, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
     match assignment(board) {
         Assignment::SelfCalibrate(config) => self_calibrate(board, config, calibrator),
         Assignment::Replay(config) => replay(board, &config, calibrator),
@@ -58,7 +61,7 @@ fn run(board: &mut Board, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
 /// What the host assigns; without a word from it, the default. Not inlined, as others below: what they need on the stack
 /// is free again when the run begins.
 #[inline(never)]
-fn assignment(board: &mut Board) -> Assignment {
+fn assignment(board: &mut impl Board) -> Assignment {
     let mut buffer = [0; MAX_ASSIGNMENT_BYTES];
     let assigned = board.configuration(&mut buffer).map(postcard::from_bytes);
     match assigned {
@@ -73,7 +76,7 @@ fn assignment(board: &mut Board) -> Assignment {
 
 #[inline(never)]
 fn self_calibrate(
-    board: &mut Board,
+    board: &mut impl Board,
     config: SelfCalibrationConfig,
     calibrator: &mut ImageCalibrator,
 ) -> Result<(), ()> {
@@ -86,23 +89,23 @@ fn self_calibrate(
     };
     let mut samples = 0;
     while board.powered() {
-        while let Some(sample) = board.samples.pop() {
+        while let Some(sample) = board.samples().pop() {
             samples += 1;
             let (span, mut work) = (Span::start(), work_in(run.state()));
             let step = run.step(&sample, &mut |message| {
                 work = if matches!(message, Message::Segment(_)) { Work::Segment } else { Work::Other };
-                send(&mut board.telemetry, message);
+                send(board, message);
             });
-            run.drives_answered(command_rates(&mut board.drives, step.rates_rad_s));
+            run.drives_answered(board.command_rates(step.rates_rad_s));
             count(work, &span);
             if step.save {
                 let saved = save(board, run);
                 run.saved();
-                send(&mut board.telemetry, &Message::Saved(saved));
+                send(board, &Message::Saved(saved));
             }
         }
-        if let Some(rates_rad_s) = run.tick(board.now_us(), &mut |message| send(&mut board.telemetry, message)) {
-            command_rates(&mut board.drives, rates_rad_s);
+        if let Some(rates_rad_s) = run.tick(board.now_us(), &mut |message| send(board, message)) {
+            board.command_rates(rates_rad_s);
         }
         board.wait();
     }
@@ -110,9 +113,9 @@ fn self_calibrate(
     Ok(())
 }
 
-fn refuse(board: &mut Board, error: ConfigError) -> Result<(), ()> {
+fn refuse(board: &mut impl Board, error: ConfigError) -> Result<(), ()> {
     defmt::error!("the configuration is refused: {}", defmt::Display2Format(&error));
-    send(&mut board.telemetry, &Message::Refused(error));
+    send(board, &Message::Refused(error));
     Err(())
 }
 
@@ -128,38 +131,38 @@ fn work_in(state: State) -> Work {
 }
 
 #[inline(never)]
-fn replay(board: &mut Board, config: &CalibratorConfig, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
+fn replay(board: &mut impl Board, config: &CalibratorConfig, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
     if config.estimator.options.needs_states() && STATES < FULL_STATES {
         return refuse(board, ConfigError::States);
     }
     calibrator.restart(config);
     let mut samples = 0;
     while board.powered() {
-        while let Some(sample) = board.samples.pop() {
+        while let Some(sample) = board.samples().pop() {
             samples += 1;
             if let Some(progress) = calibrator.step(&sample) {
-                send(&mut board.telemetry, &Message::Segment(progress));
+                send(board, &Message::Segment(progress));
             }
         }
         board.wait();
     }
-    let solution = calibrator.conclude(&mut |message| send(&mut board.telemetry, message));
+    let solution = calibrator.conclude(&mut |message| send(board, message));
     let verdict = calibrator.judge(&solution, None, &VerdictLimits::default());
-    send(&mut board.telemetry, &Message::Judged(verdict));
+    send(board, &Message::Judged(verdict));
     report_queue(board, samples);
     Ok(())
 }
 
 /// Stores the run's result; whether that went well.
 #[inline(never)]
-fn save(board: &mut Board, run: &SelfCalibration<'_, Scalar, STATES>) -> bool {
-    run.record().is_some_and(|record| board.store.save(&record).is_ok())
+fn save(board: &mut impl Board, run: &SelfCalibration<'_, Scalar, STATES>) -> bool {
+    run.record().is_some_and(|record| board.store().save(&record).is_ok())
 }
 
 /// The stored calibration, if there is a good one.
 #[inline(never)]
-fn load(board: &mut Board) -> Option<StoredCalibration> {
-    let (record, damaged, fault) = match board.store.load() {
+fn load(board: &mut impl Board) -> Option<StoredCalibration> {
+    let (record, damaged, fault) = match board.store().load() {
         Ok(Loaded::Empty) => (None, false, false),
         Ok(Loaded::Found { record, damage }) => (Some(record), damage.is_some(), false),
         Ok(Loaded::Corrupt { .. }) => (None, true, false),
@@ -172,22 +175,22 @@ fn load(board: &mut Board) -> Option<StoredCalibration> {
         damaged,
         fault
     );
-    send(&mut board.telemetry, &Message::Store { found, damaged, fault });
+    send(board, &Message::Store { found, damaged, fault });
     record
 }
 
-fn report_queue(board: &mut Board, samples: u64) {
-    let losses = board.samples.losses();
+fn report_queue(board: &mut impl Board, samples: u64) {
+    let losses = board.samples().losses();
     defmt::info!("{=u64} samples, {=u32} missing", samples, losses.total());
-    send(&mut board.telemetry, &Message::Queue { samples, losses });
+    send(board, &Message::Queue { samples, losses });
 }
 
-fn send(telemetry: &mut Telemetry, message: &Message) {
+fn send(board: &mut impl Board, message: &Message) {
     let span = Span::start();
     log(message);
     let mut buffer = [0; MAX_FRAME_BYTES];
     if let Some(frame) = encode(message, &mut buffer) {
-        telemetry.send(frame);
+        board.send(frame);
     }
     span.put_aside();
 }

@@ -1,0 +1,51 @@
+//! What the firmware wants of a board: one trait, fulfilled in one file for each board.
+
+use crate::Scalar;
+use embedded_storage::Storage;
+use rins_selfcal::queue::SampleConsumer;
+use rins_selfcal::store::CalibrationStore;
+
+/// The board that this image is built for.
+pub use crate::mps2::Mps2 as ThisBoard;
+
+/// A board, as the main loop has it.
+pub trait Board: Sized {
+    /// Memory that keeps calibrations while the power is off.
+    type Memory: Storage;
+
+    /// Sets the board up; data-ready edges begin. Called once.
+    fn start() -> Self;
+
+    /// Samples of the data-ready interrupt.
+    fn samples(&mut self) -> &mut SampleConsumer<'static, Scalar>;
+
+    /// Commands the outer and the inner drive, rad/s; which of them took it.
+    fn command_rates(&mut self, rates_rad_s: [Scalar; 2]) -> [bool; 2];
+
+    /// Calibration records.
+    fn store(&mut self) -> &mut CalibrationStore<Self::Memory>;
+
+    /// Sends a frame to the host; one that cannot be sent is lost.
+    fn send(&mut self, frame: &[u8]);
+
+    /// The configuration, as postcard; `None` if there is none, or more than fits in `buffer`.
+    fn configuration<'a>(&mut self, buffer: &'a mut [u8]) -> Option<&'a [u8]>;
+
+    /// Time since power-up, us.
+    fn now_us(&self) -> u64;
+
+    /// Whether the instrument is switched on. Once off, it stays off, and no more samples come.
+    fn powered(&self) -> bool;
+
+    /// Sleeps until there is something to do, a tenth of a second at most.
+    fn wait(&mut self);
+
+    /// Reports on the run and switches off.
+    fn finish(self, status: Result<(), ()>) -> !;
+
+    /// A clock that runs freely and wraps; readable from everywhere.
+    fn ticks() -> u32;
+
+    /// Tells what happened, with some numbers, and ends the program. Called from everywhere, faults included.
+    fn stop(what: &str, numbers: &[u32]) -> !;
+}

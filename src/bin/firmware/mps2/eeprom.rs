@@ -1,0 +1,60 @@
+//! The EEPROM on the bit-banged I2C.
+
+use super::bit_bang_i2c::BitBangI2c;
+use super::register::Register;
+use core::convert::Infallible;
+use eeprom24x::{Eeprom24x, SlaveAddr, addr_size, page_size, unique_serial};
+use embedded_hal::delay::DelayNs;
+use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
+
+const I2C_SET: Register = Register::at(0x4002_a000);
+const I2C_CLEAR: Register = Register::at(0x4002_a004);
+
+/// Delays by counting instructions, of which the emulator executes one in 2 ns.
+pub struct Delay;
+
+impl DelayNs for Delay {
+    fn delay_ns(&mut self, ns: u32) {
+        cortex_m::asm::delay(ns.div_ceil(2));
+    }
+}
+
+/// A line of the bit-banged I2C: open drain, so both directions at once.
+pub struct Line(u32);
+
+const SCL: Line = Line(1);
+const SDA: Line = Line(2);
+
+impl ErrorType for Line {
+    type Error = Infallible;
+}
+
+impl OutputPin for Line {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        I2C_CLEAR.write(self.0);
+        Ok(())
+    }
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        I2C_SET.write(self.0);
+        Ok(())
+    }
+}
+
+impl InputPin for Line {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok(I2C_SET.read() & self.0 != 0)
+    }
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        self.is_high().map(|high| !high)
+    }
+}
+
+/// The EEPROM, a 24x64 of 8 KiB.
+pub type Eeprom =
+    eeprom24x::Storage<BitBangI2c<Line, Line, Delay>, page_size::B32, addr_size::TwoBytes, unique_serial::No, Delay>;
+
+/// The EEPROM of the board.
+pub fn eeprom() -> Eeprom {
+    let i2c = BitBangI2c::new(SCL, SDA, Delay);
+    eeprom24x::Storage::new(Eeprom24x::new_24x64(i2c, SlaveAddr::default()), Delay)
+}
