@@ -31,6 +31,7 @@ pub mod axis;
 pub mod calibrator;
 pub mod constancy;
 pub mod device;
+pub mod drivers;
 pub mod error_model;
 pub mod estimator;
 pub mod intake;
