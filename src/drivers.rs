@@ -2,7 +2,9 @@
 //!
 //! ```text
 //! bridge     motor bridge, PWM and direction    duty from -1 to 1         -> pins
+//! biss       absolute encoder, BiSS-C           bits clocked in over SPI  -> Angle
 //! ```
 //! A driver refuses what its device does not vouch for, and says why. Nothing here reads a clock: times are arguments.
 
+pub mod biss;
 pub mod bridge;
