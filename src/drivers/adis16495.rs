@@ -1,0 +1,599 @@
+//! Inertial measurement units ADIS16495 and ADIS16497 on SPI, with data-ready.
+//!
+//! Source: Analog Devices, ADIS16495 data sheet, Rev. C; where it leaves a choice, Linux' `adis16480` driver was consulted.
+//!
+//! SPI mode 3, words of 16 bits, high byte first, 5 us at least between words (stall); 15 MHz at most, 6 MHz in a burst.
+//! Registers of 16 bits lie on pages, chosen by writing their number to address 0. A read sends the address and takes the
+//! answer with the next word; a write sends `0x80 | address` and a byte, low byte first. Some registers need longer.
+//!
+//! ```text
+//! burst: sent  0x7c00, then nothing more for 19 words
+//!        came  anything, one or two words 0xa5a5 (two above 3.6 MHz), then
+//!              SYS_E_FLAG, TEMP_OUT, X_GYRO_LOW, X_GYRO_OUT, .. Z_GYRO_OUT, X_ACCL_LOW, .. Z_ACCL_OUT, DATA_CNT,
+//!              CRC_LWR, CRC_UPR: CRC-32/ISO-HDLC of the 15 words before, low bytes first
+//! ```
+//! | | per 2^-16 of the upper word |
+//! |---|---|
+//! | gyro, -1 / -2 / -3 (RANG_MDL 0x3, 0x7, 0xf) | 0.00625 / 0.025 / 0.1 deg/s |
+//! | accelerometer, ADIS16495 / ADIS16497 | 0.25 / 1.25 mg |
+//! | temperature, from 25 deg C | 0.0125 deg C, 16 bits |
+//!
+//! In its 32 bits a sample of the -1 has steps of 9.5e-8 deg/s and 3.8e-9 g, 1/2500 of a gyro of 0.001 deg/sqrt(h) and
+//! 1/37000 of an accelerometer of 10 ug/sqrt(Hz) at 200 Hz: noise dithers them, and nothing is lost to rounding.
+//!
+//! The IMU samples at 4250 Hz by itself, or at each rising edge on DIO1, of 3000 to 4500 Hz, and its output is the mean of
+//! so many samples as the decimation says; data-ready rises on DIO2. For 200 Hz on the processor's clock give it 4000 Hz
+//! and a decimation of 20. Status bits: 15 watchdog, 8 clock, 7 overrun, 6 flash, 5 sensor, 3 SPI, 2 memory, 1 boot.
+
+use super::{Counter, ImuFault, ImuReading, field};
+use crate::linear::{Real, Vector3, real};
+use crate::units::{DEG, MICRO_G};
+use crc::{CRC_32_ISO_HDLC, Crc, Table};
+use embedded_hal::delay::DelayNs;
+use embedded_hal::spi::SpiDevice;
+
+/// Length of a burst, bytes.
+pub const BURST_BYTES: usize = 40;
+/// What opens a burst.
+const BURST_ID: [u8; 2] = [0xa5, 0xa5];
+/// Words of a burst after its opening: 15 under the CRC, and the CRC.
+const CONTENT_BYTES: usize = 34;
+const COVERED_BYTES: usize = 30;
+/// Bits of SYS_E_FLAG that have a meaning.
+const FLAGS: u16 = 0x81ee;
+
+/// Stall between words, us.
+const STALL_US: u32 = 5;
+/// From a software reset to the first sample, ms.
+const RESET_MS: u32 = 210;
+
+static CRC_32: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
+
+/// A register: page, address of the low byte, and how long a write to it takes, us.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Register {
+    page: u8,
+    address: u8,
+    stall_us: u32,
+}
+
+impl Register {
+    /// Faults of the system; reading clears them.
+    pub const SYS_E_FLAG: Self = Self::new(0, 0x08, STALL_US);
+    /// Faults of the sensors: 0 to 2 gyros, 3 to 5 accelerometers.
+    pub const DIAG_STS: Self = Self::new(0, 0x0a, STALL_US);
+    /// The burst.
+    pub const BURST_CMD: Self = Self::new(0, 0x7c, STALL_US);
+    /// Which product it is.
+    pub const PROD_ID: Self = Self::new(0, 0x7e, STALL_US);
+    /// Commands; bit 7 resets.
+    pub const GLOB_CMD: Self = Self::new(3, 0x02, 1120);
+    /// What the DIO lines do.
+    pub const FNCTIO_CTRL: Self = Self::new(3, 0x06, 340);
+    /// Samples to an output, less one.
+    pub const DEC_RATE: Self = Self::new(3, 0x0c, 340);
+    /// Which sub-model it is.
+    pub const RANG_MDL: Self = Self::new(3, 0x12, STALL_US);
+    /// FIR filters of the gyros and of accelerometers x and y.
+    pub const FILTR_BNK_0: Self = Self::new(3, 0x16, 65);
+    /// FIR filter of accelerometer z.
+    pub const FILTR_BNK_1: Self = Self::new(3, 0x18, 65);
+
+    const fn new(page: u8, address: u8, stall_us: u32) -> Self {
+        Self { page, address, stall_us }
+    }
+}
+
+/// What clocks the samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Clock {
+    /// The IMU itself, at 4250 Hz, as near as its oscillator is.
+    Internal,
+    /// Rising edges on DIO1 at this rate, 3000 to 4500 Hz.
+    External {
+        /// The rate, Hz.
+        rate_hz: u16,
+    },
+}
+
+/// One of the FIR filters of 120 taps over samples, as they are unless others have been written: 300, 100, 300, 100 Hz.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FilterBank {
+    /// Bank A.
+    A = 0,
+    /// Bank B.
+    B = 1,
+    /// Bank C.
+    C = 2,
+    /// Bank D.
+    D = 3,
+}
+
+/// How the IMU shall sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// What clocks the samples.
+    pub clock: Clock,
+    /// Samples that an output is the mean of, 1 to 4250.
+    pub decimation: u16,
+    /// A FIR filter before that mean; without one an output is the mean over its interval and nothing else.
+    pub filter: Option<FilterBank>,
+    /// From the end of an interval to its data-ready edge, us: what the sensors and the processing of the IMU take.
+    pub latency_us: u32,
+}
+
+impl Default for Settings {
+    /// 200 Hz from a clock of 4000 Hz, no filter, no latency.
+    fn default() -> Self {
+        Self { clock: Clock::External { rate_hz: 4000 }, decimation: 20, filter: None, latency_us: 0 }
+    }
+}
+
+impl Settings {
+    /// Delay of the FIR filters, half of 119 samples.
+    const FILTER_DELAY_SAMPLES: f64 = 59.5;
+
+    fn are_valid(&self) -> bool {
+        let clock = match self.clock {
+            Clock::Internal => true,
+            Clock::External { rate_hz } => (3000..=4500).contains(&rate_hz),
+        };
+        clock && (1..=4250).contains(&self.decimation)
+    }
+
+    fn clock_hz(&self) -> f64 {
+        match self.clock {
+            Clock::Internal => 4250.0,
+            Clock::External { rate_hz } => rate_hz.into(),
+        }
+    }
+
+    /// From one output to the next, s.
+    pub fn interval_s(&self) -> f64 {
+        f64::from(self.decimation) / self.clock_hz()
+    }
+
+    /// From the middle of an output's interval to its data-ready edge, us.
+    fn lag_us(&self) -> u64 {
+        let filter = if self.filter.is_some() { Self::FILTER_DELAY_SAMPLES } else { 0.0 };
+        let samples = 0.5 * f64::from(self.decimation) + filter;
+        (samples / self.clock_hz() * 1e6) as u64 + u64::from(self.latency_us)
+    }
+
+    /// Data-ready rising on DIO2; the clock, if there is one, rising on DIO1.
+    fn function(&self) -> u16 {
+        let clock = if self.clock == Clock::Internal { 0 } else { 0b1100_0000 };
+        clock | 0b1101
+    }
+
+    /// Three bits to a sensor: enabled, and the bank.
+    fn filter_bits(&self, sensors: u32) -> u16 {
+        let bits = self.filter.map_or(0, |bank| 4 | bank as u16);
+        (0..sensors).fold(0, |word, _| word << 3 | bits)
+    }
+
+    fn registers(&self) -> [(Register, u16); 4] {
+        [
+            (Register::FNCTIO_CTRL, self.function()),
+            (Register::DEC_RATE, self.decimation.saturating_sub(1)),
+            (Register::FILTR_BNK_0, self.filter_bits(5)),
+            (Register::FILTR_BNK_1, self.filter_bits(1)),
+        ]
+    }
+}
+
+/// Why the IMU does not start.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StartFault<E> {
+    /// The bus did not carry a transfer.
+    Bus(E),
+    /// The settings are outside what the IMU takes.
+    Settings,
+    /// It says it is this product, which is none of the family.
+    Product(u16),
+    /// It says it is this sub-model, which is none of the family.
+    Model(u16),
+    /// A register does not hold what was written.
+    Register {
+        /// The register.
+        register: Register,
+        /// What it holds.
+        holds: u16,
+    },
+    /// A sensor failed its test; the bits of [`Register::DIAG_STS`].
+    Sensor(u16),
+    /// The IMU reports faults; the bits of the head.
+    Status(u16),
+}
+
+/// Steps of the IMU's numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Scale {
+    gyro_rad_s: f64,
+    accel_m_s2: f64,
+}
+
+impl Scale {
+    const LOWER_WORD: f64 = 65_536.0;
+
+    fn new<E>(product: u16, model: u16) -> Result<Self, StartFault<E>> {
+        let accel_ug = match product {
+            16_495 => 250.0,
+            16_497 => 1250.0,
+            _ => return Err(StartFault::Product(product)),
+        };
+        let gyro_deg_s = match model & 0xf {
+            0x3 => 0.006_25,
+            0x7 => 0.025,
+            0xf => 0.1,
+            _ => return Err(StartFault::Model(model)),
+        };
+        Ok(Self { gyro_rad_s: gyro_deg_s * DEG / Self::LOWER_WORD, accel_m_s2: accel_ug * MICRO_G / Self::LOWER_WORD })
+    }
+}
+
+/// The IMU, started.
+#[derive(Debug)]
+pub struct Adis16495<S> {
+    spi: S,
+    scale: Scale,
+    lag_us: u64,
+    counter: Counter,
+}
+
+impl<S: SpiDevice> Adis16495<S> {
+    /// Resets the IMU on `spi`, makes sure of what it is, and sets it up; it samples from then on. Takes a quarter of a
+    /// second.
+    ///
+    /// # Errors
+    /// It does not answer as an IMU of the family, reports a fault or does not take the settings.
+    pub fn start(spi: S, delay: &mut impl DelayNs, settings: &Settings) -> Result<Self, StartFault<S::Error>> {
+        if !settings.are_valid() {
+            return Err(StartFault::Settings);
+        }
+        let mut link = Link { spi, delay, page: None };
+        link.write(Register::GLOB_CMD, 1 << 7)?;
+        link.delay.delay_ms(RESET_MS);
+        link.page = None;
+        let scale = Scale::new(link.read(Register::PROD_ID)?, link.read(Register::RANG_MDL)?)?;
+        for (register, value) in settings.registers() {
+            link.write(register, value)?;
+            let holds = link.read(register)?;
+            if holds != value {
+                return Err(StartFault::Register { register, holds });
+            }
+        }
+        match link.read(Register::DIAG_STS)? {
+            0 => {}
+            sensors => return Err(StartFault::Sensor(sensors)),
+        }
+        match link.read(Register::SYS_E_FLAG)? & FLAGS {
+            // Page 0 is chosen, as the burst needs.
+            0 => Ok(Self { spi: link.spi, scale, lag_us: settings.lag_us(), counter: Counter::new(16) }),
+            flags => Err(StartFault::Status(flags)),
+        }
+    }
+
+    /// The measurement of the last data-ready edge, which came at `edge_us`. Call it once for every edge.
+    ///
+    /// # Errors
+    /// There is none, for the reason given; the sample is lost.
+    pub fn read<T: Real>(&mut self, edge_us: u64) -> Result<ImuReading<T>, ImuFault<S::Error>> {
+        let read = self.try_read(edge_us);
+        if read.is_err() {
+            self.counter.lose();
+        }
+        read
+    }
+
+    fn try_read<T: Real>(&mut self, edge_us: u64) -> Result<ImuReading<T>, ImuFault<S::Error>> {
+        let mut burst = [0; BURST_BYTES];
+        burst[0] = Register::BURST_CMD.address;
+        self.spi.transfer_in_place(&mut burst).map_err(ImuFault::Bus)?;
+        let burst = Burst::decode(&burst)?;
+        if burst.flags & FLAGS != 0 {
+            return Err(ImuFault::Status(burst.flags & FLAGS));
+        }
+        let scaled = |raw: [i32; 3], step: f64| Vector3::from(raw.map(|raw| real(f64::from(raw) * step)));
+        Ok(ImuReading {
+            time_us: edge_us.saturating_sub(self.lag_us),
+            missed: self.counter.take(burst.count.into()),
+            omega_g: scaled(burst.gyro, self.scale.gyro_rad_s),
+            force_a: scaled(burst.accel, self.scale.accel_m_s2),
+            temperature_c: 25.0 + f32::from(burst.temperature) * 0.0125,
+        })
+    }
+}
+
+/// What a burst carries, in the IMU's steps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Burst {
+    /// SYS_E_FLAG.
+    pub flags: u16,
+    /// From 25 deg C, 0.0125 deg C each.
+    pub temperature: i16,
+    /// Gyros x, y, z.
+    pub gyro: [i32; 3],
+    /// Accelerometers x, y, z.
+    pub accel: [i32; 3],
+    /// Number of the output, wraps.
+    pub count: u16,
+}
+
+impl Burst {
+    /// Takes a burst apart, as it came.
+    ///
+    /// # Errors
+    /// It has no opening, or the CRC is wrong.
+    pub fn decode<E>(burst: &[u8; BURST_BYTES]) -> Result<Self, ImuFault<E>> {
+        let content = content(burst).ok_or(ImuFault::NoAnswer)?;
+        let word = |bytes: [u8; 2]| u16::from_be_bytes(bytes);
+        let crc = u32::from(word(field::<32, 2, _>(content))) << 16 | u32::from(word(field::<30, 2, _>(content)));
+        let mut swapped = field::<0, COVERED_BYTES, _>(content);
+        for word in swapped.as_chunks_mut::<2>().0 {
+            word.reverse();
+        }
+        if CRC_32.checksum(&swapped) != crc {
+            return Err(ImuFault::Crc);
+        }
+        let long = |[l1, l0, h1, h0]: [u8; 4]| i32::from_be_bytes([h1, h0, l1, l0]);
+        Ok(Self {
+            flags: word(field::<0, 2, _>(content)),
+            temperature: i16::from_be_bytes(field::<2, 2, _>(content)),
+            gyro: [field::<4, 4, _>(content), field::<8, 4, _>(content), field::<12, 4, _>(content)].map(long),
+            accel: [field::<16, 4, _>(content), field::<20, 4, _>(content), field::<24, 4, _>(content)].map(long),
+            count: word(field::<28, 2, _>(content)),
+        })
+    }
+}
+
+/// The words after the opening, which begins with one of the first three words.
+fn content(burst: &[u8; BURST_BYTES]) -> Option<&[u8; CONTENT_BYTES]> {
+    [2, 4, 6].into_iter().find_map(|at: usize| {
+        let before = burst.get(at - 2..at)?;
+        let content = burst.get(at..)?.first_chunk::<CONTENT_BYTES>()?;
+        (before == BURST_ID && !content.starts_with(&BURST_ID)).then_some(content)
+    })
+}
+
+/// Reads and writes registers.
+struct Link<'d, S, D> {
+    spi: S,
+    delay: &'d mut D,
+    /// Page chosen, where it is known.
+    page: Option<u8>,
+}
+
+impl<S: SpiDevice, D: DelayNs> Link<'_, S, D> {
+    fn send(&mut self, word: [u8; 2], stall_us: u32) -> Result<(), StartFault<S::Error>> {
+        self.spi.write(&word).map_err(StartFault::Bus)?;
+        self.delay.delay_us(stall_us);
+        Ok(())
+    }
+
+    fn choose(&mut self, page: u8) -> Result<(), StartFault<S::Error>> {
+        if self.page != Some(page) {
+            self.send([0x80, page], STALL_US)?;
+            self.page = Some(page);
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, register: Register, value: u16) -> Result<(), StartFault<S::Error>> {
+        self.choose(register.page)?;
+        let [high, low] = value.to_be_bytes();
+        self.send([0x80 | register.address, low], STALL_US)?;
+        self.send([0x80 | (register.address + 1), high], register.stall_us)
+    }
+
+    fn read(&mut self, register: Register) -> Result<u16, StartFault<S::Error>> {
+        self.choose(register.page)?;
+        self.send([register.address, 0], STALL_US)?;
+        let mut word = [0; 2];
+        self.spi.read(&mut word).map_err(StartFault::Bus)?;
+        self.delay.delay_us(STALL_US);
+        Ok(u16::from_be_bytes(word))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use embedded_hal::spi::ErrorKind;
+    use embedded_hal_mock::eh1::delay::{CheckedDelay, NoopDelay, Transaction as Delay};
+    use embedded_hal_mock::eh1::spi::{Mock, Transaction};
+    use proptest::prelude::*;
+
+    /// A burst at a fast clock, from the 15 words; the CRC by its definition, a bit at a time.
+    fn burst(words: [u16; 15]) -> [u8; BURST_BYTES] {
+        let crc = !words.iter().flat_map(|word| word.to_le_bytes()).fold(!0_u32, |crc, byte| {
+            (0..8).fold(crc ^ u32::from(byte), |crc, _| crc >> 1 ^ (0xedb8_8320 & (crc & 1).wrapping_neg()))
+        });
+        let opening = [0_u16, 0xa5a5, 0xa5a5];
+        let all = opening.into_iter().chain(words).chain([crc as u16, (crc >> 16) as u16]);
+        all.flat_map(u16::to_be_bytes).collect::<Vec<_>>().try_into().unwrap()
+    }
+
+    const WORDS: [u16; 15] = [0, 80, 1, 0, 0xffff, 0xffff, 0, 1, 0, 0x8000, 5, 0, 0, 4000, 513];
+
+    fn one(operation: Transaction<u8>) -> Vec<Transaction<u8>> {
+        vec![Transaction::transaction_start(), operation, Transaction::transaction_end()]
+    }
+
+    fn sent(words: &[u16]) -> Vec<Transaction<u8>> {
+        words.iter().flat_map(|word| one(Transaction::write_vec(word.to_be_bytes().to_vec()))).collect()
+    }
+
+    fn answered(word: u16, answer: u16) -> Vec<Transaction<u8>> {
+        [sent(&[word]), one(Transaction::read_vec(answer.to_be_bytes().to_vec()))].concat()
+    }
+
+    /// Reset, product and sub-model, then the settings, each read back.
+    fn start_script(product: u16, model: u16, function: u16, errors: u16) -> Vec<Transaction<u8>> {
+        [
+            sent(&[0x8003, 0x8280, 0x8300, 0x8000]),
+            answered(0x7e00, product),
+            sent(&[0x8003]),
+            answered(0x1200, model),
+            sent(&[0x86cd, 0x8700]),
+            answered(0x0600, function),
+            sent(&[0x8c13, 0x8d00]),
+            answered(0x0c00, 19),
+            sent(&[0x9600, 0x9700]),
+            answered(0x1600, 0),
+            sent(&[0x9800, 0x9900]),
+            answered(0x1800, 0),
+            sent(&[0x8000]),
+            answered(0x0a00, 0),
+            answered(0x0800, errors),
+        ]
+        .concat()
+    }
+
+    fn start_delays() -> Vec<Delay> {
+        let us = |us: &[u32]| us.iter().map(|us| Delay::delay_us(*us)).collect::<Vec<_>>();
+        [
+            us(&[5, 5, 1120]),
+            vec![Delay::delay_ms(210)],
+            us(&[5, 5, 5, 5, 5, 5]),
+            us(&[5, 340, 5, 5, 5, 340, 5, 5, 5, 65, 5, 5, 5, 65, 5, 5]),
+            us(&[5, 5, 5, 5, 5]),
+        ]
+        .concat()
+    }
+
+    /// The IMU, and its bus for the end of the test.
+    type Started = (Adis16495<Mock<u8>>, Mock<u8>);
+
+    /// Starts on a script that goes as far as it has to.
+    fn start(script: Vec<Transaction<u8>>) -> Result<Started, StartFault<ErrorKind>> {
+        let spi = Mock::new(&script);
+        let mut kept = spi.clone();
+        let started = Adis16495::start(spi, &mut NoopDelay, &Settings::default());
+        if started.is_err() {
+            // Some of the script is left over where the start stopped.
+            while kept.next().is_some() {}
+            kept.done();
+        }
+        started.map(|imu| (imu, kept))
+    }
+
+    fn burst_transfer(answer: [u8; BURST_BYTES]) -> Vec<Transaction<u8>> {
+        let mut asked = vec![0; BURST_BYTES];
+        asked[0] = 0x7c;
+        one(Transaction::transfer_in_place(asked, answer.to_vec()))
+    }
+
+    #[test]
+    fn the_start_is_word_for_word_that_of_the_data_sheet() {
+        let mut spi = Mock::new(&start_script(16_495, 0x3, 0x00cd, 0));
+        let mut delay = CheckedDelay::new(&start_delays());
+        Adis16495::start(spi.clone(), &mut delay, &Settings::default()).unwrap();
+        spi.done();
+        delay.done();
+    }
+
+    #[test]
+    fn a_start_that_fails_says_why() {
+        let fault = |script| start(script).err().unwrap();
+        assert_eq!(fault(start_script(0xffff, 0xffff, 0, 0)), StartFault::Product(0xffff));
+        assert_eq!(fault(start_script(16_495, 0x5, 0, 0)), StartFault::Model(5));
+        let refused = StartFault::Register { register: Register::FNCTIO_CTRL, holds: 0x000d };
+        assert_eq!(fault(start_script(16_495, 0xf, 0x000d, 0)), refused);
+        assert_eq!(fault(start_script(16_495, 0xf, 0x00cd, 0x0004)), StartFault::Status(4));
+        let settings = Settings { clock: Clock::External { rate_hz: 2999 }, ..Settings::default() };
+        let mut spi = Mock::<u8>::new(&[]);
+        assert_eq!(Adis16495::start(spi.clone(), &mut NoopDelay, &settings).err(), Some(StartFault::Settings));
+        spi.done();
+    }
+
+    #[test]
+    fn settings_become_register_bits() {
+        let settings =
+            Settings { clock: Clock::Internal, decimation: 17, filter: Some(FilterBank::C), latency_us: 100 };
+        let values = settings.registers().map(|(_, value)| value);
+        assert_eq!(values, [0x000d, 16, 0b0110_1101_1011_0110, 0b110]);
+        assert!((settings.interval_s() - 0.004).abs() < 1e-15);
+        // 2 ms, 59.5 samples and the latency.
+        assert_eq!(settings.lag_us(), 2000 + 14_000 + 100);
+    }
+
+    #[test]
+    fn a_burst_is_scaled_by_the_sub_model() {
+        for (product, model, gyro_deg_s, accel_g) in [(16_495, 0x3, 0.006_25, 0.000_25), (16_497, 0xf, 0.1, 0.001_25)] {
+            let script = [start_script(product, model, 0x00cd, 0), burst_transfer(burst(WORDS))].concat();
+            let (mut imu, mut spi) = start(script).unwrap();
+            let reading = imu.read::<f64>(1_000_000).unwrap();
+            let (gyro, accel) = (gyro_deg_s / 65_536.0 * DEG, accel_g / 65_536.0 * 9.806_65);
+            let close = |a: f64, b: f64| (a - b).abs() <= 1e-15 * b.abs();
+            let omega = [gyro, -gyro, 65_536.0 * gyro];
+            let force = [-2_147_483_648.0 * accel, 5.0 * accel, 4000.0 * 65_536.0 * accel];
+            assert!(reading.omega_g.iter().zip(omega).all(|(a, b)| close(*a, b)), "{reading:?}");
+            assert!(reading.force_a.iter().zip(force).all(|(a, b)| close(*a, b)), "{reading:?}");
+            assert_eq!((reading.time_us, reading.missed, reading.temperature_c), (997_500, 0, 26.0));
+            spi.done();
+        }
+    }
+
+    #[test]
+    fn lost_samples_are_told_once() {
+        let numbered = |count| burst([WORDS.as_slice()[..14].to_vec(), vec![count]].concat().try_into().unwrap());
+        let mut damaged = numbered(65_535);
+        damaged[20] ^= 4;
+        let mut flagged = WORDS;
+        flagged[0] = 0x0100;
+        let bursts = [numbered(65_534), damaged, burst(flagged), [0xff; BURST_BYTES], numbered(3), numbered(4)];
+        let script = bursts
+            .into_iter()
+            .fold(start_script(16_495, 0x3, 0x00cd, 0), |script, burst| [script, burst_transfer(burst)].concat());
+        let (mut imu, mut spi) = start(script).unwrap();
+        let missed: Vec<_> = bursts.map(|_| imu.read::<f32>(0).map(|reading| reading.missed)).to_vec();
+        // 65535 and 0 to 2 are missing; three were told of.
+        let expected = [Ok(0), Err(ImuFault::Crc), Err(ImuFault::Status(0x100)), Err(ImuFault::NoAnswer), Ok(1), Ok(0)];
+        assert_eq!(missed, expected);
+        spi.done();
+    }
+
+    #[test]
+    fn no_single_wrong_bit_gives_a_wrong_sample() {
+        let good = burst(WORDS);
+        let right = Burst::decode::<ErrorKind>(&good).unwrap();
+        for bit in 0..8 * BURST_BYTES {
+            let mut wrong = good;
+            wrong[bit / 8] ^= 1 << (bit % 8);
+            let decoded = Burst::decode::<ErrorKind>(&wrong);
+            // The first word means nothing, and one of two openings is enough.
+            assert!(if bit < 32 { decoded == Ok(right) } else { decoded.is_err() }, "bit {bit}: {decoded:?}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_burst_is_what_was_sent_at_any_clock(words: [u16; 15], slow: bool) {
+            prop_assume!(words[0] != 0xa5a5);
+            let mut came = burst(words);
+            if slow {
+                came.copy_within(4.., 2);
+            }
+            let long = |at: usize| (u32::from(words[at + 1]) << 16 | u32::from(words[at])).cast_signed();
+            let expected = Burst {
+                flags: words[0],
+                temperature: words[1].cast_signed(),
+                gyro: [2, 4, 6].map(long),
+                accel: [8, 10, 12].map(long),
+                count: words[14],
+            };
+            prop_assert_eq!(Burst::decode::<ErrorKind>(&came), Ok(expected));
+        }
+
+        #[test]
+        fn two_wrong_bits_are_found(words: [u16; 15], a in 48_usize..320, b in 48_usize..320) {
+            prop_assume!(words[0] != 0xa5a5 && a != b);
+            let mut wrong = burst(words);
+            for bit in [a, b] {
+                wrong[bit / 8] ^= 0x80 >> (bit % 8);
+            }
+            prop_assert!(Burst::decode::<ErrorKind>(&wrong).is_err());
+        }
+    }
+}
