@@ -4,12 +4,14 @@
 //! bridge     motor bridge, PWM and direction    duty from -1 to 1         -> pins
 //! biss       absolute encoder, BiSS-C           bits clocked in over SPI  -> Angle
 //! adis16495  IMU on SPI with data-ready         burst of 20 words         -> ImuReading
+//! kvh1750    fibre-optic IMU on RS-422          bytes of a UART           -> ImuReading
 //! ```
 //! A driver refuses what its device does not vouch for, and says why. Nothing here reads a clock: times are arguments.
 
 pub mod adis16495;
 pub mod biss;
 pub mod bridge;
+pub mod kvh1750;
 
 use crate::linear::{Real, Vector3};
 
