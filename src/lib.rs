@@ -26,6 +26,7 @@
 
 pub mod acquisition;
 pub mod angle;
+pub mod angle_history;
 pub mod assignment;
 pub mod axis;
 pub mod calibrator;
