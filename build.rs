@@ -1,6 +1,8 @@
 //! Compiles the rotation scheme of a TOML file, named by the environment variable `RINS_SCHEME`, into the core: the
 //! firmware then runs it where nothing else is configured. Format: `rins plan` writes it, the README shows it. Angles and
 //! times are checked by the core, on the host and at power-up; here the file only has to be one.
+//!
+//! Gives the linker the memory of the board that the firmware is built for.
 
 use serde::Deserialize;
 use std::path::Path;
@@ -43,8 +45,44 @@ fn once() -> u8 {
 const MAX_LEGS: usize = 48;
 const MAX_NAME: usize = 32;
 
+/// Feature of a board, folder of its memory, its processor.
+const BOARDS: [[&str; 3]; 2] =
+    [["mps2-an500", "src/bin/firmware/mps2", "cortex-m7"], ["mps2-an386", "src/bin/firmware/mps2", "cortex-m4"]];
+
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
+    compile_scheme();
+    if env::var("CARGO_CFG_TARGET_OS").is_ok_and(|system| system == "none") && has_feature("firmware") {
+        link_board().unwrap_or_else(|error| println!("cargo::error={error}"));
+    }
+}
+
+fn has_feature(name: &str) -> bool {
+    env::var_os(format!("CARGO_FEATURE_{}", name.to_uppercase().replace('-', "_"))).is_some()
+}
+
+/// Lets the linker find `memory.x` of the one board.
+fn link_board() -> Result<(), String> {
+    let chosen: Vec<_> = BOARDS.iter().filter(|[name, ..]| has_feature(name)).collect();
+    let [[name, folder, processor]] = chosen.as_slice() else {
+        let names = BOARDS.map(|[name, ..]| name).join(", ");
+        return Err(format!("the firmware is for one board; choose one feature of: {names}"));
+    };
+    let flags = env::var("CARGO_ENCODED_RUSTFLAGS").unwrap_or_default();
+    let built_for = flags.rsplit("target-cpu=").next().and_then(|rest| rest.split('\x1f').next());
+    if built_for != Some(processor) {
+        return Err(format!("{name} needs the flag target-cpu={processor} to come last, see .cargo"));
+    }
+    println!("cargo:rerun-if-changed={folder}/memory.x");
+    let root = env::var("CARGO_MANIFEST_DIR").map_err(|error| error.to_string())?;
+    println!("cargo:rustc-link-search={root}/{folder}");
+    for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
+        println!("cargo:rustc-link-arg-bin=firmware={argument}");
+    }
+    Ok(())
+}
+
+fn compile_scheme() {
     println!("cargo:rerun-if-env-changed={VARIABLE}");
     let path = env::var(VARIABLE).ok().filter(|path| !path.is_empty());
     let code =

@@ -4,7 +4,8 @@
 use crate::bench::Bench;
 use crate::calibration::{Outcome, Precision, Record, Setup};
 use crate::drive::move_durations_s;
-use crate::emulator::{Run, Scalar, Variant, build};
+use crate::emulator::Run;
+use crate::emulator::image::{Board, Variant, build};
 use crate::power_up::{Switched, in_emulator, in_process, shared};
 use crate::virtual_rins::VirtualRins;
 use crate::virtual_run::VirtualRun;
@@ -106,11 +107,11 @@ impl<'a> PowerUp<'a> {
         on_log: impl FnMut(&str),
         on_message: impl FnMut(&Message),
     ) -> Result<(Ended, Run)> {
-        let scalar = match self.setup.precision {
-            Precision::F64 => Scalar::F64,
-            Precision::F32 => Scalar::F32,
+        let board = match self.setup.precision {
+            Precision::F64 => Board::Mps2An500,
+            Precision::F32 => Board::Mps2An386,
         };
-        let image = build(Variant { scalar, optional_states: self.setup.options.needs_states() })?;
+        let image = build(Variant { board, optional_states: self.setup.options.needs_states() })?;
         let mut watch = Watch::new(self.run, on_message);
         let mut bench = Bench::new(watch.plant());
         let told = |message: &Message| watch.note(message);

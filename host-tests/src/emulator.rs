@@ -1,28 +1,28 @@
 //! The firmware image in QEMU, with the host as its bench.
 //!
-//! Builds the image, installs what is missing, starts the emulator and serves the pipes that
-//! `src/bin/firmware/mps2.rs` opens: `requests` and `answers` carry the transfers on SPI, `telemetry` COBS frames,
+//! Starts the emulator on an image and serves the pipes that `src/bin/firmware/mps2.rs` opens: `requests` and `answers` carry the transfers on SPI, `telemetry` COBS frames,
 //! `log` defmt frames; the files are `configuration` (to the firmware), `run` and `fault` (from it).
+
+pub mod image;
+mod install;
 
 use crate::bench::{Bench, Chip};
 use crate::plant::Plant;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use defmt_decoder::{DecodeError, Table};
+use image::Image;
+use install::ensure_emulator;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::stat::Mode;
-use std::env;
-use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
 use std::io::{ErrorKind, Read, Write};
 use std::os::fd::AsFd;
 use std::os::unix::fs::OpenOptionsExt;
 use std::os::unix::process::CommandExt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
-/// The target of the firmware.
-pub const TARGET: &str = "thumbv7em-none-eabihf";
 /// Size of the emulated EEPROM, bytes.
 pub const EEPROM_BYTES: usize = 8192;
 const EMULATOR: &str = "qemu-system-arm";
@@ -30,157 +30,13 @@ const EMULATOR: &str = "qemu-system-arm";
 const NS_PER_INSTRUCTION: f64 = 2.0;
 const TICKS_PER_S: f64 = 25e6;
 
-/// Arithmetic of an image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Scalar {
-    /// Double precision.
-    F64,
-    /// Single precision.
-    F32,
-}
-
-impl Scalar {
-    /// Name as in Rust.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::F64 => "f64",
-            Self::F32 => "f32",
-        }
-    }
-}
-
-/// What an image is built for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Variant {
-    /// Its arithmetic.
-    pub scalar: Scalar,
-    /// Whether its filter has room for the optional states.
-    pub optional_states: bool,
-}
-
-impl Variant {
-    /// Name of its directory and in reports.
-    pub const fn name(self) -> &'static str {
-        match (self.scalar, self.optional_states) {
-            (scalar, false) => scalar.name(),
-            (Scalar::F64, true) => "f64-optional-states",
-            (Scalar::F32, true) => "f32-optional-states",
-        }
-    }
-
-    fn features(self) -> String {
-        let scalar = if self.scalar == Scalar::F32 { ",single-precision" } else { "" };
-        let states = if self.optional_states { ",optional-states" } else { "" };
-        format!("firmware{scalar}{states}")
-    }
-}
-
-impl From<Scalar> for Variant {
-    /// Without optional states.
-    fn from(scalar: Scalar) -> Self {
-        Self { scalar, optional_states: false }
-    }
-}
-
-// ------------------------------------------------------------------------------------------------------------- set-up
-
-/// Builds the firmware and returns its image. Installs the target if the toolchain lacks it.
-///
-/// # Errors
-/// One line that says what is missing and the command that installs it, or cargo's own output.
-pub fn build(variant: impl Into<Variant>) -> Result<PathBuf> {
-    let variant = variant.into();
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("host-tests has no parent")?;
-    let targets = env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |dir| root.join(dir));
-    // Directories of their own: a running `cargo test` holds the lock of the usual one, and the images differ.
-    let directory = targets.join(format!("firmware-{}", variant.name()));
-    fs::create_dir_all(&directory).with_context(|| format!("cannot make {}", directory.display()))?;
-    // One build and one installation at a time, whichever process asks.
-    let lock = File::create(directory.join(".lock"))?;
-    lock.lock()?;
-    ensure_target(root)?;
-    let output = cargo()
-        .current_dir(root)
-        .args(["build", "--release", "--quiet", "--package", "rins-selfcal", "--bin", "firmware"])
-        .args(["--features", &variant.features(), "--target", TARGET, "--target-dir"])
-        .arg(&directory)
-        .output()
-        .context("cannot run cargo")?;
-    ensure!(output.status.success(), "the firmware does not build:\n{}", String::from_utf8_lossy(&output.stderr));
-    Ok(directory.join(TARGET).join("release/firmware"))
-}
-
-/// cargo without the environment that replaces or doubles the linker arguments of `.cargo/config.toml`.
-fn cargo() -> Command {
-    let mut command = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
-    for name in ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_BUILD_RUSTFLAGS", "CARGO_BUILD_TARGET"] {
-        command.env_remove(name);
-    }
-    let of_target = |name: &OsString| {
-        let name = name.to_string_lossy();
-        name.starts_with("CARGO_TARGET_") && name.ends_with("_RUSTFLAGS")
-    };
-    for name in env::vars_os().map(|(name, _)| name).filter(of_target) {
-        command.env_remove(name);
-    }
-    command
-}
-
-fn ensure_target(root: &Path) -> Result<()> {
-    let rustc = env::var_os("RUSTC").unwrap_or_else(|| "rustc".into());
-    let output = Command::new(rustc)
-        .current_dir(root)
-        .args(["--print", "target-libdir", "--target", TARGET])
-        .output()
-        .context("cannot run rustc")?;
-    if output.status.success() && Path::new(String::from_utf8_lossy(&output.stdout).trim()).is_dir() {
-        return Ok(());
-    }
-    let added = Command::new("rustup").current_dir(root).args(["target", "add", TARGET]).output();
-    match added {
-        Ok(output) if output.status.success() => Ok(()),
-        _ => bail!("the toolchain lacks the firmware's target; install it with: rustup target add {TARGET}"),
-    }
-}
-
-/// Looks for the emulator and installs it where that is allowed.
-///
-/// # Errors
-/// One line with the command that installs it.
-pub fn ensure_emulator() -> Result<()> {
-    if runs(Command::new(EMULATOR).arg("--version")) {
-        return Ok(());
-    }
-    let lock = File::create(env::temp_dir().join("rins-selfcal-install.lock"))?;
-    lock.lock()?;
-    let install = format!("apt-get update && apt-get install -y {EMULATOR}");
-    let root = nix::unistd::geteuid().is_root();
-    let shell = format!("export DEBIAN_FRONTEND=noninteractive; {install}");
-    let installed = if root {
-        runs(Command::new("sh").args(["-c", &shell]))
-    } else {
-        runs(Command::new("sudo").args(["-n", "sh", "-c", &shell]))
-    };
-    let hint = if root { install } else { format!("sudo sh -c '{install}'") };
-    ensure!(
-        installed && runs(Command::new(EMULATOR).arg("--version")),
-        "{EMULATOR} is not installed; install it with: {hint}"
-    );
-    Ok(())
-}
-
-fn runs(command: &mut Command) -> bool {
-    let quiet = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
-    quiet.status().is_ok_and(|status| status.success())
-}
-
 // ----------------------------------------------------------------------------------------------------------------- run
 
 /// One run of an image.
 #[derive(Clone, Copy, Debug)]
 pub struct Setup<'a> {
-    /// The image, from [`build`].
-    pub image: &'a Path,
+    /// The image.
+    pub image: &'a Image,
     /// Content of the EEPROM, kept from run to run; a blank one is made where there is none. `None`: blank, not kept.
     pub eeprom: Option<&'a Path>,
     /// What the firmware reads as its configuration.
@@ -191,7 +47,7 @@ pub struct Setup<'a> {
 
 impl<'a> Setup<'a> {
     /// A run with a blank EEPROM, no configuration and a patience of a minute.
-    pub fn new(image: &'a Path) -> Self {
+    pub fn new(image: &'a Image) -> Self {
         Self { image, eeprom: None, configuration: &[], patience: Duration::from_secs(60) }
     }
 }
@@ -266,7 +122,7 @@ pub fn run<P: Plant>(
 ) -> Result<Run> {
     ensure_emulator()?;
     let start = Instant::now();
-    let elf = fs::read(setup.image).with_context(|| format!("cannot read {}", setup.image.display()))?;
+    let elf = setup.image.read()?;
     let table = Table::parse(&elf)?.context("the image has no defmt table")?;
     let directory = tempfile::Builder::new().prefix("rins-").tempdir()?;
     let mut host = Host::start(setup, directory.path())?;
@@ -496,13 +352,13 @@ fn drain(pipe: &mut File, sink: &mut dyn FnMut(&[u8])) -> Result<bool> {
     Ok(count > 0)
 }
 
-fn spawn(image: &Path, eeprom: &Path, directory: &Path) -> Result<Child> {
+fn spawn(image: &Image, eeprom: &Path, directory: &Path) -> Result<Child> {
     let mut command = Command::new(EMULATOR);
     command
         .current_dir(directory)
         .args([
             "-machine",
-            "mps2-an500",
+            image.board.name(),
             "-display",
             "none",
             "-monitor",
@@ -518,7 +374,7 @@ fn spawn(image: &Path, eeprom: &Path, directory: &Path) -> Result<Child> {
         .arg("-drive")
         .arg(format!("if=none,id=ee,format=raw,file={}", eeprom.display().to_string().replace(',', ",,")))
         .arg("-kernel")
-        .arg(std::path::absolute(image)?)
+        .arg(std::path::absolute(&image.path)?)
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .stderr(File::create(directory.join("stderr"))?);

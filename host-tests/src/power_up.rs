@@ -2,6 +2,7 @@
 //! drivers, queue and assembly, and tell the same messages.
 
 use crate::bench::{Bench, SharedBench, drivers};
+use crate::emulator::image::Image;
 use crate::emulator::{Run, Setup, run};
 use crate::plant::{Plant, Reading};
 use anyhow::{Context, Result, anyhow};
@@ -109,7 +110,7 @@ fn replay<T: Real, const STATES: usize, P: Plant>(
 /// The emulator is missing or the firmware failed; one line says how.
 pub fn in_emulator<P: Plant>(
     assignment: &Assignment,
-    image: &Path,
+    image: &Image,
     eeprom: Option<&Path>,
     bench: &mut Bench<P>,
     on_log: impl FnMut(&str),

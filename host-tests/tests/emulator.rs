@@ -3,7 +3,8 @@
 use anyhow::Result;
 use host_tests::bench::{AtRest, Bench, Chip};
 use host_tests::drive::move_durations_s;
-use host_tests::emulator::{Run, Scalar, Setup, build, run};
+use host_tests::emulator::image::{Board, Image, build};
+use host_tests::emulator::{Run, Setup, run};
 use host_tests::log::{LogPlayer, LogReader};
 use host_tests::plant::Plant;
 use host_tests::power_up::{MessageDigest, Switched, in_emulator, in_process, shared};
@@ -22,7 +23,7 @@ use rins_selfcal::sequencer::State;
 use rins_selfcal::site::EARTH_RATE_RAD_S;
 use rins_selfcal::telemetry::Message;
 use std::f64::consts::TAU;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 
 struct Outcome {
@@ -55,8 +56,8 @@ impl Outcome {
     }
 }
 
-fn image(scalar: Scalar) -> PathBuf {
-    build(scalar).unwrap_or_else(|error| panic!("{error:#}"))
+fn image(board: Board) -> Image {
+    build(board).unwrap_or_else(|error| panic!("{error:#}"))
 }
 
 fn try_run<P: Plant>(setup: &Setup<'_>, bench: &mut Bench<P>) -> Result<Outcome> {
@@ -72,8 +73,8 @@ fn outcome(setup: &Setup<'_>, bench: &mut Bench<AtRest>) -> Outcome {
 
 #[test]
 fn every_sample_is_delivered() {
-    for scalar in [Scalar::F64, Scalar::F32] {
-        let image = image(scalar);
+    for board in [Board::Mps2An500, Board::Mps2An386] {
+        let image = image(board);
         let mut bench = Bench::new(AtRest::new(2000));
         let outcome = outcome(&Setup::new(&image), &mut bench);
         assert!(outcome.run.success);
@@ -87,14 +88,14 @@ fn every_sample_is_delivered() {
 
 #[test]
 fn edges_come_at_200_hz() {
-    let image = image(Scalar::F64);
+    let image = image(Board::Mps2An500);
     let run = |samples| outcome(&Setup::new(&image), &mut Bench::new(AtRest::new(samples))).run.elapsed_s;
     assert!((run(3000) - run(1000) - 10.0).abs() < 1e-4);
 }
 
 #[test]
 fn a_run_repeats_to_the_tick() {
-    let image = image(Scalar::F64);
+    let image = image(Board::Mps2An500);
     let run = || outcome(&Setup::new(&image), &mut Bench::new(AtRest::new(1000))).run;
     let (first, second) = (run(), run());
     assert_eq!((first.elapsed_s, first.instructions), (second.elapsed_s, second.instructions));
@@ -102,7 +103,7 @@ fn a_run_repeats_to_the_tick() {
 
 #[test]
 fn damaged_frames_are_counted() {
-    let image = image(Scalar::F64);
+    let image = image(Board::Mps2An500);
     let mut bench = Bench::new(AtRest::new(1000));
     let mut transfers = 0;
     bench.damage(move |chip, frame| {
@@ -127,7 +128,7 @@ fn assignment(unit: &VirtualUnit, scheme: &Scheme) -> Assignment {
 }
 
 /// Powers the unit up with this EEPROM, and off after three corrected samples have been told.
-fn boot(image: &Path, eeprom: &Path) -> Outcome {
+fn boot(image: &Image, eeprom: &Path) -> Outcome {
     let (unit, scheme) = unit();
     let mut rins = VirtualRins::new(&unit, 5);
     rins.expect_moves(&move_durations_s(&scheme, unit.rate_hz));
@@ -146,7 +147,16 @@ fn boot(image: &Path, eeprom: &Path) -> Outcome {
 
 #[test]
 fn a_unit_calibrates_at_power_up_and_finds_its_record_at_the_next() {
-    let image = image(Scalar::F64);
+    powers_up_twice(Board::Mps2An500);
+}
+
+#[test]
+fn so_does_one_of_single_precision() {
+    powers_up_twice(Board::Mps2An386);
+}
+
+fn powers_up_twice(board: Board) {
+    let image = image(board);
     let directory = tempfile::tempdir().expect("a directory");
     let eeprom = directory.path().join("eeprom.bin");
     let first = boot(&image, &eeprom);
@@ -171,7 +181,7 @@ fn a_unit_calibrates_at_power_up_and_finds_its_record_at_the_next() {
 
 #[test]
 fn a_scheme_that_cannot_be_run_is_refused_by_its_reason() {
-    let image = image(Scalar::F64);
+    let image = image(Board::Mps2An500);
     let changed = |change: &dyn Fn(&mut Scheme)| {
         let mut scheme = Scheme::bai(2.0, 1);
         change(&mut scheme);
@@ -224,23 +234,23 @@ fn corrected_as_felt(outcome: &Outcome) {
 
 #[test]
 fn host_and_target_agree_to_the_last_bit() {
-    for (scalar, method) in [
-        (Scalar::F64, Method::Joint),
-        (Scalar::F32, Method::Joint),
-        (Scalar::F64, Method::TwoStage),
-        (Scalar::F32, Method::TwoStage),
+    for (board, method) in [
+        (Board::Mps2An500, Method::Joint),
+        (Board::Mps2An386, Method::Joint),
+        (Board::Mps2An500, Method::TwoStage),
+        (Board::Mps2An386, Method::TwoStage),
     ] {
         let target = recorded(
             |assignment, bench, digest| {
-                let image = image(scalar);
+                let image = image(board);
                 let add = |message: &Message| digest.add(message);
                 in_emulator(assignment, &image, None, bench, |_| (), add).map(|_| ())
             },
             method,
         );
-        let host = recorded_in_process(scalar, method);
-        assert_eq!(target, host, "{scalar:?} {method:?}");
-        println!("{scalar:?} {method:?}: digest of all messages {host:016x}");
+        let host = recorded_in_process(board, method);
+        assert_eq!(target, host, "{board:?} {method:?}");
+        println!("{board:?} {method:?}: digest of all messages {host:016x}");
     }
 }
 
@@ -255,14 +265,14 @@ fn recorded(
     digest.finish()
 }
 
-fn recorded_in_process(scalar: Scalar, method: Method) -> u64 {
+fn recorded_in_process(board: Board, method: Method) -> u64 {
     let (assignment, player) = recording(method);
     let mut digest = MessageDigest::default();
     let add = |message: &Message| digest.add(message);
     let bench = shared(player);
-    let outcome = match scalar {
-        Scalar::F64 => in_process::<f64, BASIC_STATES, _>(&assignment, None, &bench, add),
-        Scalar::F32 => in_process::<f32, BASIC_STATES, _>(&assignment, None, &bench, add),
+    let outcome = match board {
+        Board::Mps2An500 => in_process::<f64, BASIC_STATES, _>(&assignment, None, &bench, add),
+        Board::Mps2An386 => in_process::<f32, BASIC_STATES, _>(&assignment, None, &bench, add),
     };
     outcome.unwrap_or_else(|error| panic!("{error:#}"));
     digest.finish()
@@ -284,7 +294,7 @@ fn flip(path: &Path, offset: usize) {
 
 #[test]
 fn a_hang_is_an_error() {
-    let image = image(Scalar::F64);
+    let image = image(Board::Mps2An500);
     let setup = Setup { patience: Duration::ZERO, ..Setup::new(&image) };
     // Over so many samples the host waits for the firmware at least once, however busy the machine is.
     let error = try_run(&setup, &mut Bench::new(AtRest::new(1_000_000))).err().expect("an error");
@@ -293,6 +303,7 @@ fn a_hang_is_an_error() {
 
 #[test]
 fn an_image_that_is_none_is_an_error() {
-    let setup = Setup::new(Path::new("/dev/null"));
+    let image = Image { path: "/dev/null".into(), board: Board::Mps2An500 };
+    let setup = Setup::new(&image);
     assert!(try_run(&setup, &mut Bench::new(AtRest::new(10))).is_err());
 }

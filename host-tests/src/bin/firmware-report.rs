@@ -1,13 +1,14 @@
 //! What the firmware image takes and what is linked into it.
 //!
-//! `firmware-report [IMAGE]`: builds the images for f64, with and without optional states, and f32, or takes the given one; prints flash, static RAM, painted
-//! stack, depth of the queue and instructions by kind of work of a whole calibration in the emulator. Exits with 1 if a panic or an allocation
-//! is linked.
+//! `firmware-report [IMAGE]`: builds the images of the boards in the emulator, of the first also with optional states, or
+//! takes the given one, of the first; prints flash, static RAM, painted stack, depth of the queue and instructions by kind
+//! of work of a whole calibration. Exits with 1 if a panic or an allocation is linked.
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use host_tests::bench::Bench;
 use host_tests::drive::move_durations_s;
-use host_tests::emulator::{Run, Scalar, Variant, WORKS, build};
+use host_tests::emulator::image::{Board, Image, Variant, build};
+use host_tests::emulator::{Run, WORKS};
 use host_tests::power_up::{Switched, in_emulator};
 use host_tests::virtual_rins::{VirtualRins, VirtualUnit};
 use object::{Object, ObjectSegment, ObjectSymbol};
@@ -18,10 +19,9 @@ use rins_selfcal::scheme::Scheme;
 use rins_selfcal::self_calibration::SelfCalibrationConfig;
 use rins_selfcal::sequencer::State;
 use rins_selfcal::telemetry::Message;
-use std::path::Path;
 use std::process::ExitCode;
 
-/// Where the RAM begins, see `memory.x`.
+/// Where the RAM begins, see `memory.x` of the boards.
 const RAM: u64 = 0x2000_0000;
 
 /// Parts of the demangled names of functions that only a panic or an allocation brings in.
@@ -55,19 +55,19 @@ fn main() -> ExitCode {
 
 fn report() -> Result<bool> {
     if let Some(image) = std::env::args_os().nth(1) {
-        return report_image("image", Path::new(&image));
+        return report_image("image", &Image { path: image.into(), board: Board::Mps2An500 });
     }
     let mut clean = true;
-    let optional = Variant { scalar: Scalar::F64, optional_states: true };
-    for variant in [Scalar::F64.into(), optional, Scalar::F32.into()] {
-        clean &= report_image(variant.name(), &build(variant)?)?;
+    let optional = Variant { board: Board::Mps2An500, optional_states: true };
+    for variant in [Board::Mps2An500.into(), optional, Board::Mps2An386.into()] {
+        clean &= report_image(&variant.features(), &build(variant)?)?;
     }
     Ok(clean)
 }
 
 /// Prints the figures of one image; whether nothing forbidden is linked.
-fn report_image(name: &str, image: &Path) -> Result<bool> {
-    let bytes = std::fs::read(image).with_context(|| format!("cannot read {}", image.display()))?;
+fn report_image(name: &str, image: &Image) -> Result<bool> {
+    let bytes = image.read()?;
     let file = object::File::parse(&*bytes)?;
     let sizes = Sizes::of(&file);
     println!("{name}");
@@ -89,7 +89,7 @@ fn report_image(name: &str, image: &Path) -> Result<bool> {
 }
 
 /// A whole calibration with short stops: its last part takes the most stack.
-fn calibration(image: &Path) -> Result<Run> {
+fn calibration(image: &Image) -> Result<Run> {
     let unit = VirtualUnit::default();
     let scheme = Scheme::bai(1.0, 1);
     let calibrator = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);

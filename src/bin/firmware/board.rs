@@ -6,6 +6,7 @@ use rins_selfcal::queue::SampleConsumer;
 use rins_selfcal::store::CalibrationStore;
 
 /// The board that this image is built for.
+#[cfg(any(feature = "mps2-an500", feature = "mps2-an386"))]
 pub use crate::mps2::Mps2 as ThisBoard;
 
 /// A board, as the main loop has it.

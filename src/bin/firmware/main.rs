@@ -5,6 +5,7 @@
 
 mod board;
 mod fault;
+#[cfg(any(feature = "mps2-an500", feature = "mps2-an386"))]
 mod mps2;
 mod stack;
 mod work;

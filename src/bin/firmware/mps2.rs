@@ -1,4 +1,5 @@
-//! The board: QEMU's `mps2-an500`, a Cortex-M7 with double precision.
+//! The boards of the emulator: QEMU's `mps2-an500`, a Cortex-M7 with double precision, and `mps2-an386`, a Cortex-M4F with
+//! single precision. Their memory and peripherals are the same.
 //!
 //! The devices on SPI are played by the host. The emulator's auto-reload timers run at half rate while the processor
 //! sleeps (QEMU 7.2). Data-ready edges therefore come from a one-shot timer, armed anew in its handler against a
