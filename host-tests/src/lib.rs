@@ -9,10 +9,12 @@
 //! closed_loop, prediction -> plot, monte_carlo -^
 //! plan: finds schemes; prediction then says what the core makes of them
 //! faults -> fault_campaign: can a disturbed run be accepted with a wrong answer?
+//! chips: the devices that the core's drivers read and drive
 //! ```
 
 pub mod bench;
 pub mod calibration;
+pub mod chips;
 pub mod cli;
 pub mod closed_loop;
 pub mod drive;
