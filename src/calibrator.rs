@@ -88,7 +88,8 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
         self.intake.resume();
     }
 
-    fn finish(&mut self) -> Option<Progress> {
+    /// Closes the stop under way, at the end of the samples.
+    pub fn finish(&mut self) -> Option<Progress> {
         self.segmenter.finish().and_then(|segment| self.add(&segment))
     }
 

@@ -365,6 +365,11 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.filter.covariance_row(ENCODER_ERRORS + parameter).fixed_rows::<PARAMETERS>(ENCODER_ERRORS).into_owned()
     }
 
+    /// The filter: encoder errors, parameters, optional states.
+    pub fn filter(&self) -> &UdFilter<T, STATES> {
+        &self.filter
+    }
+
     /// The configuration.
     pub fn config(&self) -> &EstimatorConfig {
         &self.config

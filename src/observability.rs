@@ -11,7 +11,7 @@
 //! the scheme's rate, so that both are numbers.
 
 use crate::angle::Angle;
-use crate::error_model::{InstrumentErrors, PARAMETERS};
+use crate::error_model::InstrumentErrors;
 use crate::linear::{ComplexField, Matrix, Vector, Vector3, singular_values, skew};
 use crate::measurement::{accel_non_orthogonality_matrix, gyro_non_orthogonality_matrix};
 use crate::profile::Profile;
@@ -153,14 +153,11 @@ pub fn along_scheme(
 /// How many directions of the parameter space the measurements determine, and the condition number of the estimation
 /// problem: of the information matrix' square root with its columns scaled to length one, that is of the correlation
 /// matrix. States of prior sigma zero are left out.
-pub fn of_covariance(
-    covariance: &Matrix<f64, PARAMETERS, PARAMETERS>,
-    prior_sigmas: &[f64; PARAMETERS],
-) -> (usize, f64) {
+pub fn of_covariance<const N: usize>(covariance: &Matrix<f64, N, N>, prior_sigmas: &[f64; N]) -> (usize, f64) {
     let inverse = |value: f64| if value > 0.0 { 1.0 / value } else { 0.0 };
-    let by_prior = Vector::<f64, PARAMETERS>::from_fn(|row, _| inverse(prior_sigmas[row]));
+    let by_prior = Vector::<f64, N>::from_fn(|row, _| inverse(prior_sigmas[row]));
     let by_sigma = covariance.diagonal().map(|variance| inverse(ComplexField::sqrt(variance)));
-    let scaled = |by: &Vector<f64, PARAMETERS>| singular_values(&covariance.component_mul(&(by * by.transpose())));
+    let scaled = |by: &Vector<f64, N>| singular_values(&covariance.component_mul(&(by * by.transpose())));
     let states = prior_sigmas.iter().filter(|sigma| **sigma > 0.0).count();
     let unobserved = scaled(&by_prior).iter().filter(|part| **part > OBSERVED_VARIANCE).count();
     let correlation = scaled(&by_sigma);

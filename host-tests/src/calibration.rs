@@ -1,13 +1,15 @@
 //! One calibration on the host: the core's chain in either precision, and its outcome, widened to `f64`.
 
 use crate::plant::Reading;
+use crate::quantity::{STATES, states};
 use crate::unit::{Noise, UnitConfig};
 use rins_selfcal::angle::Angle;
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig, Progress};
-use rins_selfcal::error_model::{PARAMETERS, ParameterInfo, block};
+use rins_selfcal::error_model::{InstrumentErrors, PARAMETERS, ParameterInfo, block};
 use rins_selfcal::estimator::{BASIC_STATES, Estimate, FULL_STATES, HeadingSource, SegmentInnovations, Solution};
 use rins_selfcal::intake::IntakeCounts;
 use rins_selfcal::linear::{Matrix, Real, Vector3, real};
+use rins_selfcal::measurement::ENCODER_ERRORS;
 use rins_selfcal::method::Method;
 use rins_selfcal::options::{OPTIONAL_INFO, Options};
 use rins_selfcal::queue::Losses;
@@ -108,6 +110,16 @@ impl Setup {
         config
     }
 
+    /// Sigmas of all states before any data, SI; zero where one is not estimated.
+    pub fn prior_sigmas(&self) -> [f64; STATES] {
+        let config = self.config().estimator;
+        let optional = if self.method == Method::Joint { config.options.prior_sigmas() } else { Default::default() };
+        let mut sigmas = [0.0; STATES];
+        let both = config.prior_sigmas().into_iter().chain(optional);
+        sigmas.iter_mut().zip(both).for_each(|(sigma, prior)| *sigma = prior);
+        sigmas
+    }
+
     /// A chain before its first sample.
     pub fn chain(&self) -> Box<dyn Chain> {
         match (self.precision, self.options.needs_states()) {
@@ -136,43 +148,60 @@ pub trait Chain: Send {
     /// Takes in a reading; the live estimate if it completes a segment.
     fn step(&mut self, reading: &Reading) -> Option<Progress>;
 
-    /// Closes the last stop, at the end of the readings, solves and judges. `on_segment` gets the live estimate after
-    /// that stop.
-    fn conclude(&mut self, on_segment: &mut dyn FnMut(&Progress)) -> Outcome;
+    /// Closes the last stop, at the end of the readings; the live estimate if there was one.
+    fn finish(&mut self) -> Option<Progress>;
+
+    /// Closes the last stop if that is not done, solves and judges.
+    fn conclude(&mut self) -> Outcome;
+
+    /// Covariance of all states now, SI; zero where one is not estimated.
+    fn covariance(&self) -> Matrix<f64, STATES, STATES>;
 }
 
-struct CoreChain<T: Real, const STATES: usize> {
+struct CoreChain<T: Real, const FILTER_STATES: usize> {
     setup: Setup,
     record: Record,
-    calibrator: Box<Calibrator<T, HOST_SEGMENTS, STATES>>,
+    calibrator: Box<Calibrator<T, HOST_SEGMENTS, FILTER_STATES>>,
 }
 
-impl<T: Real, const STATES: usize> CoreChain<T, STATES> {
+impl<T: Real, const FILTER_STATES: usize> CoreChain<T, FILTER_STATES> {
     fn new(setup: &Setup) -> Self {
         Self { setup: setup.clone(), record: Record::default(), calibrator: Box::new(Calibrator::new(&setup.config())) }
     }
 }
 
-impl<T: Real, const STATES: usize> Chain for CoreChain<T, STATES> {
+impl<T: Real, const FILTER_STATES: usize> Chain for CoreChain<T, FILTER_STATES> {
     fn step(&mut self, reading: &Reading) -> Option<Progress> {
         let progress = self.calibrator.step(&raw_sample(reading));
         self.record.live.extend(progress);
         progress
     }
 
-    fn conclude(&mut self, on_segment: &mut dyn FnMut(&Progress)) -> Outcome {
+    fn finish(&mut self) -> Option<Progress> {
+        let progress = self.calibrator.finish();
+        self.record.live.extend(progress);
+        progress
+    }
+
+    fn conclude(&mut self) -> Outcome {
         for segment in self.calibrator.estimator().segments() {
             self.record.note_segment(segment.kind);
         }
         let record = &mut self.record;
-        let solution = self.calibrator.conclude(&mut |message| {
-            record.note(message);
-            if let Message::Segment(progress) = message {
-                on_segment(progress);
-            }
-        });
+        let solution = self.calibrator.conclude(&mut |message| record.note(message));
         record.note(&Message::Judged(self.calibrator.judge(&solution, None, &VerdictLimits::default())));
         std::mem::take(record).outcome(&self.setup).expect("solved and judged")
+    }
+
+    fn covariance(&self) -> Matrix<f64, STATES, STATES> {
+        let filter = self.calibrator.estimator().filter();
+        let mut covariance = Matrix::<f64, STATES, STATES>::zeros();
+        for state in 0..FILTER_STATES - ENCODER_ERRORS {
+            let of_filter = filter.covariance_row(ENCODER_ERRORS + state);
+            let row = of_filter.iter().skip(ENCODER_ERRORS).map(|entry| entry.widened());
+            covariance.row_mut(state).iter_mut().zip(row).for_each(|(entry, widened)| *entry = widened);
+        }
+        covariance
     }
 }
 
@@ -203,6 +232,8 @@ pub struct Outcome {
     pub live: Vec<Progress>,
     /// How far every segment is from what all others say.
     pub innovations: Vec<SegmentInnovations>,
+    /// What a virtual unit's errors were at the end of the last segment, when the estimate holds.
+    pub truth: Option<InstrumentErrors<f64>>,
 }
 
 /// What is kept of the messages of a run.
@@ -269,6 +300,7 @@ impl Record {
             moves: self.moves,
             live: self.live,
             innovations: self.innovations,
+            truth: None,
         })
     }
 }
@@ -282,6 +314,16 @@ impl Outcome {
     /// Whether the method estimates a parameter.
     pub fn is_estimated(&self, parameter: usize) -> bool {
         is_estimated(self.setup.method, parameter)
+    }
+
+    /// Sigmas of all states, report units.
+    pub fn state_sigmas(&self) -> [f64; STATES] {
+        let found = self.estimate().sigmas.into_iter().chain(self.solution.optional.sigmas);
+        let mut sigmas = [0.0; STATES];
+        for (sigma, (found, info)) in sigmas.iter_mut().zip(found.zip(states())) {
+            *sigma = found / info.unit_si;
+        }
+        sigmas
     }
 
     /// Optional states that were estimated: name and unit, value and sigma in report units.

@@ -11,13 +11,16 @@ use crate::virtual_rins::VirtualRins;
 use crate::virtual_run::VirtualRun;
 use anyhow::{Result, anyhow, bail};
 use rins_selfcal::assignment::Assignment;
+use rins_selfcal::error_model::InstrumentErrors;
 use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES};
 use rins_selfcal::policy::{Decision, PowerUpPolicy};
 use rins_selfcal::self_calibration::SelfCalibrationConfig;
 use rins_selfcal::sequencer::{AbortReason, Pace, State};
 use rins_selfcal::telemetry::Message;
 use rins_selfcal::verdict::VerdictLimits;
+use std::cell::{Cell, RefCell};
 use std::path::Path;
+use std::rc::Rc;
 
 /// Corrected samples told before the instrument is switched off: one a second.
 const CORRECTED_MESSAGES: u32 = 3;
@@ -130,8 +133,10 @@ impl<'a> PowerUp<'a> {
 
 /// Follows the messages of a run and switches the instrument off when there is nothing more to see.
 struct Watch<F> {
-    plant: Option<Switched<VirtualRins>>,
-    off: std::rc::Rc<std::cell::Cell<bool>>,
+    plant: Option<Switched<Rc<RefCell<VirtualRins>>>>,
+    rins: Rc<RefCell<VirtualRins>>,
+    truth: InstrumentErrors<f64>,
+    off: Rc<Cell<bool>>,
     record: Record,
     refused: Option<String>,
     decision: Option<Decision>,
@@ -144,9 +149,13 @@ impl<F: FnMut(&Message)> Watch<F> {
     fn new(run: &VirtualRun, on_message: F) -> Self {
         let mut rins = VirtualRins::new(&run.unit, run.seed);
         rins.expect_moves(&move_durations_s(&run.scheme, run.unit.rate_hz));
-        let (plant, off) = Switched::new(rins);
+        let truth = rins.errors_now();
+        let rins = Rc::new(RefCell::new(rins));
+        let (plant, off) = Switched::new(Rc::clone(&rins));
         Self {
             plant: Some(plant),
+            rins,
+            truth,
             off,
             record: Record::default(),
             refused: None,
@@ -158,7 +167,7 @@ impl<F: FnMut(&Message)> Watch<F> {
     }
 
     /// The instrument, to be put on a bench once.
-    fn plant(&mut self) -> Switched<VirtualRins> {
+    fn plant(&mut self) -> Switched<Rc<RefCell<VirtualRins>>> {
         self.plant.take().expect("put on one bench")
     }
 
@@ -168,6 +177,7 @@ impl<F: FnMut(&Message)> Watch<F> {
             Message::State { state, .. } => self.state = *state,
             Message::Corrected { .. } => self.corrected += u32::from(self.state == State::Correcting),
             Message::Decided(decision) => self.decision = Some(*decision),
+            Message::Segment(_) => self.truth = self.rins.borrow().errors_now(),
             Message::Refused(error) => self.refused = Some(error.to_string()),
             _ => {}
         }
@@ -186,7 +196,7 @@ impl<F: FnMut(&Message)> Watch<F> {
         }
         match (self.record.aborted(), self.record.outcome(setup), self.decision) {
             (Some(reason), ..) => Ok(Ended::Aborted(reason)),
-            (None, Some(outcome), _) => Ok(Ended::Judged(Box::new(outcome))),
+            (None, Some(outcome), _) => Ok(Ended::Judged(Box::new(Outcome { truth: Some(self.truth), ..outcome }))),
             (None, None, Some(decision @ (Decision::UseStored(_) | Decision::StandBy(_)))) => {
                 Ok(Ended::NoRun(decision))
             }

@@ -44,6 +44,12 @@ impl Harmonic {
         let phase_rad = self.phase_deg.to_radians();
         self.amplitude_arcsec * ARCSEC * ((multiple_rad + phase_rad).sin() - phase_rad.sin())
     }
+
+    /// The same as `c (cos(n angle) - 1) + s sin(n angle)`: c and s, rad.
+    pub fn cos_and_sin_rad(&self) -> [f64; 2] {
+        let (sin, cos) = self.phase_deg.to_radians().sin_cos();
+        [sin, cos].map(|part| self.amplitude_arcsec * ARCSEC * part)
+    }
 }
 
 enum Phase {

@@ -96,7 +96,7 @@ impl Campaign {
             // The live estimate does not count.
             let _ = chain.step(&reading);
         }
-        let calibration::Outcome { solution, verdict, .. } = chain.conclude(&mut |_| ());
+        let calibration::Outcome { solution, verdict, .. } = chain.conclude();
         let (worst, wrong) = compare(&solution, &run.unit.errors);
         Outcome { seed, fault, verdict, wrong, worst }
     }

@@ -2,8 +2,9 @@
 
 use crate::calibration::{Outcome, Precision, Setup, is_estimated};
 use crate::closed_loop::{Ended, PowerUp};
+use crate::prediction::bounds;
 use crate::presets::{RandomErrors, UnitErrors, errors_named};
-use crate::quantity;
+use crate::quantity::{self, STATES};
 use crate::statistics::{ErrorAndSigma, ErrorStatistics, chi_square_mean_bounds};
 use crate::toml_file::TomlFileError;
 use crate::unit::UnitConfig;
@@ -11,9 +12,9 @@ use crate::virtual_rins::VirtualUnit;
 use crate::virtual_run::{Stream, VirtualRun, derived_seed};
 use anyhow::Result;
 use rayon::prelude::*;
-use rins_selfcal::error_model::{PARAMETERS, block};
+use rins_selfcal::error_model::block;
 use rins_selfcal::method::Method;
-use rins_selfcal::options::Options;
+use rins_selfcal::options::{OPTIONAL_INFO, Options};
 use rins_selfcal::scheme::Scheme;
 use serde::Serialize;
 
@@ -103,7 +104,7 @@ pub struct MonteCarlo {
 /// Errors, sigmas and fit of one method in one run.
 #[derive(Clone, Debug)]
 pub struct RunResult {
-    errors: [ErrorAndSigma; PARAMETERS],
+    states: [ErrorAndSigma; STATES],
     chi_square: f64,
     degrees_of_freedom: u32,
     accepted: bool,
@@ -120,15 +121,16 @@ impl MonteCarlo {
     /// # Errors
     /// In closed loop, what the core has against the configuration.
     pub fn run(&self, on_run: impl Fn() + Sync) -> Result<Vec<MethodStatistics>> {
+        let of_every_run = matches!(self.errors, ErrorSource::Fixed(_)).then(|| self.bounds(&self.virtual_run(0)));
         let runs = (0..self.runs).into_par_iter().map(|run| {
-            let results = self.run_one(run);
+            let results = self.run_one(run, of_every_run.as_deref());
             on_run();
             results
         });
         let results: Vec<Vec<RunResult>> = runs.collect::<Result<_>>()?;
         let of_method = |index: usize| results.iter().map(|run| run[index].clone()).collect::<Vec<_>>();
         let methods = self.methods.iter().enumerate();
-        Ok(methods.map(|(index, method)| MethodStatistics::new(*method, &of_method(index))).collect())
+        Ok(methods.map(|(index, method)| MethodStatistics::new(&self.setup(*method), &of_method(index))).collect())
     }
 
     /// Duration of a run, s.
@@ -136,21 +138,29 @@ impl MonteCarlo {
         self.virtual_run(0).duration_s()
     }
 
-    fn run_one(&self, run: u64) -> Result<Vec<RunResult>> {
+    fn run_one(&self, run: u64, bounds: Option<&[[f64; STATES]]>) -> Result<Vec<RunResult>> {
         let run = self.virtual_run(run);
+        let bounds = bounds.map_or_else(|| self.bounds(&run), <[_]>::to_vec);
         let setups: Vec<_> = self.methods.iter().map(|method| self.setup(*method)).collect();
         if !self.closed_loop {
-            return Ok(run.calibrate(&setups).iter().map(|outcome| RunResult::new(outcome, &run.unit)).collect());
+            let outcomes = run.calibrate(&setups);
+            let both = outcomes.iter().zip(&bounds);
+            return Ok(both.map(|(outcome, bounds)| RunResult::new(outcome, bounds, &run.unit)).collect());
         }
-        let power_up = |setup: Setup| {
+        let power_up = |(setup, bounds): (Setup, &[f64; STATES])| {
             let ended = PowerUp::new(&run, &setup.on_scheme(&run.scheme)).in_process(|_| ())?;
             Ok(match ended {
-                Ended::Judged(outcome) => RunResult::new(&outcome, &run.unit),
+                Ended::Judged(outcome) => RunResult::new(&outcome, bounds, &run.unit),
                 Ended::Aborted(reason) => RunResult::none(reason.to_string()),
                 Ended::NoRun(decision) => RunResult::none(decision.to_string()),
             })
         };
-        setups.into_iter().map(power_up).collect()
+        setups.into_iter().zip(&bounds).map(power_up).collect()
+    }
+
+    /// What each method can reach with the unit of this run, on the scheme as it is written.
+    fn bounds(&self, run: &VirtualRun) -> Vec<[f64; STATES]> {
+        self.methods.iter().map(|method| bounds(&self.setup(*method), &run.unit, &run.scheme)).collect()
     }
 
     fn virtual_run(&self, run: u64) -> VirtualRun {
@@ -180,7 +190,7 @@ impl RunResult {
     /// Of a run that gave no result, for this reason.
     fn none(reason: String) -> Self {
         Self {
-            errors: [ErrorAndSigma { error: f64::NAN, sigma: f64::NAN }; PARAMETERS],
+            states: [ErrorAndSigma { error: f64::NAN, sigma: f64::NAN, bound: f64::NAN }; STATES],
             chi_square: f64::NAN,
             degrees_of_freedom: 0,
             accepted: false,
@@ -192,13 +202,13 @@ impl RunResult {
         }
     }
 
-    fn new(outcome: &Outcome, unit: &VirtualUnit) -> Self {
-        let estimate = outcome.estimate();
-        let errors = quantity::errors(&estimate.errors, &unit.errors);
-        let sigmas = quantity::sigmas(&estimate.sigmas);
+    fn new(outcome: &Outcome, bounds: &[f64; STATES], unit: &VirtualUnit) -> Self {
+        let (errors, sigmas) = (errors(outcome, unit), outcome.state_sigmas());
         let finite = errors.iter().chain(&sigmas).all(|number| number.is_finite());
+        let of_state =
+            |state: usize| ErrorAndSigma { error: errors[state], sigma: sigmas[state], bound: bounds[state] };
         Self {
-            errors: std::array::from_fn(|index| ErrorAndSigma { error: errors[index], sigma: sigmas[index] }),
+            states: std::array::from_fn(of_state),
             chi_square: outcome.solution.fit.chi_square,
             degrees_of_freedom: outcome.solution.degrees_of_freedom,
             accepted: outcome.verdict.accepted(),
@@ -209,6 +219,19 @@ impl RunResult {
             first_reason: outcome.reasons().into_iter().next(),
         }
     }
+}
+
+/// Estimates less truth of all states, report units.
+fn errors(outcome: &Outcome, unit: &VirtualUnit) -> [f64; STATES] {
+    let truth = outcome.truth.as_ref().unwrap_or(&unit.errors);
+    let parameters = quantity::errors(&outcome.estimate().errors, truth);
+    let solution = &outcome.solution;
+    let (found, truth) = (&solution.optional.values, unit.optional_states(solution.duration_s));
+    let optional = found.iter().zip(&truth).zip(&OPTIONAL_INFO);
+    let optional = optional.map(|((found, truth), info)| (found - truth) / info.unit_si);
+    let mut errors = [0.0; STATES];
+    errors.iter_mut().zip(parameters.into_iter().chain(optional)).for_each(|(error, found)| *error = found);
+    errors
 }
 
 /// Whether an installation error, arcsec, is wrong by more than chance.
@@ -246,8 +269,8 @@ pub struct MethodStatistics {
     pub diverged: usize,
     /// Runs that were given up without a result.
     pub aborted: usize,
-    /// Per parameter; none where the method does not estimate it.
-    pub parameters: [Option<ErrorStatistics>; PARAMETERS],
+    /// Per parameter and optional state; none where the method does not estimate it.
+    pub states: [Option<ErrorStatistics>; STATES],
     /// Bounds of each mean normalized error squared.
     pub normalized_bounds: [f64; 2],
     /// The fit.
@@ -260,11 +283,13 @@ impl MethodStatistics {
     /// Rejections that are shown.
     const SHOWN_REJECTIONS: usize = 5;
 
-    fn new(method: Method, results: &[RunResult]) -> Self {
+    fn new(setup: &Setup, results: &[RunResult]) -> Self {
+        let (method, priors) = (setup.method, setup.prior_sigmas());
         let good: Vec<_> = results.iter().filter(|result| result.finite).collect();
-        let of_parameter = |index: usize| {
-            let runs: Vec<_> = good.iter().map(|result| result.errors[index]).collect();
-            (is_estimated(method, index) && !runs.is_empty()).then(|| ErrorStatistics::new(&runs))
+        let of_state = |state: usize| {
+            let runs: Vec<_> = good.iter().map(|result| result.states[state]).collect();
+            (is_estimated(method, state) && priors[state] > 0.0 && !runs.is_empty())
+                .then(|| ErrorStatistics::new(&runs))
         };
         let accepted = results.iter().filter(|result| result.accepted).count();
         let rejections = results.iter().filter(|result| !result.accepted).filter_map(|r| r.first_reason.clone());
@@ -277,24 +302,30 @@ impl MethodStatistics {
             unconverged: results.iter().filter(|result| !result.converged && !result.aborted).count(),
             diverged: results.iter().filter(|result| !result.finite && !result.aborted).count(),
             aborted: results.iter().filter(|result| result.aborted).count(),
-            parameters: std::array::from_fn(of_parameter),
+            states: std::array::from_fn(of_state),
             normalized_bounds: chi_square_mean_bounds(good.len(), 1.0, CONFIDENCE),
             fit: FitStatistics::new(&good),
             rejections: rejections.take(Self::SHOWN_REJECTIONS).collect(),
         }
     }
 
-    /// Mean and largest ratio of error to bound over the parameters.
+    /// Mean and largest ratio of error to bound over the states.
     pub fn ratios(&self) -> (f64, f64) {
-        let ratios: Vec<_> = self.parameters.iter().flatten().map(|parameter| parameter.ratio).collect();
+        let ratios: Vec<_> = self.states.iter().flatten().map(|state| state.ratio).collect();
         (ratios.iter().sum::<f64>() / ratios.len() as f64, ratios.iter().copied().fold(0.0, f64::max))
     }
 
-    /// Parameters whose mean normalized error squared is inside its bounds, and parameters in all.
+    /// States whose ratio of error to bound is off 1 by more than the tolerance, and how many are expected by chance.
+    pub fn outside(&self) -> (usize, f64) {
+        let states = || self.states.iter().flatten();
+        (states().filter(|state| state.is_outside()).count(), states().map(|state| state.chance_outside).sum())
+    }
+
+    /// States whose mean normalized error squared is inside its bounds, and states in all.
     pub fn consistent(&self) -> (usize, usize) {
         let [low, high] = self.normalized_bounds;
-        let inside = |parameter: &&ErrorStatistics| (low..=high).contains(&parameter.mean_normalized_squared);
-        (self.parameters.iter().flatten().filter(inside).count(), self.parameters.iter().flatten().count())
+        let inside = |state: &&ErrorStatistics| (low..=high).contains(&state.mean_normalized_squared);
+        (self.states.iter().flatten().filter(inside).count(), self.states.iter().flatten().count())
     }
 }
 

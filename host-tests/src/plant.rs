@@ -1,5 +1,8 @@
 //! What an instrument is to the bench: something that yields a reading per data-ready edge and takes rate commands.
 
+use std::cell::RefCell;
+use std::rc::Rc;
+
 /// What the IMU and the encoders report after one data-ready edge, SI.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
@@ -24,4 +27,15 @@ pub trait Plant {
 
     /// Rates of (outer, inner) that the drives shall reach by the next edge, rad/s. A recording ignores them.
     fn command_rates(&mut self, rates_rad_s: [f64; 2]);
+}
+
+/// An instrument that others look at while it is on the bench.
+impl<P: Plant> Plant for Rc<RefCell<P>> {
+    fn next_reading(&mut self) -> Option<Reading> {
+        self.borrow_mut().next_reading()
+    }
+
+    fn command_rates(&mut self, rates_rad_s: [f64; 2]) {
+        self.borrow_mut().command_rates(rates_rad_s);
+    }
 }

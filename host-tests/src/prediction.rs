@@ -3,20 +3,21 @@
 //! The covariance does not depend on the data beyond the geometry, so a perfect unit without noise is run through the
 //! core, which is told the noise of the real one.
 
-use crate::calibration::{Outcome, Setup};
-use crate::quantity;
+use crate::calibration::{Setup, is_estimated};
+use crate::quantity::{STATES, states};
 use crate::report::{Named, SOFTWARE, SiteReport, Software};
 use crate::unit::Noise;
 use crate::virtual_rins::VirtualUnit;
 use crate::virtual_run::VirtualRun;
 use rins_selfcal::calibrator::Progress;
-use rins_selfcal::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS};
+use rins_selfcal::error_model::{InstrumentErrors, PARAMETERS, ParameterInfo};
 use rins_selfcal::estimator::OBSERVED_RATIO;
 use rins_selfcal::linear::Matrix;
 use rins_selfcal::observability::{INSTALLATION_STATES, along_scheme, of_covariance};
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::SegmentKind;
 use serde::Serialize;
+use std::ops::Range;
 
 const SILENT: Noise = Noise {
     accel_vrw_ug_sqrt_hz: 0.0,
@@ -76,9 +77,9 @@ pub struct Prediction {
     pub method: &'static str,
     /// First stop, ramps and settling included, s.
     pub duration_s: f64,
-    /// Directions of the parameter space that the data determine.
+    /// Directions of the space of these states that the data determine.
     pub rank: usize,
-    /// Parameters that the method estimates.
+    /// Parameters and optional states that are estimated.
     pub states: usize,
     /// Of the correlation matrix' square root.
     pub condition_number: f64,
@@ -88,12 +89,14 @@ pub struct Prediction {
     pub least_possible_arcsec: Option<f64>,
     /// Time at which the largest sigma of Bai's twelve comes to 1 arcsec, s.
     pub time_to_1_arcsec_s: Option<f64>,
-    /// Parameters that are not observed.
+    /// States that are not observed.
     pub unobserved: Vec<&'static str>,
     /// The direction that is known least, in words.
     pub weakest_direction: String,
-    /// Sigmas by name.
+    /// Sigmas by name, at the end of the run.
     pub parameters: Named<PredictedSigma>,
+    /// Sigmas of the optional states that are estimated.
+    pub optional_states: Named<PredictedSigma>,
     /// Bai's twelve states against scheme time, where rank or move changes.
     pub installation_rank: Vec<RankAt>,
     /// What every segment brings.
@@ -108,14 +111,12 @@ pub struct Prediction {
 impl Prediction {
     /// Of a unit without errors, level and facing north.
     pub fn new(setup: &Setup, scheme: &Scheme) -> Self {
-        let run = silent_run(setup, scheme);
-        let mut chain = setup.clone().on_scheme(scheme).chain();
-        let mut progress: Vec<Progress> = run.drive().filter_map(|reading| chain.step(&reading)).collect();
-        let outcome = chain.conclude(&mut |last| progress.push(*last));
-        let (covariance, prior_sigmas) = estimated_only(&outcome);
+        let (run, prior_sigmas) = (silent_run(setup, scheme), estimated_priors(setup));
+        let foreseen = Foreseen::new(setup, &run);
+        let covariance = estimated_only(&foreseen.covariance, &prior_sigmas);
         let (rank, condition_number) = of_covariance(&covariance, &prior_sigmas);
-        let unobserved = unobserved(&outcome);
-        let segments = gains(&outcome, &progress);
+        let unobserved = unobserved(&covariance, &prior_sigmas);
+        let segments = gains(&prior_sigmas, &foreseen.live);
         let below = |gain: &&SegmentGain| gain.worst_arcsec() <= 1.0;
         Self {
             scheme: scheme.name.as_str().into(),
@@ -129,7 +130,8 @@ impl Prediction {
             time_to_1_arcsec_s: segments.iter().find(below).map(|gain| gain.time_s),
             weakest_direction: weakest_direction(&covariance, &prior_sigmas, !unobserved.is_empty()),
             unobserved,
-            parameters: predicted_sigmas(&outcome),
+            parameters: predicted(&covariance, &prior_sigmas, 0..PARAMETERS),
+            optional_states: predicted(&covariance, &prior_sigmas, PARAMETERS..STATES),
             installation_rank: installation_rank(setup, scheme),
             segments,
             site: (&setup.site).into(),
@@ -137,6 +139,45 @@ impl Prediction {
             software: SOFTWARE,
         }
     }
+}
+
+/// A run without noise, by a core that is told the noise of the real one.
+struct Foreseen {
+    /// After every segment: the live estimate, which refers to the start of the run, and the sigmas of all states, SI.
+    live: Vec<(Progress, [f64; STATES])>,
+    /// Of all states in the end, SI.
+    covariance: Matrix<f64, STATES, STATES>,
+}
+
+impl Foreseen {
+    fn new(setup: &Setup, run: &VirtualRun) -> Self {
+        let mut chain = setup.clone().on_scheme(&run.scheme).chain();
+        let mut live = Vec::new();
+        for reading in run.drive() {
+            let progress = chain.step(&reading);
+            live.extend(progress.map(|progress| (progress, sigmas(&chain.covariance()))));
+        }
+        let progress = chain.finish();
+        live.extend(progress.map(|progress| (progress, sigmas(&chain.covariance()))));
+        let _ = chain.conclude();
+        Self { live, covariance: chain.covariance() }
+    }
+}
+
+/// Sigmas of all states for a unit with these errors, in report units: the Cramer-Rao bound.
+pub fn bounds(setup: &Setup, unit: &VirtualUnit, scheme: &Scheme) -> [f64; STATES] {
+    let unit = VirtualUnit { noise: SILENT, ..unit.clone() };
+    let run = VirtualRun { unit, scheme: scheme.clone(), seed: 0 };
+    let sigmas = sigmas(&Foreseen::new(setup, &run).covariance);
+    let mut bounds = [0.0; STATES];
+    for (bound, (sigma, info)) in bounds.iter_mut().zip(sigmas.iter().zip(states())) {
+        *bound = sigma / info.unit_si;
+    }
+    bounds
+}
+
+fn sigmas(covariance: &Matrix<f64, STATES, STATES>) -> [f64; STATES] {
+    std::array::from_fn(|state| covariance[(state, state)].sqrt())
 }
 
 /// Sigmas of all parameters by the core, SI.
@@ -155,39 +196,45 @@ fn silent_run(setup: &Setup, scheme: &Scheme) -> VirtualRun {
     VirtualRun { unit, scheme: scheme.clone(), seed: 0 }
 }
 
-/// Covariance and prior sigmas, zero where the method only carries a parameter along.
-fn estimated_only(outcome: &Outcome) -> (Matrix<f64, PARAMETERS, PARAMETERS>, [f64; PARAMETERS]) {
-    let kept = |index: usize, value: f64| if outcome.is_estimated(index) { value } else { 0.0 };
-    let covariance = &outcome.covariance;
-    let entry = |row: usize, column: usize| kept(row, kept(column, covariance[(row, column)]));
-    (Matrix::from_fn(entry), std::array::from_fn(|index| kept(index, outcome.prior_sigmas[index])))
+/// Prior sigmas, SI; zero where the method only carries a state along.
+fn estimated_priors(setup: &Setup) -> [f64; STATES] {
+    let mut sigmas = setup.prior_sigmas();
+    for (state, sigma) in sigmas.iter_mut().enumerate().take(PARAMETERS) {
+        *sigma = if is_estimated(setup.method, state) { *sigma } else { 0.0 };
+    }
+    sigmas
 }
 
-/// Parameters of which the data leave too much of the prior; the verdict's own measure.
-fn unobserved(outcome: &Outcome) -> Vec<&'static str> {
-    let seen = |index: &usize| outcome.estimate().sigmas[*index] <= OBSERVED_RATIO * outcome.prior_sigmas[*index];
-    let hidden = (0..PARAMETERS).filter(|index| outcome.is_estimated(*index) && !seen(index));
-    hidden.map(|index| PARAMETER_INFO[index].name).collect()
+fn estimated_only(
+    covariance: &Matrix<f64, STATES, STATES>,
+    prior_sigmas: &[f64; STATES],
+) -> Matrix<f64, STATES, STATES> {
+    let estimated = |state: usize| prior_sigmas[state] > 0.0;
+    Matrix::from_fn(|row, column| if estimated(row) && estimated(column) { covariance[(row, column)] } else { 0.0 })
+}
+
+/// States of which the data leave too much of the prior; the verdict's own measure.
+fn unobserved(covariance: &Matrix<f64, STATES, STATES>, prior_sigmas: &[f64; STATES]) -> Vec<&'static str> {
+    let hidden = states().zip(sigmas(covariance)).zip(prior_sigmas).filter_map(|((info, sigma), prior)| {
+        let seen = sigma <= OBSERVED_RATIO * prior;
+        (!seen).then_some(info.name)
+    });
+    hidden.collect()
 }
 
 /// The principal axis of the covariance along which it is longest, in units of the sigmas, or of the prior ones where some
-/// parameters are not observed: its two largest entries, with each other or against each other.
-fn weakest_direction(
-    covariance: &Matrix<f64, PARAMETERS, PARAMETERS>,
-    prior_sigmas: &[f64; PARAMETERS],
-    by_prior: bool,
-) -> String {
+/// states are not observed: its two largest entries, with each other or against each other.
+fn weakest_direction(covariance: &Matrix<f64, STATES, STATES>, prior_sigmas: &[f64; STATES], by_prior: bool) -> String {
     let unit = |index: usize| if by_prior { prior_sigmas[index] } else { covariance[(index, index)].sqrt() };
     let inverse = |index: usize| if unit(index) > 0.0 { unit(index).recip() } else { 0.0 };
-    let scaled = Matrix::<f64, PARAMETERS, PARAMETERS>::from_fn(|row, column| {
+    let scaled = Matrix::<f64, STATES, STATES>::from_fn(|row, column| {
         covariance[(row, column)] * inverse(row) * inverse(column)
     });
     let axes = scaled.symmetric_eigen();
     let axis = axes.eigenvectors.column(axes.eigenvalues.imax());
-    let mut order: Vec<usize> = (0..PARAMETERS).collect();
-    order.sort_by(|a, b| axis[*b].abs().total_cmp(&axis[*a].abs()));
-    let (first, second) = (order[0], order[1]);
-    let (name, other) = (PARAMETER_INFO[first].name, PARAMETER_INFO[second].name);
+    let mut order: Vec<(usize, &str)> = states().map(|info| info.name).enumerate().collect();
+    order.sort_by(|(a, _), (b, _)| axis[*b].abs().total_cmp(&axis[*a].abs()));
+    let ((first, name), (second, other)) = (order[0], order[1]);
     // A tenth of the squared length.
     if axis[second] * axis[second] < 0.1 {
         name.into()
@@ -198,34 +245,37 @@ fn weakest_direction(
     }
 }
 
-/// What each segment brought to the parameters that the method estimates.
-fn gains(outcome: &Outcome, progress: &[Progress]) -> Vec<SegmentGain> {
-    let estimated: Vec<usize> = (0..PARAMETERS).filter(|index| outcome.is_estimated(*index)).collect();
-    let named = |values: &dyn Fn(usize) -> f64| {
-        Named(estimated.iter().map(|index| (PARAMETER_INFO[*index].name, values(*index))).collect())
+/// What each segment brought to the states that are estimated.
+fn gains(prior_sigmas: &[f64; STATES], live: &[(Progress, [f64; STATES])]) -> Vec<SegmentGain> {
+    let named = |value: &dyn Fn(usize, &ParameterInfo) -> f64| {
+        let estimated = states().enumerate().filter(|(state, _)| prior_sigmas[*state] > 0.0);
+        Named(estimated.map(|(state, info)| (info.name, value(state, info))).collect())
     };
-    let mut before = outcome.prior_sigmas;
-    let gain = |progress: &Progress| {
-        let after = progress.estimate.sigmas;
+    let mut before = *prior_sigmas;
+    let gain = |(progress, after): &(Progress, [f64; STATES])| {
         let gain = SegmentGain {
             segment: progress.segments - 1,
             kind: progress.kind,
             time_s: progress.end_us as f64 * 1e-6,
-            sigmas: named(&|index| after[index] / PARAMETER_INFO[index].unit_si),
-            gained_bits: named(&|index| (before[index] / after[index]).log2()),
+            sigmas: named(&|state, info| after[state] / info.unit_si),
+            gained_bits: named(&|state, _| (before[state] / after[state]).log2()),
         };
-        before = after;
+        before = *after;
         gain
     };
-    progress.iter().map(gain).collect()
+    live.iter().map(gain).collect()
 }
 
-fn predicted_sigmas(outcome: &Outcome) -> Named<PredictedSigma> {
-    let sigmas = quantity::sigmas(&outcome.estimate().sigmas);
-    let estimated = (0..PARAMETERS).filter(|index| outcome.is_estimated(*index));
-    let predicted = |index: usize| {
-        let info = &PARAMETER_INFO[index];
-        (info.name, PredictedSigma { sigma: sigmas[index], unit: info.unit })
+fn predicted(
+    covariance: &Matrix<f64, STATES, STATES>,
+    prior_sigmas: &[f64; STATES],
+    range: Range<usize>,
+) -> Named<PredictedSigma> {
+    let sigmas = sigmas(covariance);
+    let states = states().enumerate().take(range.end).skip(range.start);
+    let estimated = states.filter(|(state, _)| prior_sigmas[*state] > 0.0);
+    let predicted = |(state, info): (usize, &'static ParameterInfo)| {
+        (info.name, PredictedSigma { sigma: sigmas[state] / info.unit_si, unit: info.unit })
     };
     Named(estimated.map(predicted).collect())
 }

@@ -1,7 +1,11 @@
 //! Parameters in report units: headings within a turn, errors against a truth, numbers with as many digits as they are
 //! worth.
 
-use rins_selfcal::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS, block};
+use rins_selfcal::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS, ParameterInfo, block};
+use rins_selfcal::options::{OPTIONAL_INFO, OPTIONAL_STATES};
+
+/// The parameters and, after them, the optional states.
+pub const STATES: usize = PARAMETERS + OPTIONAL_STATES;
 
 /// Index of the heading, the only parameter that is an angle of any size.
 pub const HEADING: usize = block::ATTITUDE + 2;
@@ -11,6 +15,11 @@ const HUGE: f64 = 1e6;
 
 /// Significant digits of a sigma.
 const SIGMA_DIGITS: i32 = 3;
+
+/// Names and units of all states, by number.
+pub fn states() -> impl Iterator<Item = &'static ParameterInfo> + Clone {
+    PARAMETER_INFO.iter().chain(&OPTIONAL_INFO)
+}
 
 /// Estimates in report units, the heading in 0 to 360 deg.
 pub fn values(errors: &InstrumentErrors<f64>) -> [f64; PARAMETERS] {

@@ -142,7 +142,8 @@ impl Replay {
         if let Some(ratio) = fastest.of_degrees() {
             return Err(ReplayError::Degrees { path: self.path.clone(), ratio });
         }
-        self.with_moves(chain.conclude(&mut on_segment), line)
+        chain.finish().iter().for_each(&mut on_segment);
+        self.with_moves(chain.conclude(), line)
     }
 
     fn rate_hz(&self, reader: &LogReader) -> Result<f64, ReplayError> {

@@ -3,44 +3,73 @@
 use serde::Serialize;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-/// Error and sigma of one parameter in one run, report units.
+/// Error and sigma of one state in one run, report units.
 #[derive(Clone, Copy, Debug)]
 pub struct ErrorAndSigma {
     /// Estimate less truth.
     pub error: f64,
     /// What the estimator said of it.
     pub sigma: f64,
+    /// Cramer-Rao bound of this run's unit.
+    pub bound: f64,
 }
 
-/// One parameter over many runs, report units.
+/// One state over many runs, report units.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ErrorStatistics {
     /// Root mean square error.
     pub rms_error: f64,
     /// Mean error.
     pub mean_error: f64,
-    /// Cramer-Rao bound: root mean square of the sigmas, each from the information at that run's estimate.
+    /// Root mean square of the units' Cramer-Rao bounds.
     pub bound: f64,
     /// `rms_error / bound`.
     pub ratio: f64,
+    /// Standard deviation of the ratio if every error is normal with the bound of its unit.
+    pub scatter: f64,
+    /// Probability that the ratio is then off 1 by more than [`TOLERANCE`].
+    pub chance_outside: f64,
     /// Mean of `(error / sigma)^2`.
     pub mean_normalized_squared: f64,
 }
 
+/// What a ratio of error to bound may be off 1.
+pub const TOLERANCE: f64 = 0.07;
+
 impl ErrorStatistics {
     /// Of these runs.
+    ///
+    /// The mean square of errors of different sigmas is a weighted sum of chi-square numbers. It scatters as that of
+    /// `n = (sum of bound^2)^2 / sum of bound^4` errors of one sigma (Welch and Satterthwaite).
     pub fn new(runs: &[ErrorAndSigma]) -> Self {
-        let mean = |of: &dyn Fn(&ErrorAndSigma) -> f64| runs.iter().map(of).sum::<f64>() / runs.len() as f64;
+        let sum = |of: &dyn Fn(&ErrorAndSigma) -> f64| runs.iter().map(of).sum::<f64>();
+        let mean = |of: &dyn Fn(&ErrorAndSigma) -> f64| sum(of) / runs.len() as f64;
         let rms_error = mean(&|run| run.error * run.error).sqrt();
-        let bound = mean(&|run| run.sigma * run.sigma).sqrt();
+        let bound = mean(&|run| run.bound * run.bound).sqrt();
+        let equal_runs = sum(&|run| run.bound.powi(2)).powi(2) / sum(&|run| run.bound.powi(4));
         Self {
             rms_error,
             mean_error: mean(&|run| run.error),
             bound,
             ratio: rms_error / bound,
+            scatter: (2.0 * equal_runs).sqrt().recip(),
+            chance_outside: chance_outside(equal_runs),
             mean_normalized_squared: mean(&|run| (run.error / run.sigma).powi(2)),
         }
     }
+
+    /// Whether the ratio is off 1 by more than [`TOLERANCE`].
+    pub fn is_outside(&self) -> bool {
+        // NaN is outside too.
+        !(1.0 - TOLERANCE..=1.0 + TOLERANCE).contains(&self.ratio)
+    }
+}
+
+/// Probability that the root mean square of so many normal numbers of sigma 1 is off 1 by more than [`TOLERANCE`].
+fn chance_outside(count: f64) -> f64 {
+    let Ok(distribution) = ChiSquared::new(count) else { return f64::NAN };
+    let [low, high] = [1.0 - TOLERANCE, 1.0 + TOLERANCE].map(|ratio| distribution.cdf(count * ratio * ratio));
+    1.0 - (high - low)
 }
 
 /// Two-sided bounds of the mean of `count` independent chi-square numbers of `freedom` degrees each.
@@ -54,6 +83,9 @@ pub fn chi_square_mean_bounds(count: usize, freedom: f64, confidence: f64) -> [f
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rand_distr::{Distribution, StandardNormal};
+    use rand_xoshiro::Xoshiro256PlusPlus;
+    use rand_xoshiro::rand_core::SeedableRng;
 
     #[test]
     fn bounds_are_those_of_tables() {
@@ -73,9 +105,30 @@ mod tests {
 
     #[test]
     fn statistics_of_two_runs() {
-        let runs = [ErrorAndSigma { error: 3.0, sigma: 1.0 }, ErrorAndSigma { error: -1.0, sigma: 1.0 }];
-        let found = ErrorStatistics::new(&runs);
-        assert_eq!((found.mean_error, found.bound, found.mean_normalized_squared), (1.0, 1.0, 5.0));
-        assert!((found.rms_error - 5.0_f64.sqrt()).abs() < 1e-15);
+        let run = |error| ErrorAndSigma { error, sigma: 1.0, bound: 2.0 };
+        let found = ErrorStatistics::new(&[run(3.0), run(-1.0)]);
+        assert_eq!((found.mean_error, found.bound, found.mean_normalized_squared), (1.0, 2.0, 5.0));
+        assert!((found.rms_error - 5.0_f64.sqrt()).abs() < 1e-15 && (found.scatter - 0.5).abs() < 1e-15);
+    }
+
+    #[test]
+    fn what_is_outside_by_chance_is_what_draws_show() {
+        // 500 errors each; the last tenth with three times the sigma: 500 (0.9 + 0.9)^2 / (0.9 + 8.1) = 180 equal ones.
+        let sigmas = |run: usize| if run % 10 == 9 { 3.0 } else { 1.0 };
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
+        let mut draw = || {
+            let run = |run: usize| {
+                let normal: f64 = StandardNormal.sample(&mut rng);
+                ErrorAndSigma { error: normal * sigmas(run), sigma: sigmas(run), bound: sigmas(run) }
+            };
+            ErrorStatistics::new(&(0..500).map(run).collect::<Vec<_>>())
+        };
+        let draws: Vec<_> = (0..2000).map(|_| draw()).collect();
+        let outside = draws.iter().filter(|found| found.is_outside()).count() as f64 / 2000.0;
+        let expected = draws[0].chance_outside;
+        assert!((draws[0].scatter - 360.0_f64.sqrt().recip()).abs() < 1e-12 && (0.15..0.21).contains(&expected));
+        // Four sigma of a share of 2000, and 0.01 because a sum of two kinds is not quite a chi-square.
+        let allowed = 4.0 * (expected * (1.0 - expected) / 2000.0).sqrt() + 0.01;
+        assert!((outside - expected).abs() < allowed, "{outside} for {expected}");
     }
 }

@@ -1,10 +1,10 @@
 //! Results as text: tables that a navigation engineer reads.
 
 use crate::calibration::{Outcome, method_name};
-use crate::quantity::{self, fixed, rounded, significant};
+use crate::quantity::{self, STATES, fixed, rounded, significant, states};
 use crate::truth::ParameterTable;
 use comfy_table::{Cell, CellAlignment, Table, presets};
-use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS, block};
+use rins_selfcal::error_model::{PARAMETERS, ParameterInfo, block};
 use rins_selfcal::method::Method;
 use rins_selfcal::queue::Losses;
 use rins_selfcal::verdict::CHANNEL_NAMES;
@@ -16,36 +16,43 @@ const NONE: &str = "-";
 /// Parameters under one heading.
 struct Group {
     title: &'static str,
-    parameters: Range<usize>,
+    states: Range<usize>,
 }
 
-const GROUPS: [Group; 9] = [
-    Group {
-        title: "gyro non-orthogonality",
-        parameters: block::GYRO_NON_ORTHOGONALITY..block::ACCEL_NON_ORTHOGONALITY,
-    },
-    Group { title: "accelerometer non-orthogonality", parameters: block::ACCEL_NON_ORTHOGONALITY..block::MOUNTING },
-    Group { title: "mounting angles", parameters: block::MOUNTING..block::ACCEL_BIAS },
-    Group { title: "accelerometer bias", parameters: block::ACCEL_BIAS..block::ACCEL_SCALE },
-    Group { title: "accelerometer scale", parameters: block::ACCEL_SCALE..block::GYRO_BIAS },
-    Group { title: "gyro bias", parameters: block::GYRO_BIAS..block::GYRO_SCALE },
-    Group { title: "gyro scale", parameters: block::GYRO_SCALE..block::NON_PERPENDICULARITY },
-    Group { title: "gimbal axes", parameters: block::NON_PERPENDICULARITY..block::ATTITUDE },
-    Group { title: "attitude of the base", parameters: block::ATTITUDE..PARAMETERS },
+/// Those of the parameters and, after them, those of the optional states.
+const GROUPS: [Group; 12] = [
+    Group { title: "gyro non-orthogonality", states: block::GYRO_NON_ORTHOGONALITY..block::ACCEL_NON_ORTHOGONALITY },
+    Group { title: "accelerometer non-orthogonality", states: block::ACCEL_NON_ORTHOGONALITY..block::MOUNTING },
+    Group { title: "mounting angles", states: block::MOUNTING..block::ACCEL_BIAS },
+    Group { title: "accelerometer bias", states: block::ACCEL_BIAS..block::ACCEL_SCALE },
+    Group { title: "accelerometer scale", states: block::ACCEL_SCALE..block::GYRO_BIAS },
+    Group { title: "gyro bias", states: block::GYRO_BIAS..block::GYRO_SCALE },
+    Group { title: "gyro scale", states: block::GYRO_SCALE..block::NON_PERPENDICULARITY },
+    Group { title: "gimbal axes", states: block::NON_PERPENDICULARITY..block::ATTITUDE },
+    Group { title: "attitude of the base", states: block::ATTITUDE..PARAMETERS },
+    Group { title: "bias ramps", states: PARAMETERS..PARAMETERS + 6 },
+    Group { title: "encoder harmonics", states: PARAMETERS + 6..PARAMETERS + 14 },
+    Group { title: "tilting of the base", states: PARAMETERS + 14..STATES },
 ];
 
 /// A table of all parameters that `row` gives cells for, by groups: name, cells, unit.
 pub fn by_parameter(columns: &[&str], row: impl Fn(usize) -> Option<Vec<String>>) -> String {
+    by_state(columns, |state| if state < PARAMETERS { row(state) } else { None })
+}
+
+/// As [`by_parameter`], of the parameters and, after them, the optional states.
+pub fn by_state(columns: &[&str], row: impl Fn(usize) -> Option<Vec<String>>) -> String {
     let mut table = Table::new();
     table.load_style(presets::NOTHING);
     table.set_header(header(columns));
     for group in &GROUPS {
-        let rows: Vec<_> = group.parameters.clone().filter_map(|index| Some((index, row(index)?))).collect();
+        let states = states().enumerate().take(group.states.end).skip(group.states.start);
+        let rows: Vec<_> = states.filter_map(|(index, info)| Some((info, row(index)?))).collect();
         if !rows.is_empty() {
             table.add_row([Cell::new(group.title)]);
         }
-        for (index, cells) in rows {
-            table.add_row(parameter_row(index, cells));
+        for (info, cells) in rows {
+            table.add_row(state_row(info, cells));
         }
     }
     trimmed(&table)
@@ -57,8 +64,7 @@ fn header(columns: &[&str]) -> Vec<Cell> {
     std::iter::once(ends("parameter")).chain(numbers).chain([ends("unit")]).collect()
 }
 
-fn parameter_row(index: usize, cells: Vec<String>) -> Vec<Cell> {
-    let info = &PARAMETER_INFO[index];
+fn state_row(info: &ParameterInfo, cells: Vec<String>) -> Vec<Cell> {
     let name = Cell::new(format!("  {}", info.name));
     let numbers = cells.into_iter().map(|text| Cell::new(text).set_alignment(CellAlignment::Right));
     std::iter::once(name).chain(numbers).chain([Cell::new(info.unit)]).collect()

@@ -8,13 +8,15 @@ use crate::encoder::{EncoderErrors, Harmonic};
 use crate::kinematics::{Line, Motion, RigidTruth, Sensed};
 use crate::plant::{Plant, Reading};
 use crate::unit::Noise;
-use crate::vec3::{Vec3, add};
+use crate::vec3::{Vec3, add, scale};
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 use rins_selfcal::error_model::InstrumentErrors;
+use rins_selfcal::linear::{Vector3, exp_so3};
+use rins_selfcal::options::OPTIONAL_STATES;
 use rins_selfcal::site::Site;
-use rins_selfcal::units::{DEG, DEG_H, MICRO_G};
+use rins_selfcal::units::{ARCSEC, DEG, DEG_H, MICRO_G};
 use serde::{Deserialize, Serialize};
 
 /// Sample rate of the unit in the literature, Hz.
@@ -100,8 +102,43 @@ impl Default for VirtualUnit {
     }
 }
 
+impl VirtualUnit {
+    /// Its 28 errors after this time, with ramps of the biases and tilt of the base, but without random walks.
+    fn errors_at(&self, time_s: f64) -> InstrumentErrors<f64> {
+        let (effects, hours) = (&self.effects, time_s / 3600.0);
+        let tilt = effects.base_tilt_drift_arcsec_h.map(|drift| drift * ARCSEC * hours);
+        let rot_nb = self.errors.rot_nb() * exp_so3(&Vector3::new(tilt[0], tilt[1], 0.0));
+        InstrumentErrors {
+            accel_bias_a: add(self.errors.accel_bias_a, scale(effects.accel_bias_ramp_ug_h, MICRO_G * hours)),
+            gyro_bias_g: add(self.errors.gyro_bias_g, scale(effects.gyro_bias_ramp_deg_h_h, DEG_H * hours)),
+            base_roll: rot_nb[(2, 1)].atan2(rot_nb[(2, 2)]),
+            base_pitch: -rot_nb[(2, 0)].asin(),
+            heading: -rot_nb[(1, 0)].atan2(rot_nb[(0, 0)]),
+            ..self.errors
+        }
+    }
+
+    /// Its optional states, SI, in the order of the core; those of the base over this time.
+    pub fn optional_states(&self, time_s: f64) -> [f64; OPTIONAL_STATES] {
+        let effects = &self.effects;
+        let harmonic = |harmonic: &Harmonic| harmonic.cos_and_sin_rad();
+        let of_both = |harmonics: &[Harmonic; 2]| harmonics.iter().flat_map(harmonic).collect::<Vec<_>>();
+        let (start, end) = (self.errors_at(0.0), self.errors_at(time_s));
+        let drift = [end.base_roll - start.base_roll, end.base_pitch - start.base_pitch].map(|way| way / time_s);
+        let blocks = [
+            effects.gyro_bias_ramp_deg_h_h.map(|ramp| ramp * DEG_H / 3600.0).to_vec(),
+            effects.accel_bias_ramp_ug_h.map(|ramp| ramp * MICRO_G / 3600.0).to_vec(),
+            of_both(&effects.encoder_eccentricity),
+            of_both(&effects.encoder_second_harmonic),
+            drift.to_vec(),
+        ];
+        blocks.concat().try_into().expect("the core's blocks")
+    }
+}
+
 /// The virtual RINS: a [`VirtualUnit`] in motion.
 pub struct VirtualRins {
+    unit: VirtualUnit,
     truth: RigidTruth,
     white: WhiteNoise,
     walk: BiasWalk,
@@ -130,6 +167,7 @@ impl VirtualRins {
         let noise = &unit.noise;
         let effects = &unit.effects;
         Self {
+            unit: unit.clone(),
             truth: RigidTruth::new(unit),
             white: WhiteNoise {
                 sigma_force: noise.sigma_force_m_s2(unit.rate_hz),
@@ -181,6 +219,16 @@ impl VirtualRins {
     /// True rates of (outer, inner) now, rad/s.
     pub fn true_rates_rad_s(&self) -> [f64; 2] {
         self.rates_rad_s
+    }
+
+    /// The 28 errors as they are now.
+    pub fn errors_now(&self) -> InstrumentErrors<f64> {
+        let errors = self.unit.errors_at(self.samples as f64 * self.interval_s);
+        InstrumentErrors {
+            accel_bias_a: add(errors.accel_bias_a, self.walk.accel_a),
+            gyro_bias_g: add(errors.gyro_bias_g, self.walk.gyro_g),
+            ..errors
+        }
     }
 
     /// Sample interval, s.

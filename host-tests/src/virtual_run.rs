@@ -49,13 +49,15 @@ impl VirtualRun {
     /// The outcomes of calibrations that all see the same readings.
     pub fn calibrate(&self, setups: &[Setup]) -> Vec<Outcome> {
         let mut chains: Vec<_> = setups.iter().map(|setup| setup.clone().on_scheme(&self.scheme).chain()).collect();
-        for reading in self.drive() {
+        let mut drive = self.drive();
+        for reading in &mut drive {
             for chain in &mut chains {
                 // The live estimates are part of the outcome.
                 let _ = chain.step(&reading);
             }
         }
-        chains.iter_mut().map(|chain| chain.conclude(&mut |_| ())).collect()
+        let truth = Some(drive.rins().errors_now());
+        chains.iter_mut().map(|chain| Outcome { truth, ..chain.conclude() }).collect()
     }
 
     /// Duration with ramps and settling, s.

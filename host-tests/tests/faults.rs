@@ -56,7 +56,7 @@ fn suspicion(kind: FaultKind, channel: usize, size: f64, axis_b: [f64; 3]) -> Su
         // The live estimate does not count.
         let _ = chain.step(&reading);
     }
-    chain.conclude(&mut |_| ()).solution.suspicion
+    chain.conclude().solution.suspicion
 }
 
 #[test]

@@ -5,11 +5,11 @@ use super::output::{say, sayln};
 use super::{Ending, files, progress};
 use crate::calibration::method_name;
 use crate::monte_carlo::{CONFIDENCE, FitStatistics, MethodStatistics, MonteCarlo};
-use crate::quantity::{fixed, rounded, significant};
+use crate::quantity::{fixed, rounded, significant, states};
 use crate::report::{Named, SOFTWARE, Software, write_json};
-use crate::statistics::ErrorStatistics;
+use crate::statistics::{ErrorStatistics, TOLERANCE};
 use crate::table;
-use rins_selfcal::error_model::PARAMETER_INFO;
+use rins_selfcal::error_model::{PARAMETERS, ParameterInfo};
 use rins_selfcal::method::Method;
 use rins_selfcal::scheme::Scheme;
 use serde::Serialize;
@@ -109,12 +109,12 @@ fn text(method: &MethodStatistics, beside_bai: bool) -> String {
 }
 
 fn errors(method: &MethodStatistics, beside_bai: bool) -> String {
-    let mut columns = vec!["RMS error", "mean error", "bound", "RMS/bound", "(error/sigma)^2"];
+    let mut columns = vec!["RMS error", "mean error", "bound", "RMS/bound", "scatter", "(error/sigma)^2"];
     if beside_bai {
         columns.push("Bai Table 1");
     }
-    table::by_parameter(&columns, |index| {
-        let mut cells = error_cells(method.parameters[index].as_ref()?, method.normalized_bounds);
+    table::by_state(&columns, |index| {
+        let mut cells = error_cells(method.states[index].as_ref()?, method.normalized_bounds);
         if beside_bai {
             let theirs = BAI_TABLE_1_ERRORS.get(index).copied();
             cells.push(table::number_or_none(theirs, |error| format!("{error:.3}")));
@@ -124,13 +124,15 @@ fn errors(method: &MethodStatistics, beside_bai: bool) -> String {
 }
 
 fn error_cells(found: &ErrorStatistics, [low, high]: [f64; 2]) -> Vec<String> {
-    let outside = if (low..=high).contains(&found.mean_normalized_squared) { " " } else { "!" };
+    let mark = |outside: bool| if outside { "!" } else { " " };
+    let normalized = found.mean_normalized_squared;
     vec![
         significant(found.rms_error),
         rounded(found.mean_error, found.rms_error),
         significant(found.bound),
-        fixed(found.ratio, 3),
-        fixed(found.mean_normalized_squared, 3) + outside,
+        fixed(found.ratio, 3) + mark(found.is_outside()),
+        fixed(found.scatter, 3),
+        fixed(normalized, 3) + mark(!(low..=high).contains(&normalized)),
     ]
 }
 
@@ -138,12 +140,16 @@ fn summary(method: &MethodStatistics) -> String {
     let [low, high] = method.normalized_bounds;
     let (mean, largest) = method.ratios();
     let (inside, all) = method.consistent();
+    let (outside, by_chance) = method.outside();
+    let tolerance = TOLERANCE * 100.0;
     let fit = &method.fit;
     let percent = CONFIDENCE * 100.0;
     format!(
         "wrong: one of the twelve installation errors off by more than 4.5 sigma and 1 arcsec\n\
-         bound: Cramer-Rao, root mean square over the runs of the filter's sigma, linearized at its estimate\n\
-         RMS/bound: mean {}, largest {}\n\
+         bound: Cramer-Rao, for the true errors of each run's unit, before it is run; root mean square over the runs\n\
+         scatter: standard deviation of RMS/bound at this number of runs\n\
+         RMS/bound: mean {}, largest {}; off 1 by more than {tolerance:.0} %: {outside} of {all} (!), {by_chance:.1} \
+         expected by chance\n\
          mean (error/sigma)^2: {inside} of {all} inside {low:.3} to {high:.3} ({percent} %; outside: !)\n\
          chi-square of the fit: mean {} with {:.1} degrees of freedom, {percent} % bounds {:.2} to {:.2}\n",
         fixed(mean, 3),
@@ -159,7 +165,7 @@ fn summary(method: &MethodStatistics) -> String {
 fn side_by_side(joint: &MethodStatistics, two_stage: &MethodStatistics) -> String {
     let columns = ["two-stage RMS", "sigma", "joint RMS", "sigma", "factor gained"];
     let table = table::by_parameter(&columns, |index| {
-        let (ours, theirs) = (joint.parameters[index]?, two_stage.parameters[index]?);
+        let (ours, theirs) = (joint.states[index]?, two_stage.states[index]?);
         let numbers = [theirs.rms_error, theirs.bound, ours.rms_error, ours.bound].map(significant);
         Some(numbers.into_iter().chain([fixed(theirs.rms_error / ours.rms_error, 1)]).collect())
     });
@@ -194,9 +200,12 @@ struct MethodReport {
     rejections: Vec<String>,
     mean_ratio: f64,
     largest_ratio: f64,
+    ratios_outside: usize,
+    ratios_outside_by_chance: f64,
     normalized_squared_bounds: [f64; 2],
     fit: FitStatistics,
     parameters: Named<ParameterStatistics>,
+    optional_states: Named<ParameterStatistics>,
 }
 
 #[derive(Serialize)]
@@ -227,7 +236,8 @@ impl<'a> Report<'a> {
 impl From<&MethodStatistics> for MethodReport {
     fn from(method: &MethodStatistics) -> Self {
         let (mean_ratio, largest_ratio) = method.ratios();
-        let of_parameter = |(info, errors): (&rins_selfcal::error_model::ParameterInfo, &Option<ErrorStatistics>)| {
+        let (ratios_outside, ratios_outside_by_chance) = method.outside();
+        let of_state = |(info, errors): (&'static ParameterInfo, &Option<ErrorStatistics>)| {
             errors.map(|errors| (info.name, ParameterStatistics { errors, unit: info.unit }))
         };
         Self {
@@ -241,9 +251,12 @@ impl From<&MethodStatistics> for MethodReport {
             rejections: method.rejections.clone(),
             mean_ratio,
             largest_ratio,
+            ratios_outside,
+            ratios_outside_by_chance,
             normalized_squared_bounds: method.normalized_bounds,
             fit: method.fit,
-            parameters: Named(PARAMETER_INFO.iter().zip(&method.parameters).filter_map(of_parameter).collect()),
+            parameters: Named(states().zip(&method.states).take(PARAMETERS).filter_map(of_state).collect()),
+            optional_states: Named(states().zip(&method.states).skip(PARAMETERS).filter_map(of_state).collect()),
         }
     }
 }

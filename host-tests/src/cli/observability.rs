@@ -7,11 +7,10 @@ use crate::calibration::Setup;
 use crate::plan::bound::of_scheme;
 use crate::plot::write_sigmas;
 use crate::prediction::{Prediction, RankAt, SegmentGain};
-use crate::quantity::significant;
+use crate::quantity::{significant, states};
 use crate::report::write_json;
 use crate::table;
 use rayon::prelude::*;
-use rins_selfcal::error_model::PARAMETER_INFO;
 use rins_selfcal::method::Method;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::scheme::library::LIBRARY;
@@ -162,11 +161,12 @@ fn largest_gains(gain: &SegmentGain) -> String {
     worth.map(|(name, bits)| format!("{name} {bits:.1}")).collect::<Vec<_>>().join(", ")
 }
 
-/// All predicted sigmas, by parameter.
+/// All predicted sigmas, by parameter and optional state.
 pub fn sigmas(prediction: &Prediction) -> String {
-    table::by_parameter(&["sigma"], |index| {
-        let name = PARAMETER_INFO[index].name;
-        let found = prediction.parameters.0.iter().find(|(other, _)| *other == name);
+    let both = || prediction.parameters.0.iter().chain(&prediction.optional_states.0);
+    let names: Vec<_> = states().map(|info| info.name).collect();
+    table::by_state(&["sigma"], |state| {
+        let found = both().find(|(name, _)| *name == names[state]);
         found.map(|(_, predicted)| vec![significant(predicted.sigma)])
     })
 }

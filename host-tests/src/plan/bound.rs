@@ -20,9 +20,10 @@
 //! maximum is no more than 1 / cos^2(3 deg) times that.
 
 use super::information::Forecast;
-use super::objective::{Criterion, Objective, info_of};
+use super::objective::{Criterion, Objective};
 use super::{PlanRequest, Travel};
 use crate::calibration::Setup;
+use crate::quantity::states;
 use rayon::prelude::*;
 use rins_selfcal::error_model::block;
 use rins_selfcal::linear::Matrix;
@@ -94,7 +95,7 @@ fn squared_weights(request: &PlanRequest) -> Option<[f64; STATES]> {
     let objective = &request.objective;
     let mut squared = [0.0; STATES];
     for weight in objective.weights() {
-        if let (Some(place), Some(info)) = (place(weight.parameter), info_of(weight.parameter)) {
+        if let (Some(place), Some(info)) = (place(weight.parameter), states().nth(weight.parameter)) {
             squared[place] = (weight.factor / info.unit_si).powi(2);
         }
     }

@@ -1,12 +1,12 @@
 //! Which parameters matter, and how their sigmas make one number.
 
 use super::information::Information;
-use crate::quantity::HEADING;
-use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS, ParameterInfo};
+use crate::quantity::{HEADING, states};
+use rins_selfcal::error_model::PARAMETERS;
 use rins_selfcal::estimator::OBSERVED_RATIO;
 use rins_selfcal::linear::{ComplexField, Matrix, Vector};
 use rins_selfcal::observability::INSTALLATION_STATES;
-use rins_selfcal::options::{OPTIONAL_INFO, Options};
+use rins_selfcal::options::Options;
 
 /// How weighted sigmas make one number.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -36,11 +36,6 @@ pub struct Objective {
     weights: Vec<Weight>,
 }
 
-/// Parameters and optional states by number.
-pub fn info_of(parameter: usize) -> Option<&'static ParameterInfo> {
-    PARAMETER_INFO.iter().chain(&OPTIONAL_INFO).nth(parameter)
-}
-
 impl Objective {
     /// Bai's twelve, all alike.
     pub fn installation(criterion: Criterion) -> Self {
@@ -54,7 +49,7 @@ impl Objective {
     /// What is wrong with a name or a factor.
     pub fn weighted(criterion: Criterion, weights: &[(String, f64)], options: &Options) -> Result<Self, String> {
         let by_name = |(name, factor): &(String, f64)| {
-            let parameter = PARAMETER_INFO.iter().chain(&OPTIONAL_INFO).position(|info| info.name == name);
+            let parameter = states().position(|info| info.name == name);
             let parameter = parameter.ok_or_else(|| format!("{name}: no such parameter"))?;
             let optional =
                 parameter.checked_sub(PARAMETERS).and_then(|index| options.prior_sigmas().get(index).copied());
@@ -84,7 +79,7 @@ impl Objective {
     pub fn value<const STATES: usize>(&self, information: &Information<STATES>, exponent: f64) -> Option<f64> {
         let factor = information.factor()?;
         let columns = self.weights.iter().map(|weight| {
-            let unit = info_of(weight.parameter).map_or(1.0, |info| info.unit_si);
+            let unit = states().nth(weight.parameter).map_or(1.0, |info| info.unit_si);
             information.inverse_column(&factor, weight.parameter) * (weight.factor / unit)
         });
         let value = match self.criterion {
