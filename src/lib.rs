@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! data-ready interrupt                                main loop
-//! device -> acquisition -> queue ->| intake -> segment -> measurement -> kalman -> estimator -> verdict -> store
+//! drivers -> acquisition -> queue->| intake -> segment -> measurement -> kalman -> estimator -> verdict -> store
 //!                                  |    '------------- calibrator -------------'
 //!                                  | sequencer -> axis -> device
 //!                                  '---------------- self_calibration ------------------------> telemetry

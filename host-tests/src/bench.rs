@@ -1,16 +1,18 @@
-//! The chips of the instrument's devices, over a [`Plant`]: the other side of `rins_selfcal::device`.
+//! The instrument's devices around a [`Plant`]: an ADIS16495-1, two BiSS-C encoders of 32 bits and two rate drives.
 //!
-//! The frames are written from the tables of that module's head, not with its code. A chip that is asked something it does
-//! not know leaves the line high.
+//! The encoders hold the angles at the stamp of the IMU's last sample. The IMU samples as often as the plant does, whatever
+//! its decimation has been set to.
 
+use crate::chips::adis16495::{Adis16495Chip, Model, flag};
+use crate::chips::biss::BissChip;
+use crate::chips::exchange;
 use crate::plant::{Plant, Reading};
+use embedded_hal::delay::DelayNs;
 use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
 use rins_selfcal::acquisition::Acquisition;
-use rins_selfcal::angle::Angle;
-use rins_selfcal::device::{
-    COMMAND_RATE, COMMAND_READ, CRC_IMU, CRC_SHORT, DRIVE_FRAME_BYTES, ENCODER_FRAME_BYTES, Encoder, IMU_FRAME_BYTES,
-    Imu, RateDrive, STATUS_OK, STATUS_POWERED_OFF, STATUS_REFUSED,
-};
+use rins_selfcal::device::{COMMAND_RATE, CRC_SHORT, DRIVE_FRAME_BYTES, RateDrive, STATUS_OK, STATUS_REFUSED};
+use rins_selfcal::drivers::adis16495::{Adis16495, BURST_BYTES, Settings};
+use rins_selfcal::drivers::biss::{BissEncoder, Mounting, Resolution};
 use rins_selfcal::linear::Real;
 use rins_selfcal::queue::SampleProducer;
 use std::cell::RefCell;
@@ -20,7 +22,7 @@ use std::rc::Rc;
 /// One chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Chip {
-    /// The IMU: reading it is the next data-ready edge.
+    /// The IMU.
     Imu,
     /// Encoder of the outer axis.
     OuterEncoder,
@@ -30,14 +32,17 @@ pub enum Chip {
     OuterDrive,
     /// Drive of the inner axis.
     InnerDrive,
+    /// The data-ready line of the IMU: high at the edge, low if the instrument is switched off and none will come.
+    DataReady,
 }
 
 impl Chip {
     /// The chips in the order of their numbers on the emulator's bus.
-    pub const ALL: [Self; 5] = [Self::Imu, Self::OuterEncoder, Self::InnerEncoder, Self::OuterDrive, Self::InnerDrive];
+    pub const ALL: [Self; 6] =
+        [Self::Imu, Self::OuterEncoder, Self::InnerEncoder, Self::OuterDrive, Self::InnerDrive, Self::DataReady];
 }
 
-/// Spoils the frame of a transfer, after the chip has answered.
+/// Spoils the bytes of a transfer, after the chip has answered.
 pub type Damage = Box<dyn FnMut(Chip, &mut [u8])>;
 
 /// The chips and the plant they measure and drive.
@@ -45,6 +50,8 @@ pub struct Bench<P> {
     plant: P,
     reading: Option<Reading>,
     samples: u32,
+    imu: Adis16495Chip,
+    encoder: BissChip,
     rates_nrad_s: [i32; 2],
     damage: Option<Damage>,
 }
@@ -52,10 +59,18 @@ pub struct Bench<P> {
 impl<P: Plant> Bench<P> {
     /// The bench around `plant`; the axes are at rest.
     pub fn new(plant: P) -> Self {
-        Self { plant, reading: None, samples: 0, rates_nrad_s: [0; 2], damage: None }
+        Self {
+            plant,
+            reading: None,
+            samples: 0,
+            imu: Adis16495Chip::new(Model::ADIS16495_1),
+            encoder: BissChip::new(32),
+            rates_nrad_s: [0; 2],
+            damage: None,
+        }
     }
 
-    /// Lets `damage` spoil the frames of all transfers from here on.
+    /// Lets `damage` spoil all measurements and commands from here on; setting up the IMU is left alone.
     pub fn damage(&mut self, damage: impl FnMut(Chip, &mut [u8]) + 'static) {
         self.damage = Some(Box::new(damage));
     }
@@ -75,41 +90,33 @@ impl<P: Plant> Bench<P> {
         self.plant
     }
 
-    /// One transfer: `frame` holds what the master sends, and after it what the chip does.
-    pub fn transfer(&mut self, chip: Chip, frame: &mut [u8]) {
-        match chip {
-            Chip::Imu => self.read_imu(frame),
-            Chip::OuterEncoder => read_encoder(self.reading.map(|reading| reading.outer_rad), frame),
-            Chip::InnerEncoder => read_encoder(self.reading.map(|reading| reading.inner_rad), frame),
-            Chip::OuterDrive => self.command(0, frame),
-            Chip::InnerDrive => self.command(1, frame),
+    /// The next data-ready edge, if the instrument is still switched on: its time, us.
+    pub fn next_edge(&mut self) -> Option<u64> {
+        self.reading = self.plant.next_reading();
+        let reading = self.reading.as_ref()?;
+        if !reading.omega_g.iter().chain(&reading.force_a).all(|number| number.is_finite()) {
+            self.imu.raise(flag::SENSOR);
         }
-        if let Some(damage) = &mut self.damage {
-            damage(chip, frame);
-        }
+        self.imu.sample(reading.omega_g, reading.force_a, reading.temperature_c.into());
+        self.samples = self.samples.wrapping_add(1);
+        Some(reading.time_us + Settings::default().lag_us())
     }
 
-    fn read_imu(&mut self, frame: &mut [u8]) {
-        let Ok(frame) = <&mut [u8; IMU_FRAME_BYTES]>::try_from(&mut *frame) else { return frame.fill(0xff) };
-        if frame[0] != COMMAND_READ {
-            return frame.fill(0xff);
+    /// One transfer: `frame` holds what the master sends, and after it what the chip does.
+    pub fn transfer(&mut self, chip: Chip, frame: &mut [u8]) {
+        let is_spared = chip == Chip::DataReady || chip == Chip::Imu && frame.len() != BURST_BYTES;
+        let angle_rad = |of: fn(&Reading) -> f64| self.reading.as_ref().map_or(0.0, of);
+        match chip {
+            Chip::Imu => self.imu.transfer(frame),
+            Chip::OuterEncoder => self.encoder.clock(angle_rad(|reading| reading.outer_rad), frame),
+            Chip::InnerEncoder => self.encoder.clock(angle_rad(|reading| reading.inner_rad), frame),
+            Chip::OuterDrive => self.command(0, frame),
+            Chip::InnerDrive => self.command(1, frame),
+            Chip::DataReady => frame.fill(self.next_edge().is_some().into()),
         }
-        self.reading = self.plant.next_reading();
-        frame.fill(0);
-        frame[1] = STATUS_POWERED_OFF;
-        if let Some(reading) = &self.reading {
-            frame[1] = STATUS_OK;
-            frame[2..10].copy_from_slice(&reading.time_us.to_le_bytes());
-            frame[10..14].copy_from_slice(&self.samples.to_le_bytes());
-            let numbers = reading.omega_g.iter().chain(&reading.force_a);
-            for (bytes, number) in frame[14..62].chunks_exact_mut(8).zip(numbers) {
-                bytes.copy_from_slice(&number.to_le_bytes());
-            }
-            frame[62..66].copy_from_slice(&reading.temperature_c.to_le_bytes());
-            self.samples = self.samples.wrapping_add(1);
+        if let Some(damage) = self.damage.as_mut().filter(|_| !is_spared) {
+            damage(chip, frame);
         }
-        let crc = CRC_IMU.checksum(&frame[1..66]);
-        frame[66..].copy_from_slice(&crc.to_le_bytes());
     }
 
     fn command(&mut self, axis: usize, frame: &mut [u8]) {
@@ -126,17 +133,6 @@ impl<P: Plant> Bench<P> {
         frame[6] = if accepted { STATUS_OK } else { STATUS_REFUSED };
         frame[7] = CRC_SHORT.checksum(&frame[6..7]);
     }
-}
-
-fn read_encoder(angle_rad: Option<f64>, frame: &mut [u8]) {
-    let Ok(frame) = <&mut [u8; ENCODER_FRAME_BYTES]>::try_from(&mut *frame) else { return frame.fill(0xff) };
-    if frame[0] != COMMAND_READ {
-        return frame.fill(0xff);
-    }
-    frame.fill(0);
-    frame[1] = if angle_rad.is_some() { STATUS_OK } else { STATUS_POWERED_OFF };
-    frame[2..6].copy_from_slice(&Angle::from_rad(angle_rad.unwrap_or(0.0)).ticks().to_le_bytes());
-    frame[6] = CRC_SHORT.checksum(&frame[1..6]);
 }
 
 /// A bench that several drivers share.
@@ -161,25 +157,33 @@ impl<P> ErrorType for BenchSpi<P> {
 
 impl<P: Plant> SpiDevice for BenchSpi<P> {
     fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
-        match operations {
-            [Operation::TransferInPlace(frame)] => self.bench.borrow_mut().transfer(self.chip, frame),
-            _ => unreachable!("the drivers use one transfer in place"),
-        }
+        exchange(operations, |bytes| self.bench.borrow_mut().transfer(self.chip, bytes));
         Ok(())
     }
+}
+
+/// Nothing on the bench takes time.
+struct NoDelay;
+
+impl DelayNs for NoDelay {
+    fn delay_ns(&mut self, _ns: u32) {}
 }
 
 /// The acquisition of a bench: what the data-ready interrupt runs on the board.
 pub type BenchAcquisition<'q, T, P> = Acquisition<'q, T, BenchSpi<P>, BenchSpi<P>, BenchSpi<P>>;
 
 /// The drivers of a bench, put together as on the board: what the interrupt has, and the drives (outer, inner).
+///
+/// # Panics
+/// The IMU does not start.
 pub fn drivers<'q, T: Real, P: Plant>(
     bench: &SharedBench<P>,
     producer: SampleProducer<'q, T>,
 ) -> (BenchAcquisition<'q, T, P>, [RateDrive<BenchSpi<P>>; 2]) {
     let spi = |chip| BenchSpi::new(bench, chip);
-    let imu = Imu::new(spi(Chip::Imu));
-    let (outer, inner) = (Encoder::new(spi(Chip::OuterEncoder)), Encoder::new(spi(Chip::InnerEncoder)));
+    let imu = Adis16495::start(spi(Chip::Imu), &mut NoDelay, &Settings::default()).expect("a sound IMU");
+    let encoder = |chip| BissEncoder::new(spi(chip), Resolution::Bits32, Mounting::STRAIGHT);
+    let (outer, inner) = (encoder(Chip::OuterEncoder), encoder(Chip::InnerEncoder));
     let drives = [Chip::OuterDrive, Chip::InnerDrive].map(|chip| RateDrive::new(spi(chip)));
     (Acquisition::new(imu, outer, inner, producer), drives)
 }

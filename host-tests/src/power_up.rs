@@ -6,7 +6,6 @@ use crate::emulator::image::Image;
 use crate::emulator::{Run, Setup, run};
 use crate::plant::{Plant, Reading};
 use anyhow::{Context, Result, anyhow};
-use rins_selfcal::acquisition::Acquired;
 use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
 use rins_selfcal::device::command_rates;
@@ -59,7 +58,9 @@ fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
     let mut run = SelfCalibration::new(config.clone(), stored, &mut calibrator).map_err(refused)?;
     let (mut samples, mut saved) = (0, None);
     let (mut board_s, interval_s) = (0.0, config.calibrator.rate_hz.recip());
-    while acquisition.on_data_ready() != Acquired::PoweredOff {
+    while let Some(edge_us) = next_edge(bench) {
+        // A sample that is lost has been counted.
+        let _ = acquisition.on_data_ready(edge_us);
         while let Some(sample) = consumer.pop() {
             samples += 1;
             let step = run.step(&sample, on_message);
@@ -90,7 +91,9 @@ fn replay<T: Real, const STATES: usize, P: Plant>(
     let (mut acquisition, _) = drivers(bench, producer);
     let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::new(config));
     let mut samples = 0;
-    while acquisition.on_data_ready() != Acquired::PoweredOff {
+    while let Some(edge_us) = next_edge(bench) {
+        // A sample that is lost has been counted.
+        let _ = acquisition.on_data_ready(edge_us);
         while let Some(sample) = consumer.pop() {
             samples += 1;
             if let Some(progress) = calibrator.step(&sample) {
@@ -102,6 +105,10 @@ fn replay<T: Real, const STATES: usize, P: Plant>(
     let verdict = calibrator.judge(&solution, None, &VerdictLimits::default());
     on_message(&Message::Judged(verdict));
     on_message(&Message::Queue { samples, losses: consumer.losses() });
+}
+
+fn next_edge<P: Plant>(bench: &SharedBench<P>) -> Option<u64> {
+    bench.borrow_mut().next_edge()
 }
 
 /// Runs an instrument as the firmware `image` in the emulator; `eeprom` is its store from boot to boot.

@@ -10,7 +10,6 @@ use host_tests::presets;
 use host_tests::virtual_rins::{VirtualRins, VirtualUnit};
 use rins_selfcal::assignment::Assignment;
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
-use rins_selfcal::device::STATUS_POWERED_OFF;
 use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS};
 use rins_selfcal::estimator::{BASIC_STATES, Solution};
 use rins_selfcal::method::Method;
@@ -142,13 +141,11 @@ fn spoiled(chip: Chip, from_s: f64, to_s: f64) -> impl FnMut(Chip, &mut [u8]) {
         if read == Chip::Imu {
             time_s += 0.005;
         }
-        // The answer of an IMU that is switched off shall arrive.
-        if read == chip
-            && frame[1] != STATUS_POWERED_OFF
-            && (from_s..to_s).contains(&time_s)
-            && let Some(last) = frame.last_mut()
-        {
-            *last ^= 1;
+        // The first bits of an encoder's position, or the last of the CRC.
+        let encoder = matches!(chip, Chip::OuterEncoder | Chip::InnerEncoder);
+        let at = if encoder { 4 } else { frame.len() - 1 };
+        if read == chip && (from_s..to_s).contains(&time_s) {
+            frame[at] ^= 1;
         }
     }
 }

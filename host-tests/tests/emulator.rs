@@ -6,7 +6,7 @@ use host_tests::drive::move_durations_s;
 use host_tests::emulator::image::{Board, Image, build};
 use host_tests::emulator::{Run, Setup, run};
 use host_tests::log::{LogPlayer, LogReader};
-use host_tests::plant::Plant;
+use host_tests::plant::{Plant, Reading};
 use host_tests::power_up::{MessageDigest, Switched, in_emulator, in_process, shared};
 use host_tests::presets;
 use host_tests::unit::UnitConfig;
@@ -256,7 +256,7 @@ fn host_and_target_agree_to_the_last_bit() {
 
 /// Digest of the recorded log's messages.
 fn recorded(
-    run: impl FnOnce(&Assignment, &mut Bench<LogPlayer>, &mut MessageDigest) -> Result<()>,
+    run: impl FnOnce(&Assignment, &mut Bench<FromFirstEdge>, &mut MessageDigest) -> Result<()>,
     method: Method,
 ) -> u64 {
     let (assignment, player) = recording(method);
@@ -278,12 +278,25 @@ fn recorded_in_process(board: Board, method: Method) -> u64 {
     digest.finish()
 }
 
-fn recording(method: Method) -> (Assignment, LogPlayer) {
+/// A log whose stamps are those of the board's edges: its first sample is at time zero, the board's half an interval later.
+struct FromFirstEdge(LogPlayer);
+
+impl Plant for FromFirstEdge {
+    fn next_reading(&mut self) -> Option<Reading> {
+        self.0.next_reading().map(|reading| Reading { time_us: reading.time_us + 2500, ..reading })
+    }
+
+    fn command_rates(&mut self, rates_rad_s: [f64; 2]) {
+        self.0.command_rates(rates_rad_s);
+    }
+}
+
+fn recording(method: Method) -> (Assignment, FromFirstEdge) {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
     let unit = UnitConfig::read(&data.join("sample.toml")).expect("the unit");
     let config = CalibratorConfig::new(method, unit.site(), unit.noise.psd(), 200.0);
     let log = LogReader::open(&data.join("sample.csv.gz")).expect("the log");
-    (Assignment::Replay(config), LogPlayer::new(log))
+    (Assignment::Replay(config), FromFirstEdge(LogPlayer::new(log)))
 }
 
 fn flip(path: &Path, offset: usize) {

@@ -154,7 +154,7 @@ impl Settings {
     }
 
     /// From the middle of an output's interval to its data-ready edge, us.
-    fn lag_us(&self) -> u64 {
+    pub fn lag_us(&self) -> u64 {
         let filter = if self.filter.is_some() { Self::FILTER_DELAY_SAMPLES } else { 0.0 };
         let samples = 0.5 * f64::from(self.decimation) + filter;
         (samples / self.clock_hz() * 1e6) as u64 + u64::from(self.latency_us)

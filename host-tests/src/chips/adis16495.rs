@@ -1,7 +1,8 @@
 //! An ADIS16495 or ADIS16497: pages of registers behind words of 16 bits, and the burst.
 
 use super::{bits_of, crc};
-use std::collections::HashMap;
+/// Pages that are played; behind them are the coefficients of the filters.
+const PAGES: usize = 5;
 
 const PAGE_ID: u8 = 0x00;
 const DATA_CNT: u8 = 0x04;
@@ -56,7 +57,8 @@ impl Model {
 #[derive(Clone, Debug)]
 pub struct Adis16495Chip {
     model: Model,
-    registers: HashMap<(u8, u8), u16>,
+    /// By page and half the address.
+    registers: [[u16; 64]; PAGES],
     page: u8,
     /// Whether two words open a burst, as above 3.6 MHz.
     pub fast: bool,
@@ -75,7 +77,7 @@ impl Adis16495Chip {
     pub fn new(model: Model) -> Self {
         let mut chip = Self {
             model,
-            registers: HashMap::new(),
+            registers: [[0; 64]; PAGES],
             page: 0,
             fast: true,
             timed: false,
@@ -95,19 +97,19 @@ impl Adis16495Chip {
 
     /// Raises flags of SYS_E_FLAG; they stay until they are read.
     pub fn raise(&mut self, flags: u16) {
-        *self.registers.entry((0, SYS_E_FLAG)).or_default() |= flags;
+        *self.register(0, SYS_E_FLAG) |= flags;
     }
 
     /// A sensor fails its test; bits of DIAG_STS.
     pub fn fail_sensors(&mut self, sensors: u16) {
-        self.registers.insert((0, DIAG_STS), sensors);
+        *self.register(0, DIAG_STS) = sensors;
         self.raise(flag::SENSOR);
     }
 
     /// Samples to an output and whether they are clocked from outside; `None` where data-ready is not on DIO2.
     pub fn sampling(&self) -> Option<(u16, bool)> {
-        let function = self.registers[&(3, FNCTIO_CTRL)];
-        (function & 0xf == 0xd).then(|| (self.registers[&(3, DEC_RATE)] + 1, function & 0x80 != 0))
+        let [function, decimation] = [FNCTIO_CTRL, DEC_RATE].map(|address| self.registers[3][usize::from(address / 2)]);
+        (function & 0xf == 0xd).then_some((decimation + 1, function & 0x80 != 0))
     }
 
     /// Takes a sample: rates, rad/s, forces, m/s^2, temperature, deg C.
@@ -117,12 +119,12 @@ impl Adis16495Chip {
         for (address, number) in (X_GYRO_LOW..).step_by(4).zip(numbers) {
             // Converting saturates, and so does the IMU.
             let number = number.round() as i32;
-            self.registers.insert((0, address), number as u16);
-            self.registers.insert((0, address + 2), (number >> 16) as u16);
+            *self.register(0, address) = number as u16;
+            *self.register(0, address + 2) = (number >> 16) as u16;
         }
         // Without a sensor it is 25 deg C.
-        self.registers.insert((0, TEMP_OUT), ((temperature_c - 25.0) / 0.0125).round() as i16 as u16);
-        self.registers.insert((0, DATA_CNT), self.count);
+        *self.register(0, TEMP_OUT) = ((temperature_c - 25.0) / 0.0125).round() as i16 as u16;
+        *self.register(0, DATA_CNT) = self.count;
         self.count = self.count.wrapping_add(1);
     }
 
@@ -162,11 +164,16 @@ impl Adis16495Chip {
         out
     }
 
+    /// A register; those of pages that are not played are all the same.
+    fn register(&mut self, page: u8, address: u8) -> &mut u16 {
+        &mut self.registers[usize::from(page).min(PAGES - 1)][usize::from(address / 2)]
+    }
+
     fn read(&mut self, address: u8) -> u16 {
         match address {
             PAGE_ID => self.page.into(),
-            SYS_E_FLAG if self.page == 0 => self.registers.insert((0, SYS_E_FLAG), 0).unwrap_or(0),
-            _ => self.registers.get(&(self.page, address)).copied().unwrap_or(0),
+            SYS_E_FLAG if self.page == 0 => std::mem::take(self.register(0, SYS_E_FLAG)),
+            _ => *self.register(self.page, address),
         }
     }
 
@@ -177,7 +184,7 @@ impl Adis16495Chip {
             // Measurements and what the IMU is cannot be written.
             (0, _) | (3, RANG_MDL) => {}
             (page, _) => {
-                let register = self.registers.entry((page, even)).or_default();
+                let register = self.register(page, even);
                 *register =
                     if high { *register & 0xff | u16::from(byte) << 8 } else { *register & 0xff00 | u16::from(byte) };
                 if high {
@@ -190,9 +197,7 @@ impl Adis16495Chip {
     /// A register is written when its high byte is.
     fn carry_out(&mut self, page: u8, address: u8) {
         self.busy_ns = write_time_ns(page, address);
-        if (page, address) == (3, GLOB_CMD)
-            && self.registers.remove(&(page, address)).is_some_and(|command| command & 0x80 != 0)
-        {
+        if (page, address) == (3, GLOB_CMD) && std::mem::take(self.register(page, address)) & 0x80 != 0 {
             self.reset();
             self.busy_ns = 210_000_000;
         }
@@ -200,23 +205,29 @@ impl Adis16495Chip {
 
     fn reset(&mut self) {
         (self.page, self.count, self.answer) = (0, 0, 0);
-        let model = self.model;
-        self.registers.retain(|register, _| *register == (0, DIAG_STS));
+        let (model, sensors) = (self.model, *self.register(0, DIAG_STS));
+        self.registers = [[0; 64]; PAGES];
         let initial = [
-            ((0, PROD_ID), model.product),
-            ((3, RANG_MDL), model.range()),
-            ((3, FNCTIO_CTRL), 0x000d),
-            ((3, DEC_RATE), 0),
-            ((3, FILTR_BNK_0), 0),
+            (0, DIAG_STS, sensors),
+            (0, PROD_ID, model.product),
+            (3, RANG_MDL, model.range()),
+            (3, FNCTIO_CTRL, 0x000d),
         ];
-        self.registers.extend(initial);
+        for (page, address, value) in initial {
+            *self.register(page, address) = value;
+        }
     }
 
     fn burst(&mut self) -> Vec<u16> {
-        let flags = self.registers.insert((0, SYS_E_FLAG), 0).unwrap_or(0);
-        let addresses = std::iter::once(TEMP_OUT).chain((X_GYRO_LOW..).step_by(2).take(12)).chain([DATA_CNT]);
-        let read = |address| self.registers.get(&(0, address)).copied().unwrap_or(0);
-        let words: Vec<u16> = std::iter::once(flags).chain(addresses.map(read)).collect();
+        let flags = std::mem::take(self.register(0, SYS_E_FLAG));
+        let page = &self.registers[0];
+        let measured = usize::from(X_GYRO_LOW / 2);
+        let single = |address: u8| page[usize::from(address / 2)];
+        let words: Vec<u16> = [flags, single(TEMP_OUT)]
+            .into_iter()
+            .chain(page[measured..measured + 12].iter().copied())
+            .chain([single(DATA_CNT)])
+            .collect();
         let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
         // CRC-32/ISO-HDLC: that of the reflected bits, reflected.
         let reflected: Vec<u8> = bytes.iter().map(|byte| byte.reverse_bits()).collect();

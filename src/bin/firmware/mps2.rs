@@ -22,11 +22,13 @@ use cortex_m::interrupt::InterruptNumber;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{NVIC, SYST};
 use critical_section::Mutex;
-use eeprom::{Eeprom, eeprom};
+use eeprom::{Delay, Eeprom, eeprom};
 use pipe_spi::{Chip, POWERED, PipeBus, PipeSpi};
 use register::Timer;
-use rins_selfcal::acquisition::{Acquired, Acquisition};
-use rins_selfcal::device::{Encoder, Imu, RateDrive, command_rates};
+use rins_selfcal::acquisition::Acquisition;
+use rins_selfcal::device::{RateDrive, command_rates};
+use rins_selfcal::drivers::adis16495::{Adis16495, Settings};
+use rins_selfcal::drivers::biss::{BissEncoder, Mounting, Resolution};
 use rins_selfcal::queue::{SampleConsumer, SampleQueue};
 use rins_selfcal::store::CalibrationStore;
 use semihosting::{File, exit};
@@ -35,6 +37,8 @@ use semihosting::{File, exit};
 const TICKS_PER_S: u32 = 25_000_000;
 /// Ticks from one data-ready edge to the next: 200 Hz.
 const TICKS_PER_EDGE: u32 = TICKS_PER_S / 200;
+/// The same in microseconds.
+const US_PER_EDGE: u64 = TICKS_PER_EDGE as u64 * 1_000_000 / TICKS_PER_S as u64;
 /// Depth of the sample queue plus one: 0.31 s at 200 Hz. The main loop is busy longest when it writes a record to the
 /// EEPROM, for 0.21 s; no more than 42 samples were seen to wait.
 const QUEUE_LENGTH: usize = 64;
@@ -79,9 +83,11 @@ defmt::timestamp!("{=u64:us}", ticks() / 25);
 type BoardAcquisition = Acquisition<'static, Scalar, PipeSpi, PipeSpi, PipeSpi>;
 
 /// Filled once at power-up, used by the interrupt only.
-static ACQUISITION: Mutex<RefCell<Option<BoardAcquisition>>> = Mutex::new(RefCell::new(None));
+static ACQUISITION: Mutex<RefCell<Option<(PipeBus, BoardAcquisition)>>> = Mutex::new(RefCell::new(None));
 /// Time of the next edge on the free-running timer. Written at the start, then by the interrupt only.
 static NEXT_EDGE: AtomicU32 = AtomicU32::new(0);
+/// Edges so far, which are the clock of the samples: it does not depend on what the processor is doing.
+static EDGES: Mutex<Cell<u64>> = Mutex::new(Cell::new(0));
 /// Edges that came after their time because the processor was busy. Written by the interrupt.
 static LATE_EDGES: AtomicU32 = AtomicU32::new(0);
 
@@ -120,11 +126,14 @@ fn acquire() {
     arm_next_edge();
     ticks();
     critical_section::with(|cs| {
-        if let Ok(mut acquisition) = ACQUISITION.borrow(cs).try_borrow_mut()
-            && let Some(acquisition) = acquisition.as_mut()
-            && acquisition.on_data_ready() == Acquired::PoweredOff
+        if let Ok(mut place) = ACQUISITION.borrow(cs).try_borrow_mut()
+            && let Some((bus, acquisition)) = place.as_mut()
+            && bus.data_ready()
         {
-            POWERED.store(false, Ordering::Relaxed);
+            let edges = EDGES.borrow(cs);
+            edges.set(edges.get() + 1);
+            // A sample that is lost has been counted.
+            let _ = acquisition.on_data_ready(edges.get() * US_PER_EDGE);
         }
     });
 }
@@ -173,11 +182,14 @@ impl Mps2 {
         let telemetry = File::open(c"telemetry", File::WRITE)?;
         let queue = cortex_m::singleton!(: SampleQueue<Scalar, QUEUE_LENGTH> = SampleQueue::new())?;
         let (producer, samples) = queue.split();
-        let encoder = |chip| Encoder::new(bus.device(chip));
+        let Ok(imu) = Adis16495::start(bus.device(Chip::Imu), &mut Delay, &Settings::default()) else {
+            Self::stop("the IMU does not start", &[])
+        };
+        let encoder = |chip| BissEncoder::new(bus.device(chip), Resolution::Bits32, Mounting::STRAIGHT);
         let (outer, inner) = (encoder(Chip::OuterEncoder), encoder(Chip::InnerEncoder));
-        let acquisition = Acquisition::new(Imu::new(bus.device(Chip::Imu)), outer, inner, producer);
+        let acquisition = Acquisition::new(imu, outer, inner, producer);
         critical_section::with(|cs| {
-            ACQUISITION.borrow(cs).try_borrow_mut().ok().map(|mut place| *place = Some(acquisition))
+            ACQUISITION.borrow(cs).try_borrow_mut().ok().map(|mut place| *place = Some((bus, acquisition)))
         })?;
         start_edges();
         start_waking(&mut core.SYST);

@@ -1,5 +1,5 @@
-//! SPI to devices that the host plays, behind named pipes opened by semihosting: a transfer is a request of chip number,
-//! length and bytes, answered by as many bytes. A semihosting call stops the virtual processor, so host and guest go in
+//! SPI to devices that the host plays, behind named pipes opened by semihosting: a transaction is a request of chip
+//! number, length and bytes, answered by as many bytes. A semihosting call stops the virtual processor, so host and guest go in
 //! lock step.
 
 use super::semihosting::File;
@@ -26,6 +26,8 @@ pub enum Chip {
     OuterDrive = 3,
     /// Drive of the inner axis.
     InnerDrive = 4,
+    /// The data-ready line of the IMU.
+    DataReady = 5,
 }
 
 /// The bus: one pipe for requests and one for answers.
@@ -46,8 +48,8 @@ pub struct PipeSpi {
 pub enum PipeFault {
     /// The host has closed the pipes.
     Closed,
-    /// More than one operation, another than a full-duplex transfer in place, or more bytes than the bus takes.
-    Unsupported,
+    /// More bytes than the bus takes.
+    TooLong,
 }
 
 impl Error for PipeFault {
@@ -62,15 +64,79 @@ impl ErrorType for PipeSpi {
 
 impl SpiDevice for PipeSpi {
     fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), PipeFault> {
-        let [Operation::TransferInPlace(frame)] = operations else { return Err(PipeFault::Unsupported) };
+        let mut request = Request::new(self.chip);
+        operations.iter().try_for_each(|operation| request.add(operation))?;
         // The interrupt and the main loop share the bus.
         critical_section::with(|_| {
             let span = Span::start();
-            let done = self.bus.transfer(self.chip, frame);
+            let done = self.bus.exchange(&mut request);
             span.put_aside();
             done
-        })
+        })?;
+        let mut answer = request.frame();
+        for operation in operations {
+            answer = give(answer, operation);
+        }
+        Ok(())
     }
+}
+
+/// A transfer: the chip's number, the number of bytes, and the bytes, first as sent and then as received.
+struct Request {
+    bytes: [u8; 2 + MAX_TRANSFER_BYTES],
+    length: usize,
+}
+
+impl Request {
+    fn new(chip: Chip) -> Self {
+        let mut bytes = [0; 2 + MAX_TRANSFER_BYTES];
+        if let Some(number) = bytes.first_mut() {
+            *number = chip as u8;
+        }
+        Self { bytes, length: 0 }
+    }
+
+    /// What the operation sends; zeros where it only reads.
+    fn add(&mut self, operation: &Operation<'_, u8>) -> Result<(), PipeFault> {
+        let (sent, length): (&[u8], usize) = match operation {
+            Operation::Read(received) => (&[], received.len()),
+            Operation::Write(sent) => (sent, sent.len()),
+            Operation::Transfer(received, sent) => (sent, received.len().max(sent.len())),
+            Operation::TransferInPlace(both) => (both, both.len()),
+            Operation::DelayNs(_) => return Ok(()),
+        };
+        let rest = self.bytes.get_mut(2 + self.length..).filter(|rest| rest.len() >= length);
+        for (place, byte) in rest.ok_or(PipeFault::TooLong)?.iter_mut().zip(sent) {
+            *place = *byte;
+        }
+        self.length += length;
+        if let Some(count) = self.bytes.get_mut(1) {
+            *count = self.length as u8;
+        }
+        Ok(())
+    }
+
+    fn frame(&self) -> &[u8] {
+        self.bytes.get(2..2 + self.length).unwrap_or(&[])
+    }
+}
+
+/// Gives an operation what came while it was on the bus; the rest.
+fn give<'a>(answer: &'a [u8], operation: &mut Operation<'_, u8>) -> &'a [u8] {
+    let length = match operation {
+        Operation::Read(received) | Operation::TransferInPlace(received) => fill(received, answer),
+        Operation::Transfer(received, sent) => fill(received, answer).max(sent.len()),
+        Operation::Write(sent) => sent.len(),
+        Operation::DelayNs(_) => 0,
+    };
+    answer.get(length..).unwrap_or(&[])
+}
+
+fn fill(received: &mut [u8], answer: &[u8]) -> usize {
+    for (place, byte) in received.iter_mut().zip(answer) {
+        *place = *byte;
+    }
+    received.len()
 }
 
 impl PipeBus {
@@ -84,14 +150,22 @@ impl PipeBus {
         PipeSpi { bus: self, chip }
     }
 
-    fn transfer(self, chip: Chip, frame: &mut [u8]) -> Result<(), PipeFault> {
-        let mut request = [0; 2 + MAX_TRANSFER_BYTES];
-        let [number, length, bytes @ ..] = &mut request;
-        *number = chip as u8;
-        *length = u8::try_from(frame.len()).map_err(|_| PipeFault::Unsupported)?;
-        bytes.get_mut(..frame.len()).ok_or(PipeFault::Unsupported)?.copy_from_slice(frame);
-        let request = request.get(..2 + frame.len()).ok_or(PipeFault::Unsupported)?;
-        if POWERED.load(Ordering::Relaxed) && self.requests.write(request) && self.answers.read_exact(frame) {
+    /// Whether the data-ready line has an edge; without one the instrument is switched off.
+    pub fn data_ready(self) -> bool {
+        let mut line = [0];
+        let read = self.device(Chip::DataReady).read(&mut line);
+        let ready = read.is_ok() && line != [0];
+        if !ready {
+            POWERED.store(false, Ordering::Relaxed);
+        }
+        ready
+    }
+
+    fn exchange(self, request: &mut Request) -> Result<(), PipeFault> {
+        let Request { bytes, length } = request;
+        let sent =
+            bytes.get(..2 + *length).is_some_and(|sent| POWERED.load(Ordering::Relaxed) && self.requests.write(sent));
+        if sent && bytes.get_mut(2..2 + *length).is_some_and(|frame| self.answers.read_exact(frame)) {
             Ok(())
         } else {
             POWERED.store(false, Ordering::Relaxed);
