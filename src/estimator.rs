@@ -29,7 +29,8 @@ use crate::method::Method;
 use crate::options::{
     Circumstances, OPTIONAL_STATES, OptionalColumns, OptionalEstimate, Options, force_columns, rotation_columns,
 };
-use crate::segment::{CHANNELS, Segment, SegmentKind};
+use crate::sample::CHANNELS;
+use crate::segment::{Segment, SegmentKind};
 use crate::site::Site;
 use crate::units::{DEG, DEG_H};
 use crate::weighting::Weights;

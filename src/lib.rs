@@ -10,7 +10,7 @@
 //! Rooms decide and return values; only drivers touch pins. Time is an argument. Dictionaries, which every room may use:
 //! `units`, `angle`, `linear`, `site`, `sample`, `error_model`, `profile`, `scheme`, `method`, `policy`.
 //!
-//! Beside the estimator: `options` (further states), `white_noise` (what a stop shows of it), `weighting` (gains of the
+//! Beside the estimator: `options` (further states), `scatter` and `white_noise` (what a stop shows of it), `weighting` (gains of the
 //! two-stage method), `constancy` (tests for change), `observability`, and `rehearsal`, which before anything turns gives
 //! the estimator the segments that a scheme would bring. Beside the verdict: `wiring`. `assignment` is the configuration
 //! of all rooms. `telemetry` is the messages of all rooms; calibrator and self_calibration tell them to whoever calls.
@@ -47,6 +47,7 @@ pub mod profile;
 pub mod queue;
 pub mod rehearsal;
 pub mod sample;
+pub mod scatter;
 pub mod scheme;
 pub mod segment;
 pub mod self_calibration;

@@ -11,8 +11,9 @@ use crate::estimator::{Estimator, OBSERVED_RATIO};
 use crate::linear::{ComplexField, Real, Vector3, real};
 use crate::measurement::MeasurementModel;
 use crate::profile::Profile;
+use crate::scatter::Scatter;
 use crate::scheme::{SETTLING_S, Scheme};
-use crate::segment::{GUARD_S, GimbalSums, Held, Scatter, Segment, SegmentKind};
+use crate::segment::{GUARD_S, GimbalSums, Held, Segment, SegmentKind};
 
 /// What a stop loses on average because its window is made of whole blocks, less the ends of the ramps that count as still, s.
 pub const BLOCK_LOSS_S: f64 = 0.05;

@@ -3,6 +3,9 @@
 use crate::angle::Angle;
 use crate::linear::{Matrix3, Real, Vector3};
 
+/// Channels of the IMU: accelerometers x y z, gyros x y z.
+pub const CHANNELS: usize = 6;
+
 /// One reading of the IMU with both gimbal angles.
 ///
 /// Rate and force are means over a sample interval. `time_us` is the middle of that interval, and the angles are those at

@@ -14,8 +14,9 @@
 //! a move's window reaches from inside one stop to inside the next, and no ramp touches a stop.
 
 use crate::angle::{Angle, RAD_PER_TICK, rad_to_ticks, ticks_to_rad};
-use crate::linear::{CompensatedSum, ComplexField, Real, Vector3, real};
-use crate::sample::RawSample;
+use crate::linear::{CompensatedSum, Real, Vector3, real};
+use crate::sample::{CHANNELS, RawSample};
+use crate::scatter::{BlockMeans, Scatter, ScatterSums};
 use crate::units::ARCSEC;
 use core::mem;
 use serde::{Deserialize, Serialize};
@@ -70,78 +71,6 @@ pub struct GimbalSums<T> {
     pub outer: T,
     /// Inner increment, rad.
     pub inner: T,
-}
-
-/// Channels of the IMU: accelerometers x y z, gyros x y z.
-pub const CHANNELS: usize = 6;
-
-/// How the means of a stop's blocks scatter: white noise, or something that moves.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Scatter {
-    /// Number of blocks.
-    pub blocks: u16,
-    /// Sample variance of the block means per channel, (m/s^2)^2 and (rad/s)^2.
-    pub variance: [f32; CHANNELS],
-    /// Trend of the block means per channel, scaled to the deviation of one block mean: under white noise its variance
-    /// is that of a block mean. m/s^2 and rad/s.
-    pub trend: [f32; CHANNELS],
-}
-
-/// Sums over block means, each less the first.
-#[derive(Clone, Copy, Debug)]
-struct ScatterSums<T> {
-    blocks: u16,
-    channels: [ChannelSums<T>; CHANNELS],
-}
-
-#[derive(Clone, Copy, Debug)]
-struct ChannelSums<T> {
-    first: T,
-    sum: T,
-    squares: T,
-    by_number: T,
-}
-
-impl<T: Real> ScatterSums<T> {
-    const ZERO: Self = Self {
-        blocks: 0,
-        channels: [ChannelSums { first: T::ZERO, sum: T::ZERO, squares: T::ZERO, by_number: T::ZERO }; CHANNELS],
-    };
-
-    fn add(&mut self, block: &Sums<T>) {
-        let number: T = real(self.blocks.into());
-        let count: T = real(f64::from(block.samples.max(1)));
-        let duration_s = seconds::<T>(block.duration_us.max(1));
-        let force = block.force.iter().map(|sum| sum.total() / count);
-        let rate = block.rotation.iter().map(|sum| sum.total() / duration_s);
-        for (channel, mean) in self.channels.iter_mut().zip(force.chain(rate)) {
-            if self.blocks == 0 {
-                channel.first = mean;
-            }
-            let deviation = mean - channel.first;
-            channel.sum += deviation;
-            channel.squares += deviation * deviation;
-            channel.by_number += deviation * number;
-        }
-        self.blocks = self.blocks.saturating_add(1);
-    }
-
-    fn scatter(&self) -> Scatter {
-        let mut scatter = Scatter { blocks: self.blocks, ..Scatter::default() };
-        if self.blocks < 3 {
-            return scatter;
-        }
-        let n = f64::from(self.blocks);
-        let spread = n * (n * n - 1.0) / 12.0;
-        let outputs = scatter.variance.iter_mut().zip(scatter.trend.iter_mut());
-        for (channel, (variance, trend)) in self.channels.iter().zip(outputs) {
-            let (sum, squares) = (channel.sum.widened(), channel.squares.widened());
-            let by_number = channel.by_number.widened() - sum * (n - 1.0) / 2.0;
-            *variance = ((squares - sum * sum / n) / (n - 1.0)) as f32;
-            *trend = (by_number / ComplexField::sqrt(spread)) as f32;
-        }
-        scatter
-    }
 }
 
 /// Readings that repeat to the last bit, which noise does not.
@@ -416,6 +345,19 @@ impl<T: Real> Sums<T> {
         self.inner_ticks += other.inner_ticks;
         self.outer.merge(&other.outer);
         self.inner.merge(&other.inner);
+    }
+
+    /// Of a block of a stop that began at these angles.
+    fn means(&self, outer: Angle, inner: Angle) -> BlockMeans<T> {
+        let count: T = real(f64::from(self.samples.max(1)));
+        let duration_s = seconds::<T>(self.duration_us.max(1));
+        let since = |mean: &AngleMean, begun| ticks_to_rad(mean.mean().since(begun).into());
+        BlockMeans {
+            force: self.force.map(|sum| sum.total() / count),
+            rate: self.rotation.map(|sum| sum.total() / duration_s),
+            angles: [since(&self.outer, outer), since(&self.inner, inner)],
+            axis_rates: [self.outer_ticks, self.inner_ticks].map(|ticks| ticks_to_rad::<T>(ticks) / duration_s),
+        }
     }
 
     fn segment(&self, kind: SegmentKind) -> Segment<T> {
@@ -698,7 +640,8 @@ impl<T: Real> Segmenter<T> {
     }
 
     fn add_to_stop(&mut self, block: &Sums<T>) {
-        self.scatter.add(block);
+        let begun = [&self.stop, block].into_iter().find(|sums| sums.samples > 0).unwrap_or(block);
+        self.scatter.add(&block.means(begun.outer.first, begun.inner.first));
         self.stop.merge(block);
     }
 
@@ -727,7 +670,11 @@ impl Segment<f64> {
             outer: Angle::default(),
             inner: Angle::default(),
             gimbals: GimbalSums::default(),
-            scatter: Scatter { blocks: (duration_us / BLOCK_US) as u16, ..Scatter::default() },
+            scatter: Scatter {
+                blocks: (duration_us / BLOCK_US) as u16,
+                freedom: (duration_us / BLOCK_US) as u16 - 1,
+                ..Scatter::default()
+            },
         }
     }
 }

@@ -13,7 +13,8 @@ use crate::error_model::{PARAMETERS, block};
 use crate::estimator::{Estimate, OBSERVED_RATIO, Solution};
 use crate::intake::IntakeCounts;
 use crate::linear::{ComplexField, Real};
-use crate::segment::{CHANNELS, Segment};
+use crate::sample::CHANNELS;
+use crate::segment::Segment;
 use crate::site::Site;
 use crate::units::{DEG, DEG_H, MICRO_G, PPM};
 use crate::white_noise::{Noise, ScatterRatios, chi_square_quantile};
@@ -219,7 +220,7 @@ fn noise_levels<T: Real>(assessment: &Assessment<'_, T>) -> NoiseLevels {
         let (mut stops, mut stops_far) = (0, 0);
         for stop in assessment.segments {
             let Some(ScatterRatios { variance, .. }) = assessment.noise.scatter(stop, channel) else { continue };
-            let freedom = u32::from(stop.scatter.blocks) - 1;
+            let freedom = u32::from(stop.scatter.freedom);
             stops += 1;
             // A channel that is dead has no noise at all.
             if is_unrest(variance, freedom) || (0.0 < variance && variance < quiet) {
@@ -275,7 +276,7 @@ fn judge_noise<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, l
         let mut noisiest: Option<(u16, Pooled)> = None;
         for (segment, stop) in assessment.segments.iter().enumerate().rev() {
             let Some(ScatterRatios { variance, trend }) = assessment.noise.scatter(stop, channel) else { continue };
-            noise.add(variance, u32::from(stop.scatter.blocks) - 1);
+            noise.add(variance, stop.scatter.freedom.into());
             trends.add(trend * trend, 1);
             if noise.exceeds(NOISE_Z) && noisiest.is_none_or(|(_, most)| noise.deviate() > most.deviate()) {
                 noisiest = Some((segment as u16, noise));
@@ -428,7 +429,7 @@ pub fn unrest<T: Real>(segment: &Segment<T>, noise: &Noise) -> Option<(u8, Unres
 
 /// As [`unrest`], without the channels whose noise is another one throughout.
 fn unrest_but<T: Real>(segment: &Segment<T>, noise: &Noise, levels: &NoiseLevels) -> Option<(u8, Unrest)> {
-    let freedom = u32::from(segment.scatter.blocks).saturating_sub(1);
+    let freedom = u32::from(segment.scatter.freedom);
     for channel in unnamed(levels) {
         let ScatterRatios { variance: ratio, trend } = noise.scatter(segment, channel)?;
         if trend.abs() > TREND_LIMIT {
@@ -459,7 +460,8 @@ mod tests {
     use crate::estimator::{Fit, LargestInnovation};
     use crate::linear::Vector3;
     use crate::options::OptionalEstimate;
-    use crate::segment::{GimbalSums, Held, Scatter, SegmentKind};
+    use crate::scatter::Scatter;
+    use crate::segment::{GimbalSums, Held, SegmentKind};
     use crate::units::ARCSEC;
     use crate::wiring::Wiring;
     use std::string::ToString;

@@ -1,7 +1,8 @@
 //! White noise at a stop: what the means of its blocks show, against what is configured.
 
 use crate::linear::{ComplexField, Real};
-use crate::segment::{CHANNELS, Segment, SegmentKind};
+use crate::sample::CHANNELS;
+use crate::segment::{Segment, SegmentKind};
 use serde::{Deserialize, Serialize};
 
 /// Normal deviate beyond which the noise of a stop is larger than configured; 1e-3 each.
@@ -51,7 +52,7 @@ impl Noise {
     }
 
     fn allowance<T: Real>(&self, stop: &Segment<T>, channel: u8) -> f64 {
-        let freedom = u32::from(stop.scatter.blocks).saturating_sub(1);
+        let freedom = u32::from(stop.scatter.freedom);
         match self.unallowed(stop, channel) {
             Some(ScatterRatios { variance, .. })
                 if variance * f64::from(freedom) > chi_square_quantile(freedom, LARGER_Z) =>
@@ -66,7 +67,7 @@ impl Noise {
     /// In units of the noise that is configured.
     fn unallowed<T: Real>(&self, stop: &Segment<T>, channel: u8) -> Option<ScatterRatios> {
         let scatter = &stop.scatter;
-        if stop.kind == SegmentKind::Move || scatter.blocks < 3 {
+        if stop.kind == SegmentKind::Move || scatter.freedom < 2 {
             return None;
         }
         let psd_sqrt = if channel < 3 { self.accel_psd_sqrt } else { self.gyro_psd_sqrt };
@@ -89,7 +90,7 @@ pub fn chi_square_quantile(degrees_of_freedom: u32, z: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::segment::Scatter;
+    use crate::scatter::Scatter;
 
     const NOISE: Noise = Noise { accel_psd_sqrt: 1e-4, gyro_psd_sqrt: 3e-7, encoder_sigma_rad: 2.5e-6, margin: 4.0 };
 
@@ -99,6 +100,7 @@ mod tests {
         let (accel, gyro) = (variance(NOISE.accel_psd_sqrt), variance(NOISE.gyro_psd_sqrt));
         let scatter = Scatter {
             blocks: 100,
+            freedom: 99,
             variance: [accel, accel * ratio as f32, accel, gyro, gyro, gyro],
             trend: [accel.sqrt(); 6],
         };

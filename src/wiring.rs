@@ -151,7 +151,7 @@ mod tests {
             outer: Angle::default(),
             inner: Angle::default(),
             gimbals: GimbalSums::default(),
-            scatter: crate::segment::Scatter::default(),
+            scatter: crate::scatter::Scatter::default(),
         }
     }
 

@@ -3,7 +3,7 @@
 use super::scale::WrongScale;
 use crate::constancy::{Change, Suspicion};
 use crate::error_model::{PARAMETER_INFO, ParameterInfo, block};
-use crate::segment::CHANNELS;
+use crate::sample::CHANNELS;
 use crate::units::{ARCSEC, MICRO_G, PPM};
 use crate::wiring::Wiring;
 use core::fmt;
