@@ -54,7 +54,7 @@ const ENCODER_ERRORS_PER_STOP: usize = 2;
 pub const OBSERVED_RATIO: f64 = 0.1;
 
 /// Sweeps over the segments before the estimate must stand.
-const MAX_SWEEPS: u8 = 12;
+const MAX_SWEEPS: u8 = 24;
 
 /// Segments processed by one piece of the final pass: 0.4 million instructions with changes under test, 0.7 million with
 /// the optional states, of the 2.5 million that a sample interval of 5 ms has on a Cortex-M7 at 500 MHz.
@@ -250,14 +250,47 @@ struct Sweep {
 enum Pass<T: Real> {
     /// Not begun, or done.
     Idle,
-    /// Sweeping until the estimate stands: `made` sweeps so far, and the estimate before the one under way.
-    Iterating { sweep: Sweep, made: u8, before: Vector<T, PARAMETERS> },
+    /// Sweeping until the estimate stands: `made` sweeps so far, the estimate before the one under way, and how the
+    /// heading goes.
+    Iterating { sweep: Sweep, made: u8, before: Vector<T, PARAMETERS>, heading: HeadingSteps<T> },
     /// One sweep that leaves the live estimate better linearized.
     Refreshing { sweep: Sweep },
     /// The last sweep, about the solution: its innovations are told, and the covariance is that of the solution.
     Closing { sweep: Sweep },
     /// Testing for changes that begin with segment `onset`, in several sweeps, about the solution.
     Testing { sweep: Sweep, onset: usize, part: usize },
+}
+
+/// Least part of a step of the heading that is taken, and the longest step: beyond, nothing is linear.
+const LEAST_PART: f64 = 0.1;
+const LONGEST_STEP_RAD: f64 = 1.0;
+
+/// Steps of the heading from sweep to sweep.
+///
+/// The horizontal Earth rate that the gyros show points the way, but a step is divided by the one there is. Where noise
+/// makes it appear more than twice as large, as near the poles, Gauss-Newton steps too far and never stands. So steps that
+/// swing are cut: two of them tell by how much (Aitken's extrapolation).
+#[derive(Clone, Copy, Debug)]
+struct HeadingSteps<T: Real> {
+    /// The last one, before it was cut.
+    last: T,
+    /// Part of it that was taken.
+    part: T,
+}
+
+impl<T: Real> HeadingSteps<T> {
+    /// No step yet.
+    const NONE: Self = Self { last: T::ZERO, part: T::ZERO };
+
+    /// The part of the next step that is to be taken.
+    fn next(&mut self, step: T) -> T {
+        let swings = step * self.last < T::zero();
+        let rest = T::one() - step / self.last;
+        let extrapolates = self.part > T::zero() && (swings || self.part < T::one()) && rest > self.part;
+        let part = if extrapolates { (self.part / rest).max(real(LEAST_PART)) } else { T::one() };
+        (self.part, self.last) = (part.min(real::<T>(LONGEST_STEP_RAD) / step.abs()), step);
+        self.part
+    }
 }
 
 /// Takes segments in and gives parameters out.
@@ -389,11 +422,11 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
                 self.begin_pass();
                 false
             }
-            Pass::Iterating { mut sweep, made, before } => {
+            Pass::Iterating { mut sweep, made, before, heading } => {
                 let swept = self.sweep_piece(&mut sweep);
-                self.pass = Pass::Iterating { sweep, made, before };
+                self.pass = Pass::Iterating { sweep, made, before, heading };
                 if swept {
-                    self.iterate(sweep, made + 1, &before);
+                    self.iterate(sweep, made + 1, &before, heading);
                 }
                 false
             }
@@ -450,17 +483,28 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.solution = None;
         self.suspects.clear();
         let sweep = self.begin_sweep(period_moves);
-        self.pass = Pass::Iterating { sweep, made: 0, before: self.nominal };
+        self.pass = Pass::Iterating { sweep, made: 0, before: self.nominal, heading: HeadingSteps::NONE };
     }
 
     /// A sweep has ended, and `made` are made: another one, unless the estimate stands. Not inlined: what it
     /// needs on the stack, the sweeps do not.
     #[inline(never)]
-    fn iterate(&mut self, Sweep { period_moves, .. }: Sweep, made: u8, before: &Vector<T, PARAMETERS>) {
+    fn iterate(
+        &mut self,
+        Sweep { period_moves, .. }: Sweep,
+        made: u8,
+        before: &Vector<T, PARAMETERS>,
+        mut heading: HeadingSteps<T>,
+    ) {
+        let mut errors = InstrumentErrors::from_vector(&self.nominal);
+        let heading_before = InstrumentErrors::from_vector(before).heading;
+        let turned = errors.heading - heading_before;
+        errors.heading = heading_before + turned * heading.next(turned);
+        self.nominal = errors.to_vector();
         let converged = self.stands(before);
         if made < MAX_SWEEPS && !converged {
             let sweep = self.begin_sweep(period_moves);
-            self.pass = Pass::Iterating { sweep, made, before: self.nominal };
+            self.pass = Pass::Iterating { sweep, made, before: self.nominal, heading };
             return;
         }
         self.solution = Some(self.solved(made, converged));

@@ -3,13 +3,16 @@
 use host_tests::calibration::{Precision, Setup};
 use host_tests::fault_campaign::{Campaign, Faults, Outcome, Summary};
 use host_tests::faults::{Fault, FaultKind, readings};
-use host_tests::presets;
+use host_tests::monte_carlo::{ErrorSource, MonteCarlo};
+use host_tests::presets::{self, RandomErrors};
+use host_tests::statistics::ErrorStatistics;
 use host_tests::unit::UnitConfig;
 use host_tests::virtual_rins::VirtualUnit;
 use host_tests::virtual_run::VirtualRun;
 use rins_selfcal::constancy::{Change, Suspicion};
 use rins_selfcal::error_model::block;
 use rins_selfcal::method::Method;
+use rins_selfcal::options::Options;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::units::{ARCSEC, MICRO_G, PPM};
 
@@ -42,6 +45,33 @@ fn clean_runs_are_accepted() {
         assert!(runs as u32 - summary.total.accepted <= 2, "{summary}");
         assert_eq!(summary.total.accepted_wrong, 0, "{summary}");
     }
+}
+
+#[test]
+fn near_a_pole_only_the_heading_suffers() {
+    let mut unit = UnitConfig::default();
+    unit.site.latitude_deg = 89.9;
+    let campaign = MonteCarlo {
+        runs: 48,
+        methods: vec![Method::Joint],
+        precision: Precision::F64,
+        options: Options::default(),
+        scheme: Scheme::named("fast-60").expect("a scheme of the library"),
+        closed_loop: false,
+        errors: ErrorSource::Random(RandomErrors::default()),
+        unit,
+        rate_hz: 100.0,
+        seed: 7,
+    };
+    let [statistics] = &campaign.run(|| ()).expect("open loop")[..] else { panic!("one method") };
+    assert_eq!(statistics.unconverged, 0);
+    assert!(statistics.accepted >= 47, "{:?}", statistics.rejections);
+    let [twelve @ .., heading] = &statistics.parameters;
+    let mean = |parameter: &Option<ErrorStatistics>| parameter.as_ref().map_or(f64::NAN, |p| p.mean_normalized_squared);
+    // 27 times 48 squares, hardly correlated: one sigma of their mean is 0.04.
+    let all = twelve.iter().map(mean).sum::<f64>() / twelve.len() as f64;
+    assert!((0.84..1.16).contains(&all), "{all}");
+    assert!(heading.as_ref().is_some_and(|heading| heading.bound > 10.0));
 }
 
 /// The most significant change in a run with one fault from 124 s on, in a move.
