@@ -1,33 +1,53 @@
-//! One gimbal axis: a trapezoidal profile, and a loop that holds the encoder to it.
+//! One gimbal axis under its servo: what it shall do, whether its encoder is believed, and whether it does it.
 //!
 //! ```text
-//! rate command = profile rate at the end of the interval + gain * (profile angle - encoder angle)
+//!            free(winding)                          the winding shorted or open; nothing is controlled
+//!           ^      |
+//!   release,|      | hold
+//!    fault  |      v        at rest                  move_to                 profile over
+//!           +-- braking -----------------> holding -----------> moving ---------------------> holding
+//!           |      ^                          |                    |
+//!           |      +---------- hold ----------|--------------------+
+//!           +---------------------------------+
 //! ```
-//! The profile's rate is fed forward, so the loop has only the drive's lag and the encoder's error to take out.
+//! A reading that is missing, or farther from where the axis should be than it can have gone, is replaced by where it
+//! should be, for two periods; then the encoder is not believed. A stop begins at the axis' own rate and goes with the
+//! highest acceleration; its jerk is not limited.
 
 use crate::angle::{Angle, rad_to_ticks, ticks_to_rad};
-use crate::linear::{ComplexField, Real, real};
-use crate::profile::Profile;
+use crate::gimbal::{EncoderFault, FaultKind};
+use crate::linear::{Real, real};
+use crate::profile::{MotionLimits, Point, Profile};
+use crate::servo::{Drive, MotorAndLoad, PERIOD_S, Servo, Wanted};
 use crate::units::{ARCSEC, DEG};
 use serde::{Deserialize, Serialize};
 
-/// Gain of the position loop, 1/s: a time constant of 0.1 s, twenty sample intervals at 200 Hz.
-const POSITION_GAIN: f64 = 10.0;
-/// Sample intervals from a sample's time, the middle of its interval, to the end of the next interval, by when the drive
-/// reaches the commanded rate.
-const LEAD_INTERVALS: f64 = 1.5;
-/// Longest time between commands without samples, s: that between ticks of the main loop.
-const LONGEST_COMMAND_INTERVAL_S: f64 = 0.1;
 /// Highest rate that a drive can be told, rad/s: nanoradians per second in 32 bits.
 const HIGHEST_RATE_RAD_S: f64 = i32::MAX as f64 * 1e-9;
+/// Periods without a believable reading that are bridged.
+const BRIDGED_PERIODS: u8 = 2;
+/// Rate, of the highest, at which an axis is taken to go at most between two readings.
+const PLAUSIBLE_RATE: f64 = 2.0;
+/// Rate below which an axis is at rest, rad/s.
+const REST_RAD_S: f64 = 0.05 * DEG;
+/// Time after which an axis whose encoder is not believed is taken to be at rest, us.
+const BLIND_REST_US: u64 = 2_000_000;
+/// An axis stalls if it should go at this rate, rad/s, and goes at less than a quarter of it, for so many periods.
+const STALL_RAD_S: f64 = 2.0 * DEG;
+const STALL_PART: f64 = 0.25;
+const STALL_PERIODS: u8 = 5;
+/// How far beyond its travel an axis may be, rad.
+const TRAVEL_MARGIN_RAD: f64 = 0.1 * DEG;
 
 /// Rate, acceleration and travel of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AxisLimits {
     /// Highest rate that may be commanded, rad/s.
     pub rate_rad_s: f64,
-    /// Highest acceleration that may be commanded, rad/s^2; profiles should stay below it.
+    /// Highest acceleration that may be commanded, rad/s^2; with it the axis is brought to rest when something fails.
     pub acceleration_rad_s2: f64,
+    /// Highest jerk of a move, rad/s^3.
+    pub jerk_rad_s3: f64,
     /// Lowest angle, counted over whole turns, rad.
     pub lowest_rad: f64,
     /// Highest angle, counted over whole turns, rad.
@@ -36,13 +56,22 @@ pub struct AxisLimits {
     pub arrived_rad: f64,
     /// Distance from the profile beyond which the axis does not follow, rad.
     pub following_error_rad: f64,
+    /// Rate beyond the profile's, or against it, at which the axis runs away, rad/s.
+    pub runaway_rad_s: f64,
 }
 
 impl AxisLimits {
     /// Whether every number is finite, every limit positive, the rate one that a drive can be told, and the travel not
     /// empty.
     pub fn are_valid(&self) -> bool {
-        let positive = [self.rate_rad_s, self.acceleration_rad_s2, self.arrived_rad, self.following_error_rad];
+        let positive = [
+            self.rate_rad_s,
+            self.acceleration_rad_s2,
+            self.jerk_rad_s3,
+            self.arrived_rad,
+            self.following_error_rad,
+            self.runaway_rad_s,
+        ];
         let travel_rad = self.highest_rad - self.lowest_rad;
         let all_positive = positive.iter().chain([&travel_rad]).all(|limit| limit.is_finite() && *limit > 0.0);
         all_positive && self.rate_rad_s <= HIGHEST_RATE_RAD_S
@@ -50,73 +79,106 @@ impl AxisLimits {
 }
 
 impl Default for AxisLimits {
-    /// 60 deg/s, 60 deg/s^2, two turns either way, 2 arcsec, 1 deg.
+    /// 60 deg/s, 60 deg/s^2, 1000 deg/s^3, two turns either way, 2 arcsec, 1 deg, 5 deg/s.
     fn default() -> Self {
         Self {
             rate_rad_s: 60.0 * DEG,
             acceleration_rad_s2: 60.0 * DEG,
+            jerk_rad_s3: 1000.0 * DEG,
             lowest_rad: -720.0 * DEG,
             highest_rad: 720.0 * DEG,
             arrived_rad: 2.0 * ARCSEC,
             following_error_rad: DEG,
+            runaway_rad_s: 5.0 * DEG,
         }
     }
 }
 
-/// A move under way.
+/// What an axis is doing.
 #[derive(Clone, Copy, Debug)]
-struct Motion<T> {
-    profile: Profile<T>,
-    from_ticks: i64,
-    start_us: u64,
-    /// Nominal duration, us.
-    duration_us: u64,
+enum Mode<T> {
+    /// Not controlled since this time, us: its bridge is told this.
+    Free { drive: Drive<T>, since_us: u64 },
+    /// On its way.
+    Moving { profile: Profile<T>, from_ticks: i64, start_us: u64 },
+    /// Coming to rest from this rate, rad/s.
+    Braking { rate_rad_s: T, from_ticks: i64, start_us: u64 },
+    /// Standing.
+    Holding { ticks: i64 },
 }
 
 /// State of one axis.
 #[derive(Clone, Debug)]
 pub struct Axis<T: Real> {
     limits: AxisLimits,
-    interval_s: T,
-    /// Encoder angle counted over whole turns.
-    angle_ticks: Option<i64>,
-    target_ticks: i64,
-    motion: Option<Motion<T>>,
-    /// Coming to rest, wherever that will be.
-    braking: bool,
-    /// The encoder is not believed: the drive is brought to rest and left there until the next move.
-    released: bool,
-    commanded_rad_s: T,
-    commanded_us: u64,
+    /// Rate below which it is at rest: no less than what the encoder can tell from rest.
+    rest_rad_s: f64,
+    servo: Servo<T>,
+    mode: Mode<T>,
+    /// Counted over whole turns; `None` before the first reading.
+    ticks: Option<i64>,
+    /// Periods without a believable reading, and why.
+    missing: u8,
+    encoder_fault: EncoderFault,
+    /// Periods in which it stood where it should have turned.
+    stalled: u8,
 }
 
 impl<T: Real> Axis<T> {
-    /// An axis whose encoder has not been read yet, and whose drive gets a command every `interval_s`.
-    pub fn new(limits: &AxisLimits, interval_s: T) -> Self {
+    /// An axis whose encoder has not been read yet; its winding is shorted.
+    pub fn new(limits: &AxisLimits, data: &MotorAndLoad) -> Self {
         Self {
             limits: *limits,
-            interval_s,
-            angle_ticks: None,
-            target_ticks: 0,
-            motion: None,
-            braking: false,
-            released: false,
-            commanded_rad_s: T::zero(),
-            commanded_us: 0,
+            rest_rad_s: REST_RAD_S.max(data.encoder_step_rad() / PERIOD_S),
+            servo: Servo::new(data),
+            mode: Mode::Free { drive: Drive::Brake, since_us: 0 },
+            ticks: None,
+            missing: 0,
+            encoder_fault: EncoderFault::Silent,
+            stalled: 0,
         }
     }
 
-    /// Takes in an encoder reading; the first decides the turn: the one within the travel, of several the one nearest to
-    /// zero.
-    pub fn measure(&mut self, angle: Angle) {
-        self.angle_ticks = Some(match self.angle_ticks {
-            Some(before) => before + i64::from(angle.since(Angle::from_ticks(before as u32))),
-            None => {
-                // It stands there until it is told to move.
-                self.target_ticks = self.within_travel(i64::from(angle.ticks() as i32));
-                self.target_ticks
+    /// Takes in an encoder reading, `periods` after the one before. The first decides the turn: the one within the travel,
+    /// of several the one nearest to zero.
+    pub fn observe(&mut self, reading: Result<Angle, EncoderFault>, periods: u64) {
+        let Some(before) = self.ticks else {
+            self.ticks = reading.ok().map(|angle| self.within_travel(i64::from(angle.ticks() as i32)));
+            self.missing = if self.ticks.is_some() { 0 } else { self.missing.saturating_add(1) };
+            return;
+        };
+        let periods = periods.clamp(1, 1000);
+        let step = self.expected_step();
+        // Periods in which nobody looked.
+        let expected = before + step * periods as i64;
+        let ticks = match self.believed(reading, expected, periods) {
+            Ok(ticks) => {
+                self.missing = 0;
+                ticks
             }
-        });
+            Err(fault) => {
+                (self.missing, self.encoder_fault) = (self.missing.saturating_add(1), fault);
+                expected
+            }
+        };
+        self.servo.observe((ticks - before) / periods as i64);
+        self.ticks = Some(ticks);
+    }
+
+    /// How far it goes in a period at its rate, ticks.
+    fn expected_step(&self) -> i64 {
+        rad_to_ticks((self.servo.rate_rad_s() * real(PERIOD_S)).widened())
+    }
+
+    fn believed(&self, reading: Result<Angle, EncoderFault>, expected: i64, periods: u64) -> Result<i64, EncoderFault> {
+        let off = reading?.since(Angle::from_ticks(expected as u32));
+        let unseen_s = (u64::from(self.missing) + periods) as f64 * PERIOD_S;
+        let possible = rad_to_ticks(PLAUSIBLE_RATE * self.limits.rate_rad_s * unseen_s);
+        if i64::from(off).abs() <= possible {
+            Ok(expected + i64::from(off))
+        } else {
+            Err(EncoderFault::Jump(ticks_to_rad::<f64>(off.into()) as f32))
+        }
     }
 
     /// This angle on the turn that is within the travel; as it is where none is.
@@ -126,221 +188,210 @@ impl<T: Real> Axis<T> {
         turns.into_iter().find(|turned| travel.contains(turned)).unwrap_or(ticks)
     }
 
-    /// Starts a move to `target_rad`, counted over whole turns.
-    pub fn move_to(&mut self, target_rad: f64, rate_rad_s: f64, acceleration_rad_s2: f64, now_us: u64) {
-        let Some(from_ticks) = self.angle_ticks else { return };
-        self.target_ticks = rad_to_ticks(target_rad);
-        let distance = ticks_to_rad(self.target_ticks - from_ticks);
-        let profile = Profile::<T>::new(distance, real(rate_rad_s), real(acceleration_rad_s2));
-        let duration_us = (profile.duration_s().widened() * 1e6) as u64;
-        self.motion = Some(Motion { profile, from_ticks, start_us: now_us, duration_us });
-        (self.braking, self.released) = (false, false);
+    /// Angle counted over whole turns, rad; zero before the first reading.
+    pub fn angle_rad(&self) -> f64 {
+        ticks_to_rad(self.ticks.unwrap_or(0))
     }
 
-    /// Comes to rest and stays there without a look at the encoder, until the next move.
-    pub fn release(&mut self) {
-        self.hold();
-        self.released = true;
+    /// Whether the encoder is believed.
+    pub fn is_seen(&self) -> bool {
+        self.ticks.is_some() && self.missing <= BRIDGED_PERIODS
     }
 
     /// Comes to rest as fast as it may, and stays there.
-    pub fn hold(&mut self) {
-        self.motion = None;
-        self.braking = true;
-        self.target_ticks = self.angle_ticks.unwrap_or(0);
-    }
-
-    /// Rate that the drive shall reach by the end of the next interval, rad/s. Zero before the first reading.
-    pub fn rate_command(&mut self, now_us: u64) -> T {
-        self.rate_within(now_us, self.interval_s)
-    }
-
-    /// As [`Self::rate_command`], where commands come less often than samples should: the drive may have to change its
-    /// rate by what the acceleration allows over the time since the last command, up to a tenth of a second.
-    pub fn late_rate_command(&mut self, now_us: u64) -> T {
-        self.rate_within(now_us, real(LONGEST_COMMAND_INTERVAL_S))
-    }
-
-    fn rate_within(&mut self, now_us: u64, longest_s: T) -> T {
-        let Some(angle_ticks) = self.angle_ticks else { return T::zero() };
-        if self.braking || self.released {
-            self.target_ticks = angle_ticks;
-            self.braking &= self.commanded_rad_s != T::zero();
+    pub fn hold(&mut self, now_us: u64) {
+        if matches!(self.mode, Mode::Holding { .. } | Mode::Braking { .. }) {
+            return;
         }
-        let (wanted_ticks, _) = self.wanted(now_us, T::zero());
-        let (_, rate) = self.wanted(now_us, self.interval_s * real(LEAD_INTERVALS));
-        let error: T = ticks_to_rad(wanted_ticks - angle_ticks);
-        let highest: T = real(self.limits.rate_rad_s);
-        // However long ago the last command was, the drive takes this one up within an interval.
-        let since_s: T = real(now_us.saturating_sub(self.commanded_us) as f64 * 1e-6);
-        let step = since_s.min(longest_s) * real(self.limits.acceleration_rad_s2);
-        self.commanded_us = now_us;
-        let wanted = (rate + error * real(POSITION_GAIN)).max(-highest).min(highest);
-        self.commanded_rad_s = wanted.max(self.commanded_rad_s - step).min(self.commanded_rad_s + step);
-        self.commanded_rad_s
+        let (rate_rad_s, from_ticks) = (self.servo.rate_rad_s(), self.ticks.unwrap_or(0));
+        self.servo.restart(rate_rad_s);
+        self.stalled = 0;
+        self.mode = Mode::Braking { rate_rad_s, from_ticks, start_us: now_us };
     }
 
-    /// Whether the drive has been told to stand.
-    pub fn is_at_rest(&self) -> bool {
-        self.commanded_rad_s == T::zero()
+    /// Comes to rest under control, if it is controlled and its encoder is believed; else its winding is shorted.
+    pub fn stop(&mut self, now_us: u64) {
+        if self.is_controlled() && self.is_seen() {
+            self.hold(now_us);
+        } else if self.is_controlled() {
+            self.free(Drive::Brake, now_us);
+        }
     }
 
-    /// The rate commanded last, rad/s.
-    pub fn last_command(&self) -> T {
-        self.commanded_rad_s
+    /// Starts a move from where it stands to `target_rad`, counted over whole turns.
+    pub fn move_to(&mut self, target_rad: f64, limits: &MotionLimits, now_us: u64) {
+        let Mode::Holding { ticks: from_ticks } = self.mode else { return };
+        let distance = ticks_to_rad(rad_to_ticks(target_rad) - from_ticks);
+        self.mode = Mode::Moving { profile: Profile::new(distance, limits), from_ticks, start_us: now_us };
     }
 
-    /// Whether the profile is over and the encoder within the tolerance of its end.
-    pub fn has_arrived(&self, now_us: u64) -> bool {
-        let over = self.motion.is_none_or(|motion| motion.elapsed_s(now_us) >= motion.profile.duration_s());
-        over && self.distance_rad(self.target_ticks) <= self.limits.arrived_rad
+    /// Gives up control: the bridge is told this from here on.
+    pub fn free(&mut self, drive: Drive<T>, now_us: u64) {
+        if !matches!(self.mode, Mode::Free { drive: before, .. } if before == drive) {
+            self.mode = Mode::Free { drive, since_us: now_us };
+        }
     }
 
-    /// Distance of the encoder from the profile, rad, if it is more than the axis is allowed to be behind.
-    pub fn following_error_rad(&self, now_us: u64) -> Option<f64> {
-        if self.released {
+    /// What the bridge is told for the period that begins.
+    pub fn drive(&mut self, now_us: u64) -> Drive<T> {
+        self.come_to_rest(now_us);
+        match (self.mode, self.ticks) {
+            (Mode::Free { drive, .. }, _) => drive,
+            (_, None) => Drive::Brake,
+            (_, Some(ticks)) => Drive::Duty(self.servo.duty(&self.wanted(now_us), ticks)),
+        }
+    }
+
+    /// A motion that is over is rest.
+    fn come_to_rest(&mut self, now_us: u64) {
+        let over = match self.mode {
+            Mode::Moving { profile, start_us, .. } => since_s::<T>(start_us, now_us) >= profile.duration_s(),
+            Mode::Braking { rate_rad_s, start_us, .. } => since_s::<T>(start_us, now_us) >= self.braking_s(rate_rad_s),
+            Mode::Free { .. } | Mode::Holding { .. } => false,
+        };
+        if over {
+            self.mode = Mode::Holding { ticks: self.wanted(now_us).ticks };
+        }
+    }
+
+    fn braking_s(&self, rate_rad_s: T) -> T {
+        rate_rad_s.abs() / real(self.limits.acceleration_rad_s2)
+    }
+
+    /// Where it should be now.
+    fn wanted(&self, now_us: u64) -> Wanted<T> {
+        match self.mode {
+            Mode::Free { .. } => Wanted::rest(self.ticks.unwrap_or(0)),
+            Mode::Holding { ticks } => Wanted::rest(ticks),
+            Mode::Moving { profile, from_ticks, start_us } => {
+                wanted_from(from_ticks, profile.at(since_s(start_us, now_us)))
+            }
+            Mode::Braking { rate_rad_s, from_ticks, start_us } => {
+                let duration_s = self.braking_s(rate_rad_s);
+                let left_s = (duration_s - since_s::<T>(start_us, now_us)).max(T::zero());
+                let slowing = real::<T>(self.limits.acceleration_rad_s2).copysign(-rate_rad_s);
+                let half: T = real(0.5);
+                let angle_rad = half * (rate_rad_s * duration_s + slowing * left_s * left_s);
+                let acceleration_rad_s2 = if left_s > T::zero() { slowing } else { T::zero() };
+                wanted_from(from_ticks, Point { angle_rad, rate_rad_s: -slowing * left_s, acceleration_rad_s2 })
+            }
+        }
+    }
+
+    /// What is wrong with the axis, if it is controlled.
+    pub fn fault(&mut self, now_us: u64) -> Option<FaultKind> {
+        if !self.is_controlled() {
             return None;
         }
-        let error = self.distance_rad(self.wanted(now_us, T::zero()).0);
-        (error > self.limits.following_error_rad).then_some(error)
+        if !self.is_seen() {
+            return Some(FaultKind::Encoder(self.encoder_fault));
+        }
+        let (rate, wanted) = (self.servo.rate_rad_s().widened(), self.servo.wanted_rate_rad_s().widened());
+        let off_rad = self.off_rad(now_us);
+        self.note_stall(rate, wanted);
+        let beyond = self.beyond_travel_rad(rate);
+        if too_fast(rate, wanted) > self.limits.runaway_rad_s {
+            Some(FaultKind::Runaway { rate_rad_s: rate, wanted_rad_s: wanted })
+        } else if self.stalled >= STALL_PERIODS {
+            Some(FaultKind::Stall { rate_rad_s: rate, wanted_rad_s: wanted })
+        } else if off_rad > self.limits.following_error_rad {
+            Some(FaultKind::Following { error_rad: off_rad })
+        } else {
+            beyond.map(|limit_rad| FaultKind::Travel { limit_rad })
+        }
+    }
+
+    /// Distance from where it should be, rad.
+    pub fn off_rad(&self, now_us: u64) -> f64 {
+        let ticks = self.wanted(now_us).ticks - self.ticks.unwrap_or(0);
+        ticks_to_rad(ticks.saturating_abs())
+    }
+
+    fn note_stall(&mut self, rate: f64, wanted: f64) {
+        let (rate, wanted) = (absolute(rate), absolute(wanted));
+        let stands = wanted > STALL_RAD_S && rate < STALL_PART * wanted;
+        self.stalled = if stands { self.stalled.saturating_add(1) } else { 0 };
+    }
+
+    /// The end of the travel that it is beyond, and leaving behind, rad.
+    fn beyond_travel_rad(&self, rate_rad_s: f64) -> Option<f64> {
+        let (angle_rad, AxisLimits { lowest_rad, highest_rad, .. }) = (self.angle_rad(), self.limits);
+        if angle_rad > highest_rad + TRAVEL_MARGIN_RAD && rate_rad_s > self.rest_rad_s {
+            Some(highest_rad)
+        } else if angle_rad < lowest_rad - TRAVEL_MARGIN_RAD && rate_rad_s < -self.rest_rad_s {
+            Some(lowest_rad)
+        } else {
+            None
+        }
+    }
+
+    /// Whether an angle, rad, is within the travel.
+    pub fn reaches(&self, angle_rad: f64) -> bool {
+        (self.limits.lowest_rad..=self.limits.highest_rad).contains(&angle_rad)
+    }
+
+    /// The angle within the travel that is nearest to this one, rad.
+    pub fn nearest_within(&self, angle_rad: f64) -> f64 {
+        angle_rad.max(self.limits.lowest_rad).min(self.limits.highest_rad)
+    }
+
+    /// Limits of a move at this rate and with ramps of this mean acceleration; where the jerk is too low for such ramps,
+    /// the highest acceleration is that.
+    pub fn motion_limits(&self, rate_rad_s: f64, acceleration_rad_s2: f64) -> MotionLimits {
+        let jerk_rad_s3 = self.limits.jerk_rad_s3;
+        MotionLimits::with_mean_acceleration(rate_rad_s, acceleration_rad_s2, jerk_rad_s3).unwrap_or(MotionLimits {
+            rate_rad_s,
+            acceleration_rad_s2,
+            jerk_rad_s3,
+        })
     }
 
     /// Nominal duration of the move under way, us.
     pub fn move_us(&self) -> u64 {
-        self.motion.map_or(0, |motion| motion.duration_us)
+        match self.mode {
+            Mode::Moving { profile, .. } => (profile.duration_s().widened() * 1e6) as u64,
+            _ => 0,
+        }
     }
 
-    fn distance_rad(&self, from_ticks: i64) -> f64 {
-        self.angle_ticks.map_or(0.0, |angle| ComplexField::abs(ticks_to_rad::<f64>(angle - from_ticks)))
+    /// Whether its motor is driven.
+    pub fn is_controlled(&self) -> bool {
+        !matches!(self.mode, Mode::Free { .. })
     }
 
-    /// Angle (ticks) and rate (rad/s) that the profile wants `later_s` from now.
-    fn wanted(&self, now_us: u64, later_s: T) -> (i64, T) {
-        match self.motion {
-            Some(motion) if motion.elapsed_s(now_us) < motion.profile.duration_s() => {
-                let (angle, rate) = motion.profile.at(motion.elapsed_s(now_us) + later_s);
-                (motion.from_ticks + rad_to_ticks(angle.widened()), rate)
-            }
-            _ => (self.target_ticks, T::zero()),
+    /// Whether it is controlled and should stand.
+    pub fn is_holding(&self) -> bool {
+        matches!(self.mode, Mode::Holding { .. })
+    }
+
+    /// Whether it stands within the tolerance of where it shall.
+    pub fn has_arrived(&self, now_us: u64) -> bool {
+        self.is_holding() && self.off_rad(now_us) <= self.limits.arrived_rad
+    }
+
+    /// Whether it has come to rest, as far as can be known.
+    pub fn is_at_rest(&self, now_us: u64) -> bool {
+        match self.mode {
+            Mode::Free { since_us, .. } if !self.is_seen() => now_us.saturating_sub(since_us) >= BLIND_REST_US,
+            Mode::Free { .. } | Mode::Holding { .. } => self.servo.rate_rad_s().abs() <= real(self.rest_rad_s),
+            Mode::Moving { .. } | Mode::Braking { .. } => false,
         }
     }
 }
 
-impl<T: Real> Motion<T> {
-    fn elapsed_s(&self, now_us: u64) -> T {
-        real(now_us.saturating_sub(self.start_us) as f64 * 1e-6)
-    }
+fn wanted_from<T: Real>(from_ticks: i64, point: Point<T>) -> Wanted<T> {
+    Wanted { ticks: from_ticks + rad_to_ticks(point.angle_rad.widened()), point }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+fn since_s<T: Real>(start_us: u64, now_us: u64) -> T {
+    real(now_us.saturating_sub(start_us) as f64 * 1e-6)
+}
 
-    const INTERVAL_S: f64 = 0.005;
+/// How much faster than wanted it goes, or how fast the other way, rad/s.
+fn too_fast(rate: f64, wanted: f64) -> f64 {
+    if rate * wanted >= 0.0 { absolute(rate) - absolute(wanted) } else { absolute(rate) }
+}
 
-    fn axis() -> Axis<f64> {
-        Axis::new(&AxisLimits::default(), INTERVAL_S)
-    }
-
-    /// A drive that reaches the commanded rate at the end of each interval, with a gain error, and an encoder.
-    #[test]
-    fn loop_follows_and_arrives_in_spite_of_a_drive_error() {
-        let mut axis = axis();
-        let (mut angle, mut rate, mut now_us) = (0.1_f64, 0.0, 0);
-        axis.measure(Angle::from_rad(angle));
-        axis.move_to(-4.0, 0.35, 0.35, now_us);
-        let mut arrived_us = None;
-        for _ in 0..4000 {
-            let next = axis.rate_command(now_us) * 1.001;
-            angle += 0.5 * (rate + next) * INTERVAL_S;
-            rate = next;
-            now_us += 5000;
-            axis.measure(Angle::from_rad(angle));
-            assert_eq!(axis.following_error_rad(now_us), None);
-            if axis.has_arrived(now_us) {
-                arrived_us.get_or_insert(now_us);
-            }
-        }
-        assert!((angle + 4.0).abs() < 1e-8, "{angle}");
-        let late_s = arrived_us.expect("arrives") as f64 * 1e-6 - (4.1 / 0.35 + 1.0);
-        assert!(late_s < 1.0, "{late_s}");
-    }
-
-    #[test]
-    fn an_axis_stands_where_it_is_found() {
-        let mut axis = axis();
-        axis.measure(Angle::from_rad(1.5));
-        assert_eq!(axis.following_error_rad(0), None);
-        assert_eq!(axis.rate_command(0), 0.0);
-    }
-
-    #[test]
-    fn the_drive_is_never_asked_for_more_than_the_limits() {
-        let limits = AxisLimits::default();
-        let mut axis = axis();
-        let (mut angle, mut rate) = (-3.0, 0.0);
-        axis.measure(Angle::from_rad(angle));
-        for edge in 0..6000_u64 {
-            let now_us = edge * 5000;
-            match edge {
-                // Faster than the axis, and a new target, and a stop, each while it turns.
-                100 => axis.move_to(4.0, 2.0, 5.0, now_us),
-                500 => axis.move_to(-1.0, 0.35, 0.35, now_us),
-                900 => axis.hold(),
-                1200 => axis.move_to(0.5, 0.35, 0.35, now_us),
-                _ => {}
-            }
-            let next = axis.rate_command(now_us);
-            assert!(next.abs() <= limits.rate_rad_s * (1.0 + 1e-12));
-            assert!((next - rate).abs() <= limits.acceleration_rad_s2 * INTERVAL_S * (1.0 + 1e-9), "{edge}");
-            angle += 0.5 * (rate + next) * INTERVAL_S;
-            rate = next;
-            axis.measure(Angle::from_rad(angle));
-        }
-        assert!((angle - 0.5).abs() < 1e-8, "{angle}");
-    }
-
-    #[test]
-    fn the_turn_is_the_one_within_the_travel() {
-        let degrees = |lowest: f64, highest: f64, read: f64| {
-            let limits = AxisLimits { lowest_rad: lowest * DEG, highest_rad: highest * DEG, ..AxisLimits::default() };
-            let mut axis = Axis::<f64>::new(&limits, INTERVAL_S);
-            axis.measure(Angle::from_rad(read * DEG));
-            (ticks_to_rad::<f64>(axis.target_ticks) / DEG).round()
-        };
-        assert_eq!(degrees(-361.0, 1.0, 68.0), -292.0);
-        assert_eq!(degrees(-361.0, 1.0, 0.0), 0.0);
-        assert_eq!(degrees(-720.0, 720.0, 200.0), -160.0);
-        assert_eq!(degrees(400.0, 800.0, 100.0), 460.0);
-        assert_eq!(degrees(-10.0, 10.0, 100.0), 100.0, "none is");
-    }
-
-    #[test]
-    fn a_released_axis_does_not_look_at_its_encoder() {
-        let mut axis = axis();
-        axis.measure(Angle::from_rad(0.0));
-        axis.move_to(1.0, 0.35, 0.35, 0);
-        let mut rate = 0.0;
-        for edge in 1..400_u64 {
-            if edge == 100 {
-                axis.release();
-            }
-            // An encoder of reversed sign.
-            axis.measure(Angle::from_rad(-1e-3 * edge as f64));
-            rate = axis.rate_command(edge * 5000);
-        }
-        assert_eq!((rate, axis.following_error_rad(2_000_000)), (0.0, None));
-    }
-
-    #[test]
-    fn an_axis_that_does_not_turn_is_noticed() {
-        let mut axis = axis();
-        axis.measure(Angle::from_rad(0.0));
-        axis.move_to(1.0, 0.35, 0.35, 0);
-        axis.measure(Angle::from_rad(0.0));
-        assert!(axis.following_error_rad(1_000_000).is_some_and(|error| error > 0.17));
-        axis.hold();
-        assert_eq!(axis.following_error_rad(1_000_000), None);
-        assert_eq!(axis.rate_command(1_000_000), 0.0);
-    }
+fn absolute(x: f64) -> f64 {
+    crate::linear::ComplexField::abs(x)
 }

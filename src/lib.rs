@@ -10,9 +10,11 @@
 //! Rooms decide and return values; only drivers touch pins. Time is an argument. Dictionaries, which every room may use:
 //! `units`, `angle`, `linear`, `site`, `sample`, `error_model`, `profile`, `scheme`, `method`, `policy`.
 //!
-//! Beside the estimator: `options` (further states), `scatter` and `white_noise` (what a stop shows of it), `weighting` (gains of the
-//! two-stage method), `constancy` (tests for change), `observability`, and `rehearsal`, which before anything turns gives
-//! the estimator the segments that a scheme would bring. Beside the verdict: `wiring`. `assignment` is the configuration
+//! The control interrupt, once a millisecond: encoders -> gimbal (both axes, faults) -> axis (profile) -> servo -> bridges.
+//!
+//! Beside the estimator: `options` (further states), `scatter` and `white_noise` (what a stop shows of it), `weighting`
+//! (gains of the two-stage method), `constancy` (tests for change), `observability`, and `rehearsal`, which before anything
+//! turns gives the estimator the segments that a scheme would bring. Beside the verdict: `wiring`. `assignment` is the configuration
 //! of all rooms. `telemetry` is the messages of all rooms; calibrator and self_calibration tell them to whoever calls.
 //!
 //! Frames: n local level (east, north, up); b vehicle, which is r at gimbal angles (0, 0); r fixed to the inner gimbal, x
@@ -35,6 +37,7 @@ pub mod device;
 pub mod drivers;
 pub mod error_model;
 pub mod estimator;
+pub mod gimbal;
 pub mod intake;
 pub mod kalman;
 pub mod linear;
@@ -45,6 +48,7 @@ pub mod options;
 pub mod policy;
 pub mod profile;
 pub mod queue;
+pub mod rate_axis;
 pub mod rehearsal;
 pub mod sample;
 pub mod scatter;
@@ -52,6 +56,7 @@ pub mod scheme;
 pub mod segment;
 pub mod self_calibration;
 pub mod sequencer;
+pub mod servo;
 pub mod site;
 pub mod store;
 pub mod telemetry;

@@ -131,15 +131,15 @@ pub fn along_scheme(
         let Leg { outer_rad, inner_rad, stop_s } = *leg;
         let move_s = scheme.move_s(outer_rad - from.0).max(scheme.move_s(inner_rad - from.1));
         let [outer, inner] = [outer_rad - from.0, inner_rad - from.1]
-            .map(|way| Profile::new(way, scheme.rate_rad_s, scheme.acceleration_rad_s2));
+            .map(|way| Profile::trapezoid(way, scheme.rate_rad_s, scheme.acceleration_rad_s2));
         let rows = ComplexField::ceil(move_s / ROW_S) as u32;
         for row in 1..rows {
             let at_s = move_s * f64::from(row) / f64::from(rows);
-            let ((outer, outer_rate), (inner, inner_rate)) = (outer.at(at_s), inner.at(at_s));
-            let rot_inner = crate::error_model::frame_rotation_z::<f64>(Angle::from_rad(from.1 + inner));
-            let rot_outer = crate::error_model::frame_rotation_x::<f64>(Angle::from_rad(from.0 + outer));
-            let omega_g =
-                rot_inner * (Vector3::x() * outer_rate + rot_outer * earth_rate_b) + Vector3::z() * inner_rate;
+            let (outer, inner) = (outer.at(at_s), inner.at(at_s));
+            let rot_inner = crate::error_model::frame_rotation_z::<f64>(Angle::from_rad(from.1 + inner.angle_rad));
+            let rot_outer = crate::error_model::frame_rotation_x::<f64>(Angle::from_rad(from.0 + outer.angle_rad));
+            let omega_g = rot_inner * (Vector3::x() * outer.rate_rad_s + rot_outer * earth_rate_b)
+                + Vector3::z() * inner.rate_rad_s;
             stripped.add(&turn_matrix(&omega_g, scheme.rate_rad_s));
             report(time_s + at_s, &stripped.observability());
         }

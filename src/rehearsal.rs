@@ -56,7 +56,7 @@ impl Turning {
     }
 
     fn profile(&self, way_rad: f64) -> Profile<f64> {
-        Profile::new(way_rad, self.rate_rad_s, self.acceleration_rad_s2)
+        Profile::trapezoid(way_rad, self.rate_rad_s, self.acceleration_rad_s2)
     }
 
     /// Time from one stop to another, s.
@@ -110,8 +110,8 @@ pub fn move_segment<T: Real>(from: &Stand, to: &Stand, turning: &Turning) -> Seg
     let step_s = move_s / f64::from(STEPS);
     let mut outer_before = 0.0;
     for step in 0..STEPS {
-        let middle = profiles.map(|profile| profile.at((f64::from(step) + 0.5) * step_s).0);
-        let outer_after = profiles[0].at(f64::from(step + 1) * step_s).0;
+        let middle = profiles.map(|profile| profile.at((f64::from(step) + 0.5) * step_s).angle_rad);
+        let outer_after = profiles[0].at(f64::from(step + 1) * step_s).angle_rad;
         add(middle, step_s, outer_after - outer_before);
         outer_before = outer_after;
     }

@@ -153,7 +153,7 @@ impl Scheme {
 
     /// Time of a trapezoidal (or, where it is short, triangular) move by `angle_rad`, s.
     pub fn move_s(&self, angle_rad: f64) -> f64 {
-        Profile::new(angle_rad, self.rate_rad_s, self.acceleration_rad_s2).duration_s()
+        Profile::trapezoid(angle_rad, self.rate_rad_s, self.acceleration_rad_s2).duration_s()
     }
 
     /// Nominal duration of all stops and moves, s, without settling beyond the stops' own time.

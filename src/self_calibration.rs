@@ -5,12 +5,13 @@
 //! whether they were taken, and stores [`SelfCalibration::record`] when asked to.
 
 use crate::angle::{Angle, ticks_to_rad};
-use crate::axis::{Axis, AxisLimits};
+use crate::axis::AxisLimits;
 use crate::calibrator::{Calibrator, CalibratorConfig};
 use crate::error_model::{Calibration, PARAMETER_INFO};
 use crate::estimator::{BASIC_STATES, Estimate, FULL_STATES, HeadingSource, MAX_SEGMENTS, Solution};
 use crate::linear::{Real, real};
 use crate::policy::{Cause, Decision, Moment, PowerUpPolicy};
+use crate::rate_axis::Axis;
 use crate::sample::{CorrectedSample, RawSample};
 use crate::scheme::{Scheme, SchemeError};
 use crate::segment::LONGEST_GAP_US;

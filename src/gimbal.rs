@@ -1,0 +1,220 @@
+//! Both gimbal axes as one thing: the control interrupt calls [`Gimbal::control`] once a millisecond, the main loop gives
+//! commands and looks at the status.
+//!
+//! ```text
+//!                hold, move_to                       release
+//!   Released ------------------> Obeying ---------------------------> Releasing --(both at rest)--> Released
+//!      ^                         ^     |
+//!      |            hold, move_to|     | a fault
+//!      |                         |     v
+//!      +-----------release------ Stopped(fault)
+//! ```
+//! Whatever fails, both axes stop. Each in the best way that is left to it:
+//!
+//! | fault | the axis that has it | the other one |
+//! |---|---|---|
+//! | following error, end of travel | brakes under control | brakes under control |
+//! | stall, runaway, encoder | winding shorted: what it turns, it brakes | brakes under control |
+//! | overcurrent, a bridge that takes no duty | winding open | brakes under control |
+//!
+//! An axis that fails while it brakes, or for a second time, is shorted. The first fault stays until the next command, and
+//! says axis, angle and number. Moves begin when both axes stand. Nothing is controlled before the first command.
+
+pub mod fault;
+
+use crate::angle::Angle;
+use crate::axis::{Axis, AxisLimits};
+use crate::linear::Real;
+use crate::servo::{Drive, MotorAndLoad, PERIOD_US};
+pub use fault::{BridgeFault, EncoderFault, Fault, FaultKind};
+
+/// What the axes shall do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum MotionCommand {
+    /// Come to rest and stay there, under control.
+    Hold,
+    /// Come to rest; then nothing is controlled, and the windings are shorted.
+    Release,
+    /// Go to these angles. Both axes start together.
+    MoveTo {
+        /// Outer and inner angle, counted over whole turns, rad.
+        angles_rad: [f64; 2],
+        /// Highest rate, rad/s.
+        rate_rad_s: f64,
+        /// Mean acceleration of a ramp, rad/s^2.
+        acceleration_rad_s2: f64,
+    },
+}
+
+/// What the control interrupt has read.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sensed {
+    /// Outer and inner encoder.
+    pub encoders: [Result<Angle, EncoderFault>; 2],
+    /// What the bridges of the outer and the inner motor have to say.
+    pub bridges: [Result<(), BridgeFault>; 2],
+}
+
+/// How the axes are.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct GimbalStatus {
+    /// Time of the last control period, us.
+    pub time_us: u64,
+    /// Both stand where they were told to go.
+    pub arrived: bool,
+    /// Neither turns, as far as can be known.
+    pub at_rest: bool,
+    /// Nominal duration of the move under way, us.
+    pub move_us: u64,
+    /// Distance of the outer and the inner axis from where they should be, rad.
+    pub following_rad: [f64; 2],
+    /// What stopped them.
+    pub fault: Option<Fault>,
+}
+
+/// A move to come.
+#[derive(Clone, Copy, Debug)]
+struct Move {
+    angles_rad: [f64; 2],
+    rate_rad_s: f64,
+    acceleration_rad_s2: f64,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum State {
+    Released,
+    /// The move begins when both axes stand.
+    Obeying(Option<Move>),
+    Releasing,
+    Stopped(Fault),
+}
+
+/// Both axes.
+#[derive(Clone, Debug)]
+pub struct Gimbal<T: Real> {
+    axes: [Axis<T>; 2],
+    state: State,
+    time_us: Option<u64>,
+    move_us: u64,
+}
+
+impl<T: Real> Gimbal<T> {
+    /// Axes whose encoders have not been read yet.
+    pub fn new(limits: &[AxisLimits; 2], motors: &[MotorAndLoad; 2]) -> Self {
+        let ([outer, inner], [outer_motor, inner_motor]) = (limits, motors);
+        Self {
+            axes: [Axis::new(outer, outer_motor), Axis::new(inner, inner_motor)],
+            state: State::Released,
+            time_us: None,
+            move_us: 0,
+        }
+    }
+
+    /// One control period: what the bridges of the outer and the inner motor are told until the next one.
+    pub fn control(&mut self, now_us: u64, sensed: &Sensed) -> [Drive<T>; 2] {
+        let since_us = self.time_us.map_or(PERIOD_US, |before_us| now_us.saturating_sub(before_us));
+        self.time_us = Some(now_us);
+        for (axis, reading) in self.axes.iter_mut().zip(sensed.encoders) {
+            axis.observe(reading, since_us.saturating_add(PERIOD_US / 2) / PERIOD_US);
+        }
+        self.watch(now_us, sensed);
+        self.proceed(now_us);
+        self.axes.each_mut().map(|axis| axis.drive(now_us))
+    }
+
+    /// Takes a command. It ends what was under way, and forgets the fault.
+    pub fn command(&mut self, command: MotionCommand) {
+        let now_us = self.time_us.unwrap_or(0);
+        self.state = match command {
+            MotionCommand::Hold => State::Obeying(None),
+            MotionCommand::Release => State::Releasing,
+            MotionCommand::MoveTo { angles_rad, rate_rad_s, acceleration_rad_s2 } => {
+                if let Some(fault) = self.out_of_reach(angles_rad) {
+                    return self.stop(fault, now_us);
+                }
+                State::Obeying(Some(Move { angles_rad, rate_rad_s, acceleration_rad_s2 }))
+            }
+        };
+        if !matches!(self.state, State::Releasing) {
+            self.axes.iter_mut().for_each(|axis| axis.hold(now_us));
+        }
+        self.proceed(now_us);
+    }
+
+    /// How the axes are.
+    pub fn status(&self) -> GimbalStatus {
+        let now_us = self.time_us.unwrap_or(0);
+        let waits = matches!(self.state, State::Obeying(Some(_)));
+        let fault = if let State::Stopped(fault) = self.state { Some(fault) } else { None };
+        GimbalStatus {
+            time_us: now_us,
+            arrived: !waits && self.axes.iter().all(|axis| axis.has_arrived(now_us)),
+            at_rest: !waits && self.axes.iter().all(|axis| axis.is_at_rest(now_us)),
+            move_us: self.move_us,
+            following_rad: self.axes.each_ref().map(|axis| axis.off_rad(now_us)),
+            fault,
+        }
+    }
+
+    /// Looks for faults, and stops both axes for the first.
+    fn watch(&mut self, now_us: u64, sensed: &Sensed) {
+        for (index, bridge) in (0_u8..).zip(sensed.bridges) {
+            let Some(axis) = self.axes.get_mut(usize::from(index)) else { continue };
+            let fault = axis.fault(now_us);
+            // Of a bridge that drives nothing, nothing is to be said.
+            let of_bridge = bridge.err().filter(|_| axis.is_controlled()).map(FaultKind::Bridge);
+            let kind = of_bridge.or(fault);
+            // An axis that brakes beyond the end of its travel is doing what it can.
+            let stopping = matches!(self.state, State::Stopped(_));
+            if let Some(kind) = kind.filter(|kind| !(stopping && matches!(kind, FaultKind::Travel { .. }))) {
+                let angle_rad = axis.angle_rad();
+                self.stop(Fault { axis: index, angle_rad, kind }, now_us);
+            }
+        }
+    }
+
+    fn stop(&mut self, fault: Fault, now_us: u64) {
+        let failed_again = matches!(self.state, State::Stopped(_));
+        for (index, axis) in (0_u8..).zip(&mut self.axes) {
+            if matches!(fault.kind, FaultKind::Bridge(_)) && fault.axis == index {
+                axis.free(Drive::Off, now_us);
+            } else if fault.axis == index && (failed_again || !fault.kind.is_controllable()) {
+                axis.free(Drive::Brake, now_us);
+            } else if !failed_again {
+                axis.stop(now_us);
+            }
+        }
+        if !failed_again {
+            self.state = State::Stopped(fault);
+        }
+    }
+
+    /// Goes on where the axes have come to rest.
+    fn proceed(&mut self, now_us: u64) {
+        match self.state {
+            State::Obeying(Some(next)) if self.axes.iter().all(Axis::is_holding) => {
+                for (axis, target_rad) in self.axes.iter_mut().zip(next.angles_rad) {
+                    let limits = axis.motion_limits(next.rate_rad_s, next.acceleration_rad_s2);
+                    axis.move_to(target_rad, &limits, now_us);
+                }
+                self.move_us = self.axes.iter().map(Axis::move_us).max().unwrap_or(0);
+                self.state = State::Obeying(None);
+            }
+            State::Releasing => {
+                self.axes.iter_mut().for_each(|axis| axis.stop(now_us));
+                if self.axes.iter().all(|axis| axis.is_at_rest(now_us)) {
+                    self.axes.iter_mut().for_each(|axis| axis.free(Drive::Brake, now_us));
+                    self.state = State::Released;
+                }
+            }
+            State::Released | State::Obeying(_) | State::Stopped(_) => {}
+        }
+    }
+
+    fn out_of_reach(&self, angles_rad: [f64; 2]) -> Option<Fault> {
+        let mut targets = (0_u8..).zip(&self.axes).zip(angles_rad);
+        let ((index, axis), target_rad) = targets.find(|((_, axis), target_rad)| !axis.reaches(*target_rad))?;
+        let kind = FaultKind::Travel { limit_rad: axis.nearest_within(target_rad) };
+        Some(Fault { axis: index, angle_rad: axis.angle_rad(), kind })
+    }
+}
