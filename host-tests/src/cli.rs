@@ -22,7 +22,7 @@ use std::process::ExitCode;
 pub enum Ending {
     /// Done, or the calibration is accepted: status 0.
     Done,
-    /// The calibration is not accepted: status 2.
+    /// The calibration is not accepted, or two results differ: status 2.
     NotAccepted,
 }
 

@@ -3,7 +3,7 @@
 //! ```text
 //! unit, presets, scheme_file -> kinematics, encoder -> virtual_rins -> drive \
 //!                                                                             plant -> the core
-//!                                                           CSV file -> log  /
+//!                                                               file -> log  /
 //!
 //! virtual_run, replay -> calibration -> report, table -> cli
 //! closed_loop, prediction -> plot, monte_carlo -^

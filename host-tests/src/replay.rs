@@ -1,7 +1,7 @@
 //! A log through the core's chain.
 
 use crate::calibration::{Outcome, Precision, Setup};
-use crate::log::{LogError, LogReader};
+use crate::log::{Layout, LogError, LogReader};
 use crate::plant::Reading;
 use crate::quantity::significant;
 use crate::unit::UnitConfig;
@@ -103,6 +103,8 @@ impl Fastest {
 pub struct Replay {
     /// The log.
     pub path: PathBuf,
+    /// What it has in which columns.
+    pub layout: Layout,
     /// Unit and site.
     pub unit: UnitConfig,
     /// Joint or two-stage.
@@ -124,7 +126,7 @@ impl Replay {
         mut on_rows: impl FnMut(u64),
         mut on_segment: impl FnMut(&Progress),
     ) -> Result<Outcome, ReplayError> {
-        let reader = LogReader::open(&self.path)?;
+        let reader = LogReader::open_as(&self.path, &self.layout)?;
         let rate_hz = self.rate_hz(&reader)?;
         let setup = Setup::new(&self.unit, rate_hz, self.method, self.precision);
         let mut chain = Setup { options: self.options, ..setup }.chain();
@@ -163,7 +165,7 @@ impl Replay {
     /// The log is no log, or has a wrong row among the first few thousand.
     pub fn other_rate_hz(&self) -> Result<Option<[f64; 2]>, ReplayError> {
         let Some(configured) = self.unit.sampling.rate_hz else { return Ok(None) };
-        let interval_us = LogReader::open(&self.path)?.interval_us();
+        let interval_us = LogReader::open_as(&self.path, &self.layout)?.interval_us();
         let measured = interval_us.map(|interval_us| 1e6 / interval_us as f64);
         let differs = |measured: &f64| (measured / configured - 1.0).abs() > RATE_TOLERANCE;
         Ok(measured.filter(differs).map(|measured| [configured, measured]))

@@ -208,7 +208,7 @@ fn logs_without_stops_or_moves_and_what_is_no_log_are_refused() {
 
 #[test]
 fn wrong_arguments_and_configurations_are_refused_in_one_line() {
-    assert!(refused(&["replay"]).contains("<LOG.csv>"));
+    assert!(refused(&["replay"]).contains("<LOG>"));
     assert!(refused(&["bogus"]).contains("unrecognized subcommand 'bogus'"));
     assert!(refused(&["calibrate", "--stop", "-3"]).contains("--stop"));
     let names = "table1, table3, real, random, random:1deg, random:tactical, or a file";
@@ -246,7 +246,7 @@ fn files_that_would_be_lost_or_cannot_be_written_are_refused_before_the_run() {
     let copy = scratch("copy.csv.gz");
     fs::copy(data("sample.csv.gz"), &copy).unwrap();
     let message = refused(&["replay", &copy, "--csv-estimates", &copy]);
-    assert_eq!(message, "--csv-estimates would overwrite LOG.csv: copy.csv.gz");
+    assert_eq!(message, "--csv-estimates would overwrite LOG: copy.csv.gz");
     assert_eq!(fs::read(&copy).unwrap(), fs::read(data("sample.csv.gz")).unwrap());
     let nowhere = scratch("no-such-folder/out.html");
     for command in [&["calibrate"][..], &["replay", &copy]] {

@@ -157,13 +157,16 @@ pub struct SimulateArguments {
 
 #[derive(Debug, Args)]
 pub struct ReplayArguments {
-    /// The log, CSV, plain or compressed
-    #[arg(value_name = "LOG.csv")]
+    /// The log: CSV, Parquet or a raw matrix; all but Parquet also compressed with gzip
+    #[arg(value_name = "LOG")]
     pub log: PathBuf,
     /// Site, noise and more of the unit [default: Bai's site, noise "navigation"]
     #[arg(long, value_name = "UNIT.toml")]
     pub config: Option<PathBuf>,
     #[command(flatten)]
+    /// What the log has in which columns and units [default: the standard ones]
+    #[arg(long, value_name = "MAP.toml")]
+    pub mapping: Option<PathBuf>,
     pub method: MethodArguments,
     /// Write the result
     #[arg(long, value_name = "OUT.json")]

@@ -5,6 +5,7 @@ use super::arguments::ReplayArguments;
 use super::output::{say, sayln};
 use super::{files, progress};
 use crate::calibration::Outcome;
+use crate::log::{Layout, Mapping};
 use crate::page::write_page;
 use crate::quantity;
 use crate::replay::{Replay, config_beside};
@@ -20,7 +21,8 @@ use std::path::Path;
 
 pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
     let inputs = [
-        ("LOG.csv", Some(arguments.log.as_path())),
+        ("LOG", Some(arguments.log.as_path())),
+        ("--mapping", arguments.mapping.as_deref()),
         ("--config", arguments.config.as_deref()),
         ("--truth", arguments.truth.as_deref()),
     ];
@@ -34,6 +36,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
     let (unit, origin) = unit(arguments)?;
     let replay = Replay {
         path: arguments.log.clone(),
+        layout: layout(&arguments.log, arguments.mapping.as_deref())?,
         unit,
         method: arguments.method.method(),
         precision: arguments.method.precision,
@@ -83,6 +86,11 @@ pub fn report(
         sayln!("report: {}", path.display());
     }
     Ok(if outcome.is_in_use() { Ending::Done } else { Ending::NotAccepted })
+}
+
+/// Of a log, by its mapping where it has one.
+pub fn layout(log: &Path, mapping: Option<&Path>) -> anyhow::Result<Layout> {
+    Ok(mapping.map_or_else(|| Ok(Layout::standard(log)), |mapping| Mapping::read(mapping, log))?)
 }
 
 fn unit(arguments: &ReplayArguments) -> anyhow::Result<(UnitConfig, Origin)> {

@@ -1,0 +1,160 @@
+//! From a row as it is in the file to a reading: units, axes, time.
+//!
+//! A sample is that of an interval; its time is the interval's middle. Where the stamp denotes its start or end, half an
+//! interval is added or taken off. Where the encoders are read at the start or end, the angles at the middle are
+//! interpolated between two rows; the first or last row keeps its own.
+
+use super::error::{Fault, LATEST_S, LogError};
+use super::layout::{Encoder, Fields, Layout, Triad};
+use super::mapping::Moment;
+use crate::plant::Reading;
+use std::f64::consts::{PI, TAU};
+use std::path::{Path, PathBuf};
+
+/// Steps within this part of the median make the mean interval.
+const REGULAR: f64 = 0.5;
+
+/// What turns rows into readings.
+pub(super) struct Conversion {
+    path: PathBuf,
+    layout: Layout,
+    /// Median of the stamps' steps, us.
+    interval_us: Option<u64>,
+    gyro: Triad,
+    accel: Triad,
+    /// Added to a stamp, s.
+    shift_s: f64,
+    /// By how much the angles are later than the middle, us.
+    angles_late_us: f64,
+    rows: u64,
+    previous_us: u64,
+}
+
+impl Conversion {
+    /// With the first rows, which give the sample interval.
+    pub(super) fn new(path: &Path, layout: &Layout, head: &[(u64, Fields)]) -> Result<Self, LogError> {
+        let stamps: Vec<f64> = match layout.rate_hz {
+            Some(rate_hz) if layout.wanted[0].is_none() => (0..head.len()).map(|row| row as f64 / rate_hz).collect(),
+            _ => head.iter().map(|(_, fields)| fields[0] * layout.time_factor_s).collect(),
+        };
+        let interval_s = layout.rate_hz.map(f64::recip).or_else(|| mean_interval_s(&stamps));
+        let needed = layout.gyro.is_increment || layout.accel.is_increment || layout.stamp != Moment::Middle;
+        if needed && interval_s.is_none() {
+            return Err(LogError::at(path, head[0].0, Fault::NoInterval(layout.column_name(0))));
+        }
+        let interval_s = interval_s.unwrap_or(0.0);
+        let per_interval = |triad: Triad| Triad {
+            factor: if triad.is_increment { triad.factor / interval_s } else { triad.factor },
+            ..triad
+        };
+        // A log that begins at zero keeps its stamps.
+        let shift_s = (-half(layout.stamp) * interval_s).max(-stamps[0].max(0.0));
+        Ok(Self {
+            path: path.into(),
+            layout: layout.clone(),
+            interval_us: median_interval_us(&stamps),
+            gyro: per_interval(layout.gyro),
+            accel: per_interval(layout.accel),
+            shift_s,
+            angles_late_us: half(layout.angles) * interval_s * 1e6,
+            rows: 0,
+            previous_us: 0,
+        })
+    }
+
+    pub(super) fn interval_us(&self) -> Option<u64> {
+        self.interval_us
+    }
+
+    pub(super) fn angles_late_us(&self) -> f64 {
+        self.angles_late_us
+    }
+
+    /// The row's reading, with the angles as they were read.
+    pub(super) fn reading(&mut self, line: u64, fields: &Fields) -> Result<Reading, LogError> {
+        let time_us = self.time_us(fields[0]).map_err(|fault| LogError::at(&self.path, line, fault))?;
+        let [_, gx, gy, gz, ax, ay, az, outer, inner, temperature] = *fields;
+        Ok(Reading {
+            time_us,
+            omega_g: self.gyro.apply([gx, gy, gz]),
+            force_a: self.accel.apply([ax, ay, az]),
+            outer_rad: self.layout.encoders[0].apply(outer),
+            inner_rad: self.layout.encoders[1].apply(inner),
+            temperature_c: (temperature + self.layout.temperature_offset_c) as f32,
+        })
+    }
+
+    fn time_us(&mut self, stamp: f64) -> Result<u64, Fault> {
+        let counted = self.rows as f64;
+        self.rows += 1;
+        let time_s = match self.layout.rate_hz {
+            Some(rate_hz) if self.layout.wanted[0].is_none() => counted / rate_hz,
+            _ => stamp * self.layout.time_factor_s,
+        };
+        let column = || self.layout.column_name(0);
+        if !(0.0..=LATEST_S).contains(&time_s) {
+            return Err(Fault::TimeRange { column: column(), time_s, scaled: self.layout.time_factor_s != 1.0 });
+        }
+        let time_us = ((time_s + self.shift_s) * 1e6).round() as u64;
+        if time_us < self.previous_us {
+            return Err(Fault::TimeBack { column: column(), time_us, previous_us: self.previous_us });
+        }
+        self.previous_us = time_us;
+        Ok(time_us)
+    }
+}
+
+impl Triad {
+    fn apply(&self, columns: [f64; 3]) -> [f64; 3] {
+        self.axes.map(|(axis, sign)| sign * self.factor * columns[axis])
+    }
+}
+
+impl Encoder {
+    fn apply(&self, reading: f64) -> f64 {
+        (reading - self.zero) * self.factor
+    }
+}
+
+impl Reading {
+    /// Turns the angles towards those of another row by `by_us` of the time between.
+    pub(super) fn turn_towards(&mut self, other: &Self, by_us: f64) {
+        let between_us = other.time_us.abs_diff(self.time_us) as f64;
+        if between_us > 0.0 {
+            let part = (by_us / between_us).min(1.0);
+            self.outer_rad += part * shorter_way(self.outer_rad, other.outer_rad);
+            self.inner_rad += part * shorter_way(self.inner_rad, other.inner_rad);
+        }
+    }
+}
+
+/// From one angle to the other, whatever their turns.
+fn shorter_way(from_rad: f64, to_rad: f64) -> f64 {
+    (to_rad - from_rad + PI).rem_euclid(TAU) - PI
+}
+
+/// A moment of the interval, from its middle.
+fn half(moment: Moment) -> f64 {
+    match moment {
+        Moment::Start => -0.5,
+        Moment::Middle => 0.0,
+        Moment::End => 0.5,
+    }
+}
+
+fn median_interval_us(stamps_s: &[f64]) -> Option<u64> {
+    let us = |stamp: f64| (stamp * 1e6).round();
+    let steps = stamps_s.windows(2).map(|pair| us(pair[1]) - us(pair[0]));
+    let mut steps: Vec<u64> = steps.filter(|step| *step >= 1.0).map(|step| step as u64).collect();
+    steps.sort_unstable();
+    steps.get(steps.len() / 2).copied()
+}
+
+/// The mean of the regular steps: gaps and repeats are left out, and rounded stamps average.
+fn mean_interval_s(stamps_s: &[f64]) -> Option<f64> {
+    let median_s = median_interval_us(stamps_s)? as f64 * 1e-6;
+    let steps = stamps_s.windows(2).map(|pair| pair[1] - pair[0]);
+    let regular = steps.filter(|step| (step / median_s - 1.0).abs() < REGULAR);
+    let (count, sum) = regular.fold((0_u32, 0.0), |(count, sum), step| (count + 1, sum + step));
+    (count > 0).then(|| sum / f64::from(count))
+}

@@ -1,0 +1,272 @@
+//! A mapping with every number checked: which columns to read, and what to make of them.
+
+use super::mapping::{Column, EncoderTable, Mapping, Moment, TriadTable, Wrong};
+use super::unit_names::{ACCEL_UNITS, ANGLE_UNITS, GYRO_UNITS, TEMPERATURE_UNITS, TIME_UNITS, Unit, named};
+use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
+use std::path::Path;
+
+/// Fields of a row: time, gyros x y z, accelerometers x y z, outer, inner, temperature.
+pub const FIELDS: usize = 10;
+/// A row as it is in the file; NaN where there is no such column.
+pub type Fields = [f64; FIELDS];
+
+/// Position of the temperature in [`Fields`].
+pub(super) const TEMPERATURE: usize = 9;
+/// 0 deg C, K.
+const ZERO_C_K: f64 = 273.15;
+/// Most columns of a matrix.
+const MOST_COLUMNS: usize = 4096;
+
+/// Kind of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Format {
+    /// Lines of numbers.
+    Text,
+    /// Raw little-endian double precision numbers, row by row.
+    F64,
+    /// Raw little-endian single precision numbers, row by row.
+    F32,
+    /// Apache Parquet.
+    Parquet,
+}
+
+impl Format {
+    /// By the name of a file, without `.gz`.
+    pub fn of(path: &Path) -> Self {
+        let name = path.file_name().map(|name| name.to_string_lossy().to_lowercase()).unwrap_or_default();
+        match name.strip_suffix(".gz").unwrap_or(&name).rsplit_once('.').map(|(_, ending)| ending) {
+            Some("f64") => Self::F64,
+            Some("f32") => Self::F32,
+            Some("parquet" | "pq") => Self::Parquet,
+            _ => Self::Text,
+        }
+    }
+
+    /// Whether it is a raw matrix.
+    pub fn is_matrix(self) -> bool {
+        matches!(self, Self::F64 | Self::F32)
+    }
+}
+
+/// A field's column.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Wanted {
+    /// The column.
+    pub column: Column,
+    /// Whether it must be there, and finite in every row.
+    pub required: bool,
+}
+
+/// Three axes of a sensor: factor to SI, and which of the columns' axes the IMU's are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Triad {
+    pub factor: f64,
+    pub is_increment: bool,
+    pub axes: [(usize, f64); 3],
+}
+
+/// An encoder: factor to radians, with sign, and the reading at zero.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Encoder {
+    pub factor: f64,
+    pub zero: f64,
+}
+
+/// A checked mapping.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layout {
+    /// Kind of the file.
+    pub format: Format,
+    pub(super) delimiter: u8,
+    pub(super) decimal_comma: bool,
+    pub(super) skip_rows: u64,
+    pub(super) has_header: bool,
+    pub(super) matrix_columns: usize,
+    pub(super) wanted: [Option<Wanted>; FIELDS],
+    pub(super) time_factor_s: f64,
+    pub(super) rate_hz: Option<f64>,
+    pub(super) stamp: Moment,
+    pub(super) angles: Moment,
+    pub(super) gyro: Triad,
+    pub(super) accel: Triad,
+    pub(super) encoders: [Encoder; 2],
+    pub(super) temperature_offset_c: f64,
+}
+
+impl Layout {
+    /// Without a mapping: the standard log, or the standard matrix.
+    pub fn standard(log: &Path) -> Self {
+        Mapping::default().layout(log).expect("the default mapping is right")
+    }
+
+    /// The sample rate that the mapping gives, Hz.
+    pub fn rate_hz(&self) -> Option<f64> {
+        self.rate_hz
+    }
+
+    /// Name or number of a field's column.
+    pub(super) fn column_name(&self, field: usize) -> String {
+        self.wanted[field].as_ref().map_or_else(|| "of the time".into(), |wanted| wanted.column.to_string())
+    }
+}
+
+impl Mapping {
+    pub(super) fn check(self, format: Format) -> Result<Layout, Wrong> {
+        let stamp = self.time.stamp.unwrap_or_default();
+        let time = self.unit("time", &TIME_UNITS, self.time.unit.as_deref())?;
+        let temperature = self.unit("temperature", &TEMPERATURE_UNITS, self.temperature.unit.as_deref())?;
+        let layout = Layout {
+            format,
+            delimiter: self.delimiter()?,
+            decimal_comma: self.text.decimal_comma,
+            skip_rows: self.text.skip_rows,
+            has_header: self.text.header,
+            matrix_columns: self.matrix.columns,
+            wanted: self.wanted(),
+            time_factor_s: time.si * positive("time", "scale", self.time.scale)?,
+            rate_hz: rate("time", self.time.rate_hz)?,
+            stamp,
+            angles: self.time.angles.unwrap_or(stamp),
+            gyro: triad("gyro", &self.gyro, &GYRO_UNITS)?,
+            accel: triad("accel", &self.accel, &ACCEL_UNITS)?,
+            encoders: [encoder("outer", &self.outer)?, encoder("inner", &self.inner)?],
+            temperature_offset_c: if temperature.name == "K" { -ZERO_C_K } else { 0.0 },
+        };
+        self.check_columns(&layout)?;
+        Ok(layout)
+    }
+
+    fn unit(&self, table: &'static str, units: &[Unit], name: Option<&str>) -> Result<Unit, Wrong> {
+        name.map_or(Ok(units[0]), |name| named(units, name)).map_err(|what| (table, "unit", what))
+    }
+
+    fn delimiter(&self) -> Result<u8, Wrong> {
+        let wrong = |what: &str| Err(("text", "delimiter", what.to_string()));
+        match self.text.delimiter.as_str() {
+            "," if self.text.decimal_comma => wrong("\",\", and decimal_comma = true"),
+            "," => Ok(b','),
+            ";" => Ok(b';'),
+            "tab" | "\t" => Ok(b'\t'),
+            _ => wrong("must be \",\", \";\" or \"tab\""),
+        }
+    }
+
+    fn wanted(&self) -> [Option<Wanted>; FIELDS] {
+        let required = |column: &Column| Wanted { column: column.clone(), required: true };
+        let triad = |table: &TriadTable, axis: usize| table.columns.as_ref().map(|columns| required(&columns[axis]));
+        std::array::from_fn(|field| match field {
+            0 => self.time.column.as_ref().map(required),
+            1..=3 => triad(&self.gyro, field - 1),
+            4..=6 => triad(&self.accel, field - 4),
+            7 => self.outer.column.as_ref().map(required),
+            8 => self.inner.column.as_ref().map(required),
+            _ => {
+                let (column, required) = self.temperature_column();
+                Some(Wanted { column, required })
+            }
+        })
+    }
+
+    /// Columns by name need names; no column is there for two fields.
+    fn check_columns(&self, layout: &Layout) -> Result<(), Wrong> {
+        let matrix = layout.format.is_matrix();
+        if matrix && !(1..=MOST_COLUMNS).contains(&layout.matrix_columns) {
+            return Err(("matrix", "columns", format!("must be between 1 and {MOST_COLUMNS}")));
+        }
+        let nameless = matrix || (layout.format == Format::Text && !layout.has_header);
+        let mut seen: Vec<&Column> = Vec::new();
+        for (field, wanted) in layout.wanted.iter().enumerate() {
+            let Some(Wanted { column, required: true }) = wanted else { continue };
+            let (table, key) = place(field);
+            match column {
+                Column::Name(name) if nameless => {
+                    return Err((
+                        table,
+                        key,
+                        format!("\"{name}\": the log has no names of columns, only numbers from 1"),
+                    ));
+                }
+                Column::Number(number) if matrix && *number > layout.matrix_columns => {
+                    return Err((table, key, format!("{number}: the matrix has {} columns", layout.matrix_columns)));
+                }
+                _ if seen.contains(&column) => return Err((table, key, format!("column {column} is used twice"))),
+                _ => seen.push(column),
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Where a mapping says which column a field is.
+fn place(field: usize) -> (&'static str, &'static str) {
+    match field {
+        0 => ("time", "column"),
+        1..=3 => ("gyro", "columns"),
+        4..=6 => ("accel", "columns"),
+        7 => ("outer", "column"),
+        8 => ("inner", "column"),
+        _ => ("temperature", "column"),
+    }
+}
+
+fn positive(table: &'static str, key: &'static str, value: Option<f64>) -> Result<f64, Wrong> {
+    let value = value.unwrap_or(1.0);
+    if value.is_finite() && value > 0.0 { Ok(value) } else { Err((table, key, "must be finite and positive".into())) }
+}
+
+fn rate(table: &'static str, rate_hz: Option<f64>) -> Result<Option<f64>, Wrong> {
+    match rate_hz {
+        Some(rate) if !(1.0..=100_000.0).contains(&rate) => {
+            Err((table, "rate_hz", "must be between 1 and 100000".into()))
+        }
+        rate => Ok(rate),
+    }
+}
+
+fn triad(name: &'static str, table: &TriadTable, units: &[Unit]) -> Result<Triad, Wrong> {
+    let unit = table.unit.as_deref().map_or(Ok(units[0]), |unit| named(units, unit));
+    let unit = unit.map_err(|what| (name, "unit", what))?;
+    let scale = table.scale.unwrap_or(1.0);
+    if !scale.is_finite() || scale == 0.0 {
+        return Err((name, "scale", "must be finite and not zero".into()));
+    }
+    let wrong = || (name, "axes", "must be x, y and z in some order, each with or without \"-\"".to_string());
+    let axes = table.axes.as_ref().map_or(Some([(0, 1.0), (1, 1.0), (2, 1.0)]), parsed_axes).ok_or_else(wrong)?;
+    Ok(Triad { factor: unit.si * scale, is_increment: unit.is_increment, axes })
+}
+
+/// Each axis once.
+fn parsed_axes(names: &[String; 3]) -> Option<[(usize, f64); 3]> {
+    let mut axes = [(0, 0.0); 3];
+    let mut seen = [false; 3];
+    for (axis, name) in axes.iter_mut().zip(names) {
+        let (sign, letter) = name.strip_prefix('-').map_or((1.0, name.as_str()), |rest| (-1.0, rest));
+        let number = ["x", "y", "z"].iter().position(|other| *other == letter)?;
+        if std::mem::replace(&mut seen[number], true) {
+            return None;
+        }
+        *axis = (number, sign);
+    }
+    Some(axes)
+}
+
+fn encoder(name: &'static str, table: &EncoderTable) -> Result<Encoder, Wrong> {
+    let unit = table.unit.as_deref().map_or(Ok(ANGLE_UNITS[0]), |unit| named(&ANGLE_UNITS, unit));
+    let unit = unit.map_err(|what| (name, "unit", what))?;
+    let factor = match (unit.name, table.counts_per_turn) {
+        ("counts", None) => return Err((name, "unit", "counts need counts_per_turn".into())),
+        ("counts", counts) => TAU / positive(name, "counts_per_turn", counts)?,
+        (_, None) => unit.si,
+        (other, Some(_)) => {
+            return Err((name, "counts_per_turn", format!("goes with unit \"counts\", not \"{other}\"")));
+        }
+    };
+    let zero = table.zero.unwrap_or(0.0);
+    if !zero.is_finite() {
+        return Err((name, "zero", "must be finite".into()));
+    }
+    let sign = if table.reversed == Some(true) { -1.0 } else { 1.0 };
+    Ok(Encoder { factor: factor * sign, zero })
+}

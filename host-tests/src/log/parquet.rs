@@ -1,0 +1,183 @@
+//! Apache Parquet: columns of numbers, read in batches.
+
+use super::error::{Fault, LogError};
+use super::layout::{FIELDS, Fields, Layout, TEMPERATURE, Wanted};
+use super::mapping::Column;
+use super::reader::{RawRows, open_file};
+use parquet::basic::Type as PhysicalType;
+use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
+use parquet::data_type::DataType;
+use parquet::errors::ParquetError;
+use parquet::file::reader::{FileReader, RowGroupReader, SerializedFileReader};
+use parquet::schema::types::ColumnDescPtr;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+/// Rows read at once from every column.
+const BATCH: usize = 4096;
+
+/// Rows of a Parquet file.
+pub(super) struct ParquetRows {
+    path: PathBuf,
+    file: SerializedFileReader<File>,
+    layout: Layout,
+    /// Of every field that is there: its column in the file.
+    columns: [Option<(usize, ColumnDescPtr)>; FIELDS],
+    next_group: usize,
+    readers: [Option<ColumnReader>; FIELDS],
+    batch: [Vec<f64>; FIELDS],
+    rows_in_batch: usize,
+    next_in_batch: usize,
+    number: u64,
+}
+
+impl ParquetRows {
+    pub(super) fn open(path: &Path, layout: &Layout) -> Result<Self, LogError> {
+        let refused = |fault: Fault| LogError::at(path, 1, fault);
+        let file = SerializedFileReader::new(open_file(path)?).map_err(|error| refused(of(&error)))?;
+        let schema = file.metadata().file_metadata().schema_descr();
+        let mut columns = [const { None }; FIELDS];
+        for (column, wanted) in columns.iter_mut().zip(&layout.wanted) {
+            *column = find(schema.columns(), wanted.as_ref()).map_err(refused)?;
+        }
+        Ok(Self {
+            path: path.into(),
+            file,
+            layout: layout.clone(),
+            columns,
+            next_group: 0,
+            readers: [const { None }; FIELDS],
+            batch: std::array::from_fn(|_| Vec::with_capacity(BATCH)),
+            rows_in_batch: 0,
+            next_in_batch: 0,
+            number: 0,
+        })
+    }
+
+    /// Reads rows ahead; whether there are any.
+    fn fill(&mut self) -> Result<bool, Fault> {
+        self.next_in_batch = 0;
+        loop {
+            self.rows_in_batch = self.read_batch()?;
+            if self.rows_in_batch > 0 {
+                return Ok(true);
+            }
+            if self.next_group == self.file.num_row_groups() {
+                return Ok(false);
+            }
+            self.open_group()?;
+        }
+    }
+
+    fn open_group(&mut self) -> Result<(), Fault> {
+        let group = self.file.get_row_group(self.next_group).map_err(|error| of(&error))?;
+        self.next_group += 1;
+        let open =
+            |group: &dyn RowGroupReader, column: usize| group.get_column_reader(column).map_err(|error| of(&error));
+        for (reader, column) in self.readers.iter_mut().zip(&self.columns) {
+            *reader = column.as_ref().map(|(column, _)| open(&*group, *column)).transpose()?;
+        }
+        Ok(())
+    }
+
+    fn read_batch(&mut self) -> Result<usize, Fault> {
+        let mut rows = 0;
+        for (reader, (values, column)) in self.readers.iter_mut().zip(self.batch.iter_mut().zip(&self.columns)) {
+            values.clear();
+            if let (Some(reader), Some((_, description))) = (reader, column) {
+                read_values(reader, description, values)?;
+                rows = rows.max(values.len());
+            }
+        }
+        Ok(rows)
+    }
+
+    fn take(&mut self, fields: &mut Fields) -> Result<(), Fault> {
+        for (field, (value, values)) in fields.iter_mut().zip(&self.batch).enumerate() {
+            *value = values.get(self.next_in_batch).copied().unwrap_or(f64::NAN);
+            let there = self.columns[field].is_some() && field != TEMPERATURE;
+            if there && !value.is_finite() {
+                let column = self.layout.column_name(field);
+                let text = value.to_string();
+                return Err(if is_null(*value) { Fault::Null { column } } else { Fault::NotFinite { column, text } });
+            }
+        }
+        self.next_in_batch += 1;
+        Ok(())
+    }
+}
+
+impl RawRows for ParquetRows {
+    fn next_row(&mut self, fields: &mut Fields) -> Result<Option<u64>, LogError> {
+        let row = self.number + 1;
+        let at = |path: &Path, fault: Fault| LogError::at(path, row, fault);
+        if self.next_in_batch == self.rows_in_batch && !self.fill().map_err(|fault| at(&self.path, fault))? {
+            return Ok(None);
+        }
+        self.number = row;
+        self.take(fields).map_err(|fault| at(&self.path, fault))?;
+        Ok(Some(row))
+    }
+}
+
+fn of(error: &ParquetError) -> Fault {
+    Fault::Format(format!("not readable as Parquet: {error}"))
+}
+
+/// What stands for a missing value: a not-a-number that no arithmetic gives.
+const NULL: u64 = 0x7ff8_0000_6e75_6c6c;
+
+fn is_null(value: f64) -> bool {
+    value.to_bits() == NULL
+}
+
+fn find(columns: &[ColumnDescPtr], wanted: Option<&Wanted>) -> Result<Option<(usize, ColumnDescPtr)>, Fault> {
+    let Some(Wanted { column, required }) = wanted else { return Ok(None) };
+    let found = match column {
+        Column::Number(number) => Some(number - 1).filter(|position| *position < columns.len()),
+        Column::Name(name) => columns.iter().position(|column| column.path().string() == *name),
+    };
+    let Some(position) = found else {
+        return if *required { Err(Fault::MissingColumn(column.to_string())) } else { Ok(None) };
+    };
+    let description = &columns[position];
+    let numbers = [PhysicalType::INT32, PhysicalType::INT64, PhysicalType::FLOAT, PhysicalType::DOUBLE];
+    if description.max_rep_level() > 0 || !numbers.contains(&description.physical_type()) {
+        let kind = if description.max_rep_level() > 0 { "lists" } else { "values of type" };
+        let found = format!("{kind} {}", description.physical_type());
+        return Err(Fault::NotNumbers { column: column.to_string(), found });
+    }
+    Ok(Some((position, description.clone())))
+}
+
+fn read_values(reader: &mut ColumnReader, description: &ColumnDescPtr, values: &mut Vec<f64>) -> Result<(), Fault> {
+    let depth = description.max_def_level();
+    match reader {
+        ColumnReader::Int32ColumnReader(reader) => read_typed(reader, depth, values, f64::from),
+        ColumnReader::Int64ColumnReader(reader) => read_typed(reader, depth, values, |value| value as f64),
+        ColumnReader::FloatColumnReader(reader) => read_typed(reader, depth, values, f64::from),
+        ColumnReader::DoubleColumnReader(reader) => read_typed(reader, depth, values, |value| value),
+        _ => Err(Fault::Format("a column changed its type".into())),
+    }
+}
+
+/// A value is there where its definition level is the column's.
+fn read_typed<T: DataType>(
+    reader: &mut ColumnReaderImpl<T>,
+    depth: i16,
+    values: &mut Vec<f64>,
+    widen: impl Fn(T::T) -> f64,
+) -> Result<(), Fault> {
+    let (mut levels, mut present) = (Vec::with_capacity(BATCH), Vec::with_capacity(BATCH));
+    let levels_wanted = (depth > 0).then_some(&mut levels);
+    let read = reader.read_records(BATCH, levels_wanted, None, &mut present);
+    let (rows, ..) = read.map_err(|error| of(&error))?;
+    let mut present = present.into_iter().map(widen);
+    if depth == 0 {
+        values.extend(present);
+        return Ok(());
+    }
+    let next = |level: &i16| if *level == depth { present.next().unwrap_or(f64::NAN) } else { f64::from_bits(NULL) };
+    values.extend(levels.iter().take(rows).map(next));
+    Ok(())
+}

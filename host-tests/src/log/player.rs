@@ -1,0 +1,46 @@
+//! A log in place of an instrument.
+
+use super::{LogError, LogReader};
+use crate::plant::{Plant, Reading};
+
+/// A log in place of an instrument. It ignores commands, and ends at the log's end or at its first wrong row.
+pub struct LogPlayer {
+    reader: LogReader,
+    rows: u64,
+    error: Option<LogError>,
+}
+
+impl LogPlayer {
+    /// Plays a log from its first row.
+    pub fn new(reader: LogReader) -> Self {
+        Self { reader, rows: 0, error: None }
+    }
+
+    /// Ends the play: how many rows were played, or what ended it.
+    ///
+    /// # Errors
+    /// The first wrong row.
+    pub fn finish(self) -> Result<u64, LogError> {
+        self.error.map_or(Ok(self.rows), Err)
+    }
+}
+
+impl Plant for LogPlayer {
+    fn next_reading(&mut self) -> Option<Reading> {
+        if self.error.is_some() {
+            return None;
+        }
+        match self.reader.next()? {
+            Ok(row) => {
+                self.rows += 1;
+                Some(row.reading)
+            }
+            Err(error) => {
+                self.error = Some(error);
+                None
+            }
+        }
+    }
+
+    fn command_rates(&mut self, _rates_rad_s: [f64; 2]) {}
+}

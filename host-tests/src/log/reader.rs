@@ -1,0 +1,182 @@
+//! Streams readings.
+
+use super::convert::Conversion;
+use super::error::{Fault, LogError};
+use super::layout::{Fields, Format, Layout, TEMPERATURE};
+use super::matrix::MatrixRows;
+use super::parquet::ParquetRows;
+use super::text::TextRows;
+use crate::plant::Reading;
+use flate2::bufread::MultiGzDecoder;
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+
+/// Rows from which the sample interval is estimated.
+const HEAD_ROWS: usize = 4096;
+
+/// Rows of numbers, whatever the file.
+pub trait RawRows {
+    /// Takes the next row; its line, or, of a binary file, its number, from 1. `None` at the end.
+    ///
+    /// # Errors
+    /// Where and what.
+    fn next_row(&mut self, fields: &mut Fields) -> Result<Option<u64>, LogError>;
+
+    /// Lines before the first row.
+    fn header_lines(&self) -> u64 {
+        0
+    }
+}
+
+impl Layout {
+    /// The rows of a log as they are in the file.
+    ///
+    /// # Errors
+    /// The file cannot be read, or lacks a column.
+    pub fn open_raw(&self, path: &Path) -> Result<Box<dyn RawRows>, LogError> {
+        Ok(match self.format {
+            Format::Text => Box::new(TextRows::open(path, self)?),
+            Format::F64 | Format::F32 => Box::new(MatrixRows::open(path, self)?),
+            Format::Parquet => Box::new(ParquetRows::open(path, self)?),
+        })
+    }
+}
+
+/// A reading and where it stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LogRow {
+    /// Line in the file, or row in a binary one, from 1.
+    pub line: u64,
+    /// The reading.
+    pub reading: Reading,
+}
+
+/// Streams the rows of a log.
+pub struct LogReader {
+    rows: Box<dyn RawRows>,
+    head: VecDeque<(u64, Fields)>,
+    conversion: Conversion,
+    /// Read, and waiting for the angles of the next one.
+    waiting: Option<LogRow>,
+    before: Option<Reading>,
+    ended: bool,
+}
+
+impl LogReader {
+    /// Opens a standard log and reads its first rows.
+    ///
+    /// # Errors
+    /// The file cannot be read, is no log, or has a wrong row among the first few thousand.
+    pub fn open(path: &Path) -> Result<Self, LogError> {
+        Self::open_as(path, &Layout::standard(path))
+    }
+
+    /// Opens a log that is as a mapping says.
+    ///
+    /// # Errors
+    /// As [`LogReader::open`].
+    pub fn open_as(path: &Path, layout: &Layout) -> Result<Self, LogError> {
+        let mut rows = layout.open_raw(path)?;
+        let mut head = VecDeque::with_capacity(HEAD_ROWS);
+        let mut fields = [f64::NAN; super::FIELDS];
+        while head.len() < HEAD_ROWS {
+            match rows.next_row(&mut fields)? {
+                Some(line) => head.push_back((line, fields)),
+                None => break,
+            }
+        }
+        if head.is_empty() {
+            let line = rows.header_lines() + 1;
+            let fault = if line == 1 { Fault::NoSamples } else { Fault::HeaderOnly };
+            return Err(LogError::at(path, line, fault));
+        }
+        let conversion = Conversion::new(path, layout, head.make_contiguous())?;
+        Ok(Self { rows, head, conversion, waiting: None, before: None, ended: false })
+    }
+
+    /// Sample interval, us: the median over the first few thousand rows, repeated stamps left out; `None` where there
+    /// are fewer than two times.
+    pub fn interval_us(&self) -> Option<u64> {
+        self.conversion.interval_us()
+    }
+
+    /// Whether the first few thousand rows have a temperature.
+    pub fn has_temperature(&self) -> bool {
+        self.head.iter().any(|(_, fields)| !fields[TEMPERATURE].is_nan())
+    }
+
+    /// The next row with the angles as they were read.
+    fn next_read(&mut self) -> Result<Option<LogRow>, LogError> {
+        let (line, fields) = match self.head.pop_front() {
+            Some(row) => row,
+            None => {
+                let mut fields = [f64::NAN; super::FIELDS];
+                let Some(line) = self.rows.next_row(&mut fields)? else { return Ok(None) };
+                (line, fields)
+            }
+        };
+        let reading = self.conversion.reading(line, &fields)?;
+        Ok(Some(LogRow { line, reading }))
+    }
+
+    /// The next row with the angles of its time.
+    fn next_aligned(&mut self) -> Result<Option<LogRow>, LogError> {
+        let late_us = self.conversion.angles_late_us();
+        let next = if self.ended { None } else { self.next_read()? };
+        self.ended = next.is_none();
+        if late_us >= 0.0 {
+            let Some(mut row) = next else { return Ok(None) };
+            let before = self.before.replace(row.reading);
+            if let Some(before) = before.filter(|_| late_us > 0.0) {
+                row.reading.turn_towards(&before, late_us);
+            }
+            return Ok(Some(row));
+        }
+        let row = match (self.waiting.take(), next) {
+            // The first row, with the second to align it.
+            (None, Some(first)) => {
+                self.waiting = self.next_read()?;
+                Some((first, self.waiting))
+            }
+            (Some(row), next) => {
+                self.waiting = next;
+                Some((row, next))
+            }
+            (None, None) => None,
+        };
+        Ok(row.map(|(mut row, after)| {
+            if let Some(after) = after {
+                row.reading.turn_towards(&after.reading, -late_us);
+            }
+            row
+        }))
+    }
+}
+
+impl Iterator for LogReader {
+    type Item = Result<LogRow, LogError>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.next_aligned().transpose()
+    }
+}
+
+/// Opens a file, and, where it may be, decompresses it: told by its contents.
+pub(super) fn open_input(path: &Path, may_be_compressed: bool) -> Result<Box<dyn BufRead>, LogError> {
+    let mut input = BufReader::with_capacity(1 << 16, open_file(path)?);
+    let magic = input.fill_buf().map_err(LogError::io(path))?.starts_with(&[0x1f, 0x8b]);
+    if may_be_compressed && magic {
+        return Ok(Box::new(BufReader::with_capacity(1 << 16, MultiGzDecoder::new(input))));
+    }
+    Ok(Box::new(input))
+}
+
+pub(super) fn open_file(path: &Path) -> Result<File, LogError> {
+    let file = File::open(path).map_err(LogError::io(path))?;
+    if file.metadata().map_err(LogError::io(path))?.is_dir() {
+        return Err(LogError::Directory { path: path.into() });
+    }
+    Ok(file)
+}

@@ -1,0 +1,256 @@
+//! Logs of other columns, units and formats: a mapping makes the same readings of them, and what is wrong is named.
+
+use host_tests::log::{COLUMNS, LogReader, LogWriter, Mapping};
+use host_tests::plant::Reading;
+use rins_selfcal::units::{ARCSEC, DEG, DEG_H};
+use std::f64::consts::{PI, TAU};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+const INTERVAL_S: f64 = 0.005;
+const G: f64 = 9.806_65;
+
+fn scratch(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("mapping");
+    std::fs::create_dir_all(&folder).unwrap();
+    folder.join(name)
+}
+
+fn written(name: &str, content: impl AsRef<[u8]>) -> PathBuf {
+    let path = scratch(name);
+    std::fs::write(&path, content).unwrap();
+    path
+}
+
+/// Axes that turn ever faster, one way and the other.
+fn readings() -> Vec<Reading> {
+    let reading = |index: u32| {
+        let time_s = 2.0 + f64::from(index) * INTERVAL_S;
+        Reading {
+            time_us: (time_s * 1e6).round() as u64,
+            omega_g: [0.1 + time_s, -0.35, 1e-5 * time_s],
+            force_a: [0.5, -9.0 + time_s, 1.0 / 3.0],
+            outer_rad: 0.3 * time_s,
+            inner_rad: -0.2 * time_s,
+            temperature_c: 20.5,
+        }
+    };
+    (0..6000).map(reading).collect()
+}
+
+fn read(log: &Path, mapping: &str) -> Vec<Reading> {
+    let mapping = written(&format!("{}.toml", log.file_name().unwrap().to_str().unwrap()), mapping);
+    let layout = Mapping::read(&mapping, log).unwrap();
+    LogReader::open_as(log, &layout).unwrap().map(|row| row.unwrap().reading).collect()
+}
+
+fn apart_rad(a: f64, b: f64) -> f64 {
+    ((a - b + PI).rem_euclid(TAU) - PI).abs()
+}
+
+fn assert_same(found: &[Reading], expected: &[Reading], tolerance: f64) {
+    assert_eq!(found.len(), expected.len());
+    for (found, expected) in found.iter().zip(expected) {
+        assert_eq!(found.time_us, expected.time_us);
+        for (a, b) in found.omega_g.iter().chain(&found.force_a).zip(expected.omega_g.iter().chain(&expected.force_a)) {
+            assert!((a - b).abs() <= tolerance, "{found:?} {expected:?}");
+        }
+        assert!(apart_rad(found.outer_rad, expected.outer_rad) < tolerance, "{found:?} {expected:?}");
+        assert!(apart_rad(found.inner_rad, expected.inner_rad) < tolerance, "{found:?} {expected:?}");
+        assert!((found.temperature_c - expected.temperature_c).abs() < 1e-4 || expected.temperature_c.is_nan());
+    }
+}
+
+#[test]
+fn text_of_other_units_axes_and_signs() {
+    let mut text = String::from("made by another program\nStempel;wx;wy;wz;fx;fy;fz;A;B;T\n");
+    for reading in readings() {
+        let [gx, gy, gz] = reading.omega_g.map(|omega| omega / DEG_H);
+        let [ax, ay, az] = reading.force_a.map(|force| force / G * 1e3);
+        // The log's axes: x = -IMU y, y = IMU x, z = IMU z.
+        let (gyro, accel) = ([-gy, gx, gz], [-ay, ax, az]);
+        let outer = (90.0 - reading.outer_rad / DEG).rem_euclid(360.0);
+        let counts = (reading.inner_rad / TAU * 16_777_216.0).rem_euclid(16_777_216.0);
+        let mut row = vec![reading.time_us as f64 * 1e-3];
+        row.extend(gyro.iter().chain(&accel));
+        row.extend([outer, counts, f64::from(reading.temperature_c) + 273.15]);
+        let fields: Vec<_> = row.iter().map(|value| format!("{value}").replace('.', ",")).collect();
+        writeln!(text, "{}", fields.join(";")).unwrap();
+    }
+    let log = written("german.csv", text);
+    let mapping = "[text]\ndelimiter = \";\"\ndecimal_comma = true\nskip_rows = 1\n\
+                   [time]\ncolumn = \"Stempel\"\nunit = \"ms\"\n\
+                   [gyro]\ncolumns = [\"wx\", \"wy\", \"wz\"]\nunit = \"deg/h\"\naxes = [\"y\", \"-x\", \"z\"]\n\
+                   [accel]\ncolumns = [\"fx\", \"fy\", \"fz\"]\nunit = \"mg\"\naxes = [\"y\", \"-x\", \"z\"]\n\
+                   [outer]\ncolumn = \"A\"\nunit = \"deg\"\nzero = 90.0\nreversed = true\n\
+                   [inner]\ncolumn = \"B\"\nunit = \"counts\"\ncounts_per_turn = 16777216.0\n\
+                   [temperature]\ncolumn = \"T\"\nunit = \"K\"\n";
+    // Sixteen digits of 2e5 deg/h are 1e-16 rad/s; of an angle of a turn, 1e-15.
+    assert_same(&read(&log, mapping), &readings(), 1e-12);
+}
+
+#[test]
+fn increments_of_an_interval_that_ends_at_the_stamp() {
+    // As PSINS has it: `wm vm t`, and here the angles of the stamp, which is the interval's end.
+    let mut bytes = Vec::new();
+    for reading in readings() {
+        let end_s = reading.time_us as f64 * 1e-6 + 0.5 * INTERVAL_S;
+        let increments = reading.omega_g.iter().chain(&reading.force_a).map(|rate| rate * INTERVAL_S);
+        let row: Vec<f64> = increments.chain([end_s, 0.3 * (end_s), -0.2 * (end_s)]).collect();
+        row.iter().for_each(|value| bytes.extend(value.to_le_bytes()));
+    }
+    let silent = |reading: Reading| Reading { temperature_c: f32::NAN, ..reading };
+    let expected: Vec<_> = readings().into_iter().map(silent).collect();
+    let log = written("psins.f64", &bytes);
+    // The first row has no angle before it.
+    let found = read(&log, "");
+    assert!((found[0].outer_rad - expected[0].outer_rad - 0.3 * 0.5 * INTERVAL_S).abs() < 1e-9);
+    // Stamps of 30 s have 4e-15 s, and the mean interval with it.
+    assert_same(&found[1..], &expected[1..], 1e-9);
+    let compressed = scratch("psins.f64.gz");
+    let mut encoder = flate2::write::GzEncoder::new(std::fs::File::create(&compressed).unwrap(), Default::default());
+    std::io::Write::write_all(&mut encoder, &bytes).unwrap();
+    encoder.finish().unwrap();
+    assert_same(&read(&compressed, ""), &found, f64::MIN_POSITIVE);
+    // Cut within a row, and rows of another length.
+    std::fs::write(&log, &bytes[..bytes.len() - 3]).unwrap();
+    assert_eq!(
+        refused(&log, ""),
+        "psins.f64:6000: column 9: the file ends within the row; do its rows have 9 columns?"
+    );
+}
+
+#[test]
+fn single_precision_without_a_time_column() {
+    let mut bytes = Vec::new();
+    for reading in readings() {
+        let ([gx, gy, gz], [ax, ay, az]) = (reading.omega_g, reading.force_a);
+        let row = [reading.outer_rad, reading.inner_rad, gx / DEG, gy / DEG, gz / DEG, ax / G, ay / G, az / G];
+        row.iter().for_each(|value| bytes.extend((*value as f32).to_le_bytes()));
+    }
+    let log = written("single.f32", bytes);
+    let mapping = "[matrix]\ncolumns = 8\n[time]\nrate_hz = 200.0\nstamp = \"middle\"\n\
+                   [gyro]\ncolumns = [3, 4, 5]\nunit = \"deg/s\"\n[accel]\ncolumns = [6, 7, 8]\nunit = \"g\"\n\
+                   [outer]\ncolumn = 1\n[inner]\ncolumn = 2\n";
+    let counted =
+        |(index, reading): (u64, Reading)| Reading { time_us: 5000 * index, temperature_c: f32::NAN, ..reading };
+    let expected: Vec<_> = (0..).zip(readings()).map(counted).collect();
+    // 2^-24 of values up to 40.
+    assert_same(&read(&log, mapping), &expected, 3e-6);
+}
+
+#[test]
+fn angles_of_the_start_are_brought_to_the_middle_over_a_wrap() {
+    let mut text = COLUMNS.join(",");
+    for reading in readings() {
+        let start_s = reading.time_us as f64 * 1e-6 - 0.5 * INTERVAL_S;
+        let wrapped = (0.3 * start_s).rem_euclid(TAU);
+        let ([gx, gy, gz], [ax, ay, az]) = (reading.omega_g, reading.force_a);
+        write!(text, "\n{start_s},{gx},{gy},{gz},{ax},{ay},{az},{wrapped},{}", -0.2 * start_s).unwrap();
+    }
+    let log = written("start.csv", text);
+    let found = read(&log, "[time]\nstamp = \"start\"\n");
+    let silent = |reading: Reading| Reading { temperature_c: f32::NAN, ..reading };
+    let expected: Vec<_> = readings().into_iter().map(silent).collect();
+    assert_same(&found[..5999], &expected[..5999], 1e-9);
+    assert!(apart_rad(found[5999].outer_rad, expected[5999].outer_rad - 0.3 * 0.5 * INTERVAL_S) < 1e-9);
+}
+
+#[test]
+fn parquet_round_trips() {
+    for temperature in [true, false] {
+        let log = scratch(&format!("round-{temperature}.parquet"));
+        let mut writer = LogWriter::create(&log, temperature).unwrap();
+        // More than a group and many batches.
+        let sent: Vec<_> = (0..12).flat_map(|_| readings()).collect();
+        let later = |(index, reading): (u64, &Reading)| Reading { time_us: 5000 * index, ..*reading };
+        let sent: Vec<_> = (0..).zip(&sent).map(later).collect();
+        sent.iter().for_each(|reading| writer.write(reading).unwrap());
+        writer.finish().unwrap();
+        let reader = LogReader::open(&log).unwrap();
+        assert_eq!((reader.has_temperature(), reader.interval_us()), (temperature, Some(5000)));
+        let found: Vec<_> = reader.map(|row| row.unwrap().reading).collect();
+        let known =
+            |reading: &Reading| Reading { temperature_c: if temperature { 20.5 } else { f32::NAN }, ..*reading };
+        assert_same(&found, &sent.iter().map(known).collect::<Vec<_>>(), 1e-15);
+    }
+    let text = written("text.parquet", "time_s,gyro_x_rad_s\n");
+    assert!(refused(&text, "").starts_with("text.parquet:1: not readable as Parquet: "), "{}", refused(&text, ""));
+    let log = scratch("round-true.parquet");
+    assert_eq!(refused(&log, "[time]\ncolumn = \"t\"\n"), "round-true.parquet:1: column t is missing");
+}
+
+/// The line that says what is wrong, without the folder.
+fn refused(log: &Path, mapping: &str) -> String {
+    let path = written(&format!("{}.toml", log.file_name().unwrap().to_str().unwrap()), mapping);
+    let error = match Mapping::read(&path, log).and_then(|layout| LogReader::open_as(log, &layout)) {
+        Err(error) => error,
+        Ok(rows) => rows.filter_map(Result::err).next().expect("an error"),
+    };
+    let message = error.to_string();
+    assert!(!message.contains('\n'), "{message}");
+    message.replace(&scratch("").display().to_string(), "")
+}
+
+#[test]
+fn wrong_mappings_are_named() {
+    let log = scratch("any.csv");
+    let refused = |mapping: &str| self::refused(&log, mapping);
+    let unknown = refused("[gyro]\nunits = \"deg/s\"\n");
+    assert!(unknown.starts_with("any.csv.toml:2: unknown field `units`, expected one of"), "{unknown}");
+    assert_eq!(
+        refused("[time]\n[gyro]\n\nunit = \"rpm\"\n"),
+        "any.csv.toml:4: unit: unknown unit 'rpm'; known: rad/s, deg/s, deg/h, arcsec/s, rad, deg, arcsec"
+    );
+    assert_eq!(
+        refused("[accel]\naxes = [\"x\", \"y\", \"-y\"]\n"),
+        "any.csv.toml:2: axes: must be x, y and z in some order, each with or without \"-\""
+    );
+    assert_eq!(refused("[outer]\nunit = \"counts\"\n"), "any.csv.toml:2: unit: counts need counts_per_turn");
+    assert_eq!(
+        refused("[inner]\nunit = \"deg\"\ncounts_per_turn = 4096.0\n"),
+        "any.csv.toml:3: counts_per_turn: goes with unit \"counts\", not \"deg\""
+    );
+    assert_eq!(refused("[gyro]\nscale = 0.0\n"), "any.csv.toml:2: scale: must be finite and not zero");
+    assert_eq!(refused("[time]\nrate_hz = 0.1\n"), "any.csv.toml:2: rate_hz: must be between 1 and 100000");
+    assert_eq!(refused("[text]\ndelimiter = \"|\"\n"), "any.csv.toml:2: delimiter: must be \",\", \";\" or \"tab\"");
+    assert_eq!(refused("[text]\ndecimal_comma = true\n"), "any.csv.toml:1: delimiter: \",\", and decimal_comma = true");
+    assert_eq!(
+        refused("[text]\nheader = false\n[time]\ncolumn = \"t\"\n"),
+        "any.csv.toml:4: column: \"t\": the log has no names of columns, only numbers from 1"
+    );
+    assert_eq!(
+        refused("[outer]\ncolumn = \"a\"\n[inner]\ncolumn = \"a\"\n"),
+        "any.csv.toml:4: column: column a is used twice"
+    );
+    assert!(refused("[inner]\ncolumn = 0\n").contains("any.csv.toml:2: column: columns are counted from 1"));
+    assert_eq!(
+        refused("format = \"f64\"\n[matrix]\ncolumns = 8\n"),
+        "any.csv.toml:1: column: 9: the matrix has 8 columns"
+    );
+}
+
+#[test]
+fn wrong_rows_of_mapped_logs_are_named() {
+    let row = ",1,2,3,4,5,6,7";
+    let log = written("nameless.csv", format!("0\t1\n0{row},8\n5{row},8\n10,1,x,3,4,5,6,7,8\n"));
+    let mapping = "[text]\nheader = false\nskip_rows = 1\n[time]\ncolumn = 1\nunit = \"ms\"\n\
+                   [gyro]\ncolumns = [2, 3, 4]\n[accel]\ncolumns = [5, 6, 7]\n[outer]\ncolumn = 8\n[inner]\ncolumn = 9\n";
+    assert_eq!(refused(&log, mapping), "nameless.csv:4: column 3: \"x\" is not a number");
+    std::fs::write(&log, format!("#\n0{row},8\n5{row}\n")).unwrap();
+    assert_eq!(refused(&log, mapping), "nameless.csv:3: 8 fields, the first row has 9; column 9 is the first missing");
+    std::fs::write(&log, format!("#\n0{row},8\n-5{row},8\n")).unwrap();
+    assert_eq!(refused(&log, mapping), "nameless.csv:3: column 1: -0.005 is not between 0 and 3200000000 s");
+    std::fs::write(&log, "#\n0;1;2\n").unwrap();
+    assert_eq!(refused(&log, mapping), "nameless.csv:2: the columns are separated by ';', not ','");
+    std::fs::write(&log, format!("#\n7{row},8\n")).unwrap();
+    let increments = mapping.replace("[accel]", "unit = \"arcsec\"\n[accel]");
+    assert_eq!(
+        refused(&log, &increments),
+        "nameless.csv:2: column 1: a single time, so no sample interval to divide increments by; give rate_hz in the mapping"
+    );
+    let arcsec = read(&log, &increments.replace("unit = \"ms\"", "unit = \"ms\"\nrate_hz = 100.0"));
+    assert!((arcsec[0].omega_g[0] - 100.0 * ARCSEC).abs() < 1e-15);
+    let degrees = read(&log, &mapping.replace("[accel]", "unit = \"deg/s\"\nscale = -0.5\n[accel]"));
+    assert!((degrees[0].omega_g[2] + 1.5 * DEG).abs() < 1e-15);
+}
