@@ -1,7 +1,9 @@
 //! The program `rins`: arguments in, text and files out. What it does is in the modules around it.
 
+mod apply;
 mod arguments;
 mod calibrate;
+mod compare;
 mod files;
 mod monte_carlo;
 mod observability;
@@ -44,6 +46,8 @@ fn run(arguments: Arguments) -> anyhow::Result<Ending> {
         Command::Calibrate(arguments) => calibrate::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
+        Command::Apply(arguments) => apply::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
         Command::Observability(arguments) => observability::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Montecarlo(arguments) => monte_carlo::run(&arguments),

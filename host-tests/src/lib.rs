@@ -7,6 +7,7 @@
 //!
 //! virtual_run, replay -> calibration -> report, table -> cli
 //! closed_loop, prediction -> plot, monte_carlo -^
+//! saved: a result read back -> comparison
 //! plan: finds schemes; prediction then says what the core makes of them
 //! faults -> fault_campaign: can a disturbed run be accepted with a wrong answer?
 //! chips: the devices that the core's drivers read and drive
@@ -17,6 +18,7 @@ pub mod calibration;
 pub mod chips;
 pub mod cli;
 pub mod closed_loop;
+pub mod comparison;
 pub mod drive;
 pub mod emulator;
 pub mod encoder;
@@ -37,6 +39,7 @@ pub mod presets;
 pub mod quantity;
 pub mod replay;
 pub mod report;
+pub mod saved;
 pub mod scheme_file;
 pub mod servo_bench;
 pub mod statistics;

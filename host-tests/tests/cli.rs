@@ -574,3 +574,63 @@ fn errors_name_what_was_meant() {
         assert!(refused(&[&["observability", "--all"][..], &option].concat()).contains(option[0]));
     }
 }
+
+#[test]
+fn a_corrected_log_has_no_errors_left() {
+    let (cal, out) = (scratch("apply-cal.json"), scratch("apply-out.csv"));
+    let site = ["--config", &data("sample.toml")];
+    run(0, &[&["replay", &data("sample.csv.gz"), "--json", &cal][..], &site].concat());
+    run(0, &["apply", &data("sample.csv.gz"), "--calibration", &cal, "--frame", "rotation", "--out", &out]);
+    let again = scratch("apply-again.json");
+    run(0, &[&["replay", &out, "--json", &again][..], &site].concat());
+    let (before, after) = (json(&cal), json(&again));
+    for (name, found) in after["parameters"].as_object().unwrap() {
+        let number = |key: &str| found[key].as_f64().unwrap();
+        // Non-perpendicularity and attitude are no errors of the IMU.
+        let kept = name.starts_with("base_") || name == "heading" || name == "axis_nonperpendicularity";
+        let expected = if kept { before["parameters"][name]["value"].as_f64().unwrap() } else { 0.0 };
+        // The noise is the same, so what is left is of second order.
+        assert!((number("value") - expected).abs() < 0.05 * number("sigma"), "{name}: {found}");
+    }
+    let differ = run(2, &["compare", &cal, &again]);
+    assert!(differ.contains("differ beyond 4.11 sigma: ") && differ.contains("Sgzx by "), "{differ}");
+    let wrong = scratch("apply-wrong.csv");
+    fs::write(&wrong, fs::read_to_string(&out).unwrap() + "no,row\n").unwrap();
+    let cut = scratch("apply-cut.csv");
+    let message = refused(&["apply", &wrong, "--calibration", &cal, "--out", &cut]);
+    assert!(message.starts_with("apply-wrong.csv:58522: 2 fields, the header has 9"), "{message}");
+    assert!(!Path::new(&cut).exists(), "half a log is none");
+}
+
+#[test]
+fn results_are_compared_in_sigmas_of_their_difference() {
+    let cal = scratch("compare-a.json");
+    run(0, &["replay", &data("sample.csv.gz"), "--config", &data("sample.toml"), "--json", &cal]);
+    let same = run(0, &["compare", &cal, &cal]);
+    assert!(same.contains("agree: no change beyond 4.11 sigma") && !same.contains("note:"), "{same}");
+    let other = scratch("compare-b.json");
+    let changed = |name: &str, sigmas: f64| {
+        let mut result = json(&cal);
+        let sigma = result["parameters"][name]["sigma"].as_f64().unwrap();
+        let value = result["parameters"][name]["value"].as_f64().unwrap();
+        // Both have the same sigma.
+        result["parameters"][name]["value"] = (value + sigmas * sigma * 2.0_f64.sqrt()).into();
+        result["temperature_c"] = 40.0.into();
+        result["site"]["latitude_deg"] = 48.0.into();
+        result["method"] = "two-stage".into();
+        fs::write(&other, result.to_string()).unwrap();
+    };
+    changed("Sgyz", 4.0);
+    let agree = run(0, &["compare", &cal, &other]);
+    assert!(agree.contains("note: the methods differ: joint and two-stage"), "{agree}");
+    assert!(agree.contains("note: the sites differ: 47.3769 deg, "), "{agree}");
+    let row: Vec<_> = agree.lines().find(|line| line.contains("Sgyz")).unwrap().split_whitespace().collect();
+    assert_eq!(row[5], "4.00", "{agree}");
+    changed("Sgyz", -4.5);
+    assert!(run(2, &["compare", &cal, &other]).contains("differ beyond 4.11 sigma: Sgyz by -4.5 sigma"));
+    changed("heading", 50.0);
+    run(0, &["compare", &cal, &other]);
+    fs::write(&other, "{\"verdict\": \"accepted\",\n\"parameters\": {\"Sgxx\": {\"value\": 1, \"sigma\": 1}}}")
+        .unwrap();
+    assert_eq!(refused(&["compare", &cal, &other]), "compare-b.json: parameters: unknown parameter Sgxx");
+}

@@ -45,6 +45,10 @@ pub enum Command {
     Simulate(SimulateArguments),
     /// Calibrate from a log
     Replay(ReplayArguments),
+    /// Correct a log by a result
+    Apply(ApplyArguments),
+    /// Say what changed between two results, in sigmas; status 2 if more than chance
+    Compare(CompareArguments),
     /// Predict sigmas, rank and condition number of a scheme
     Observability(ObservabilityArguments),
     /// Find a scheme for the time given; one to two minutes by default
@@ -160,13 +164,13 @@ pub struct ReplayArguments {
     /// The log: CSV, Parquet or a raw matrix; all but Parquet also compressed with gzip
     #[arg(value_name = "LOG")]
     pub log: PathBuf,
+    /// What the log has in which columns and units [default: the standard ones]
+    #[arg(long, value_name = "MAP.toml")]
+    pub mapping: Option<PathBuf>,
     /// Site, noise and more of the unit [default: Bai's site, noise "navigation"]
     #[arg(long, value_name = "UNIT.toml")]
     pub config: Option<PathBuf>,
     #[command(flatten)]
-    /// What the log has in which columns and units [default: the standard ones]
-    #[arg(long, value_name = "MAP.toml")]
-    pub mapping: Option<PathBuf>,
     pub method: MethodArguments,
     /// Write the result
     #[arg(long, value_name = "OUT.json")]
@@ -180,6 +184,45 @@ pub struct ReplayArguments {
     /// Write the live estimate after every segment
     #[arg(long, value_name = "OUT.csv")]
     pub csv_estimates: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct ApplyArguments {
+    /// The log, as for replay
+    #[arg(value_name = "LOG")]
+    pub log: PathBuf,
+    /// Result of `replay --json` or `calibrate --json`
+    #[arg(long, value_name = "CAL.json")]
+    pub calibration: PathBuf,
+    /// What the log has in which columns and units [default: the standard ones]
+    #[arg(long, value_name = "MAP.toml")]
+    pub mapping: Option<PathBuf>,
+    /// Corrected log to write: CSV, compressed if its name ends in .gz, or Parquet
+    #[arg(long, value_name = "CORRECTED.csv")]
+    pub out: PathBuf,
+    /// Frame of the corrected rates and forces
+    #[arg(long, value_enum, default_value_t)]
+    pub frame: FrameArgument,
+}
+
+/// Frame of corrected rates and forces.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum FrameArgument {
+    /// s: x along accelerometer x
+    #[default]
+    Imu,
+    /// r: x along the outer axis at inner angle 0, z along the inner axis
+    Rotation,
+}
+
+#[derive(Debug, Args)]
+pub struct CompareArguments {
+    /// The first result
+    #[arg(value_name = "A.json")]
+    pub first: PathBuf,
+    /// The second result
+    #[arg(value_name = "B.json")]
+    pub second: PathBuf,
 }
 
 #[derive(Debug, Args)]

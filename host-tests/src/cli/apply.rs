@@ -1,0 +1,64 @@
+//! `rins apply`
+
+use super::Ending;
+use super::arguments::{ApplyArguments, FrameArgument};
+use super::output::sayln;
+use super::{files, progress, replay};
+use crate::calibration::raw_sample;
+use crate::log::{LogReader, LogWriter};
+use crate::plant::Reading;
+use crate::saved::Saved;
+use rins_selfcal::error_model::Calibration;
+use rins_selfcal::linear::Vector3;
+
+/// Rows between two looks at the counter.
+const TICK: u64 = 10_000;
+
+pub fn run(arguments: &ApplyArguments) -> anyhow::Result<Ending> {
+    let inputs = [
+        ("LOG", Some(arguments.log.as_path())),
+        ("--mapping", arguments.mapping.as_deref()),
+        ("--calibration", Some(arguments.calibration.as_path())),
+    ];
+    files::check(&inputs, &[("--out", Some(arguments.out.as_path()))])?;
+    let saved = Saved::read(&arguments.calibration)?;
+    if !saved.is_accepted() {
+        eprintln!("note: {} is {}", saved.path.display(), saved.verdict);
+    }
+    let layout = replay::layout(&arguments.log, arguments.mapping.as_deref())?;
+    let reader = LogReader::open_as(&arguments.log, &layout)?;
+    let rows = correct(reader, &saved.calibration(), arguments).inspect_err(|_| {
+        // Half a log is none.
+        if arguments.out.is_file() {
+            let _ = std::fs::remove_file(&arguments.out);
+        }
+    })?;
+    let frame = if arguments.frame == FrameArgument::Imu { "IMU" } else { "rotation" };
+    sayln!("{}: {rows} rows corrected, in the {frame} frame", arguments.out.display());
+    Ok(Ending::Done)
+}
+
+fn correct(reader: LogReader, calibration: &Calibration<f64>, arguments: &ApplyArguments) -> anyhow::Result<u64> {
+    let mut writer = LogWriter::create(&arguments.out, reader.has_temperature())?;
+    let counter = progress::counter("rows");
+    let mut rows = 0;
+    for row in reader {
+        writer.write(&corrected(&row?.reading, calibration, arguments.frame))?;
+        rows += 1;
+        if rows % TICK == 0 {
+            counter.set_position(rows);
+        }
+    }
+    counter.finish_and_clear();
+    writer.finish()?;
+    Ok(rows)
+}
+
+fn corrected(reading: &Reading, calibration: &Calibration<f64>, frame: FrameArgument) -> Reading {
+    let sample = calibration.correct(&raw_sample(reading));
+    let expressed = |vector_s: Vector3<f64>| match frame {
+        FrameArgument::Imu => vector_s.into(),
+        FrameArgument::Rotation => (calibration.rot_sr().transpose() * vector_s).into(),
+    };
+    Reading { omega_g: expressed(sample.omega_is_s), force_a: expressed(sample.force_s), ..*reading }
+}
