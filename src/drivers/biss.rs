@@ -290,6 +290,8 @@ mod tests {
             (line(Resolution::Bits32, 9, 5, 0b01), Err(EncoderFault::Error)),
             (good, Ok(Angle::from_ticks(5))),
             (good ^ 1 << 60, Err(EncoderFault::Crc)),
+            // Low, high and low again behind the frame.
+            (good ^ 1, Err(EncoderFault::Framing)),
             (late, Err(EncoderFault::Framing)),
             (late, Ok(Angle::from_ticks(5))),
         ];
