@@ -17,6 +17,8 @@ use crate::segment::{GUARD_S, GimbalSums, Held, Segment, SegmentKind};
 
 /// What a stop loses on average because its window is made of whole blocks, less the ends of the ramps that count as still, s.
 pub const BLOCK_LOSS_S: f64 = 0.05;
+/// Shortest stop, s: settling before it, guard after it, and a whole block between them wherever the blocks begin.
+pub const SHORTEST_STOP_S: f64 = 0.5;
 /// Steps of the integrals over a move: midpoint rule, good to 4e-4 over half a turn.
 const STEPS: u32 = 32;
 const HEADING: usize = block::ATTITUDE + 2;

@@ -12,6 +12,7 @@ use crate::estimator::{BASIC_STATES, Estimate, FULL_STATES, HeadingSource, MAX_S
 use crate::linear::{Real, real};
 use crate::policy::{Cause, Decision, Moment, PowerUpPolicy};
 use crate::rate_axis::Axis;
+use crate::rehearsal::SHORTEST_STOP_S;
 use crate::sample::{CorrectedSample, RawSample};
 use crate::scheme::{Scheme, SchemeError};
 use crate::segment::LONGEST_GAP_US;
@@ -19,7 +20,7 @@ use crate::sequencer::{AbortReason, Command, Input, Pace, Sequencer, State};
 use crate::store::StoredCalibration;
 use crate::telemetry::Message;
 use crate::units::DEG;
-use crate::verdict::{Verdict, VerdictLimits, unrest};
+use crate::verdict::{Reason, Verdict, VerdictLimits, unrest};
 use core::fmt;
 use core::mem;
 use core::ops::RangeInclusive;
@@ -34,6 +35,8 @@ const SAMPLE_LOSS_US: u64 = 1_000_000;
 const TURNING_LOSS_US: u64 = LONGEST_GAP_US;
 /// Commands in a row that a drive may fail to take.
 const DRIVE_FAILURES: u8 = 10;
+/// What angles of a scheme and limits of the travel may differ by where they are meant to be the same, rad.
+const ROUNDING_RAD: f64 = 1e-9;
 /// Corrected samples are reported once in this time, us.
 const CORRECTED_REPORT_US: u64 = 1_000_000;
 
@@ -96,6 +99,8 @@ pub enum ConfigError {
         /// Axis: 0 outer, 1 inner.
         axis: u8,
     },
+    /// The stop of this leg, counted from 1, or the first one, leg 0, is too short to be found among the samples.
+    ShortStop(u8),
     /// The scheme would leave this parameter unobserved.
     Unobserved(u8),
 }
@@ -127,6 +132,8 @@ impl fmt::Display for ConfigError {
             }
             Self::Travel { leg: 0, axis } => write!(f, "(0, 0) is outside the travel of the {} axis", name(axis)),
             Self::Travel { leg, axis } => write!(f, "leg {leg} leaves the travel of the {} axis", name(axis)),
+            Self::ShortStop(0) => write!(f, "the first stop is too short to be measured, at least 0.5 s"),
+            Self::ShortStop(leg) => write!(f, "the stop of leg {leg} is too short to be measured, at least 0.5 s"),
             Self::Unobserved(parameter) => {
                 let info = PARAMETER_INFO.get(usize::from(*parameter));
                 write!(f, "the scheme leaves {} unobserved", info.map_or("a parameter", |info| info.name))
@@ -182,11 +189,11 @@ impl SelfCalibrationConfig {
         if !self.limits.are_positive() {
             return Err(ConfigError::Limits);
         }
-        self.scheme.check().map_err(ConfigError::Scheme)?;
+        check_motion(&self.scheme, &self.axes)?;
         if 2 * self.scheme.moves() + 1 > MAX_SEGMENTS {
             return Err(ConfigError::Segments);
         }
-        self.check_travel()
+        Ok(())
     }
 
     /// What the calibrator must know for a run of the scheme.
@@ -197,26 +204,32 @@ impl SelfCalibrationConfig {
         }
         calibrator
     }
+}
 
-    fn check_travel(&self) -> Result<(), ConfigError> {
-        for (axis, limits) in (0_u8..).zip(&self.axes) {
-            if !limits.are_valid() {
-                return Err(ConfigError::Axis(axis));
-            }
-            if self.scheme.rate_rad_s > limits.rate_rad_s
-                || self.scheme.acceleration_rad_s2 > limits.acceleration_rad_s2
-            {
-                return Err(ConfigError::TooFast(axis));
-            }
-            let angles = self.scheme.legs.iter().map(|to| if axis == 0 { to.outer_rad } else { to.inner_rad });
-            for (leg, angle) in (0_u8..).zip(core::iter::once(0.0).chain(angles)) {
-                if !(limits.lowest_rad..=limits.highest_rad).contains(&angle) {
-                    return Err(ConfigError::Travel { leg, axis });
-                }
+/// Checks a scheme in itself, and against what the outer and the inner axis can do.
+///
+/// # Errors
+/// The first thing that is wrong.
+pub fn check_motion(scheme: &Scheme, axes: &[AxisLimits; 2]) -> Result<(), ConfigError> {
+    scheme.check().map_err(ConfigError::Scheme)?;
+    for (axis, limits) in (0_u8..).zip(axes) {
+        if !limits.are_valid() {
+            return Err(ConfigError::Axis(axis));
+        }
+        if scheme.rate_rad_s > limits.rate_rad_s || scheme.acceleration_rad_s2 > limits.acceleration_rad_s2 {
+            return Err(ConfigError::TooFast(axis));
+        }
+        let angles = scheme.legs.iter().map(|to| if axis == 0 { to.outer_rad } else { to.inner_rad });
+        let travel = limits.lowest_rad - ROUNDING_RAD..=limits.highest_rad + ROUNDING_RAD;
+        for (leg, angle) in (0_u8..).zip(core::iter::once(0.0).chain(angles)) {
+            if !travel.contains(&angle) {
+                return Err(ConfigError::Travel { leg, axis });
             }
         }
-        Ok(())
     }
+    let stops = core::iter::once(scheme.first_stop_s).chain(scheme.legs.iter().map(|leg| leg.stop_s));
+    let short = (0_u8..).zip(stops).find(|(_, stop_s)| *stop_s < SHORTEST_STOP_S);
+    short.map_or(Ok(()), |(leg, _)| Err(ConfigError::ShortStop(leg)))
 }
 
 /// What is to be done after a sample.
@@ -573,6 +586,10 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             let stored = self.stored.as_ref().map(|(estimate, _)| estimate);
             self.calibrator.judge(solution, stored, &self.config.limits)
         });
+        let mut verdict = verdict;
+        if let Some(leg) = self.sequencer.cut_after() {
+            verdict.explain(Reason::Cut { leg, legs: self.sequencer.legs() - 1 });
+        }
         let accepted = self.solution.is_some() && verdict.accepted();
         if accepted {
             self.calibration = self.solution.map(|solution| calibration(&solution.estimate));
@@ -616,7 +633,9 @@ mod tests {
     #[test]
     fn every_wrong_number_of_a_configuration_is_refused() {
         type Spoil = fn(&mut SelfCalibrationConfig);
-        let wrong: [(Spoil, ConfigError); 26] = [
+        let wrong: [(Spoil, ConfigError); 28] = [
+            (|config| config.scheme.first_stop_s = 0.49, ConfigError::ShortStop(0)),
+            (|config| config.scheme.legs[6].stop_s = 0.49, ConfigError::ShortStop(7)),
             (|config| config.calibrator.estimator.noise.margin = 0.5, ConfigError::Noise),
             (|config| config.pace.longest_s = Some(f64::NAN), ConfigError::Pace),
             (|config| config.policy = too_cold(), ConfigError::Policy),

@@ -231,6 +231,8 @@ pub struct Sequencer {
     pace: Pace,
     /// Times that stops may still be repeated.
     repeats_left: u8,
+    /// The leg after which the time for measuring was over, if legs were left.
+    cut_after: Option<u16>,
 }
 
 impl Sequencer {
@@ -244,6 +246,7 @@ impl Sequencer {
             measuring_since_us: 0,
             pace,
             repeats_left: pace.stop_repeats,
+            cut_after: None,
         }
     }
 
@@ -364,6 +367,7 @@ impl Sequencer {
     fn begin(&mut self, input: &Input) -> Command {
         self.still_since_us = None;
         self.repeats_left = self.pace.stop_repeats;
+        self.cut_after = None;
         self.enter(input, State::AwaitStill, Command::Begin)
     }
 
@@ -431,8 +435,14 @@ impl Sequencer {
         if leg + 1 < self.legs() && !self.is_late(input.now_us) {
             self.turn_to(input, leg + 1)
         } else {
+            self.cut_after = (leg + 1 < self.legs()).then_some(leg);
             self.enter(input, State::Compute, Command::Solve)
         }
+    }
+
+    /// The leg after which the run was cut, because the longest time that it may take was over.
+    pub fn cut_after(&self) -> Option<u16> {
+        self.cut_after
     }
 
     /// Whether the time for measuring is over.

@@ -137,6 +137,18 @@ impl Verdict {
         self.reasons.is_empty()
     }
 
+    /// Puts an explanation before the doubts, if there are any.
+    pub fn explain(&mut self, explanation: Reason) {
+        if self.accepted() {
+            return;
+        }
+        if self.reasons.is_full() && self.reasons.pop().is_some() {
+            self.more = self.more.saturating_add(1);
+        }
+        // There is room now.
+        let _ = self.reasons.insert(0, explanation);
+    }
+
     fn doubt(&mut self, reason: Reason) {
         if self.reasons.push(reason).is_err() {
             self.more = self.more.saturating_add(1);

@@ -7,14 +7,16 @@ use crate::drive::move_durations_s;
 use crate::emulator::Run;
 use crate::emulator::image::{Board, Variant, build};
 use crate::power_up::{Switched, in_emulator, in_process, shared};
+use crate::refusal::refused;
 use crate::virtual_rins::VirtualRins;
 use crate::virtual_run::VirtualRun;
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Result, anyhow};
 use rins_selfcal::assignment::Assignment;
+use rins_selfcal::axis::AxisLimits;
 use rins_selfcal::error_model::InstrumentErrors;
 use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES};
 use rins_selfcal::policy::{Decision, PowerUpPolicy};
-use rins_selfcal::self_calibration::SelfCalibrationConfig;
+use rins_selfcal::self_calibration::{ConfigError, SelfCalibrationConfig};
 use rins_selfcal::sequencer::{AbortReason, Pace, State};
 use rins_selfcal::telemetry::Message;
 use rins_selfcal::verdict::VerdictLimits;
@@ -49,6 +51,8 @@ pub struct Terms {
     pub limits: VerdictLimits,
     /// How many times the configured variance of the white noise a stop may show.
     pub noise_margin: f64,
+    /// What the outer and the inner axis can do.
+    pub axes: [AxisLimits; 2],
 }
 
 impl Default for Terms {
@@ -60,6 +64,7 @@ impl Default for Terms {
             pace: Pace::default(),
             limits: VerdictLimits::default(),
             noise_margin: 1.0,
+            axes: Default::default(),
         }
     }
 }
@@ -97,7 +102,7 @@ impl<'a> PowerUp<'a> {
             (Precision::F32, false) => in_process::<f32, BASIC_STATES, _>(&assignment, None, &bench, told)?,
             (Precision::F32, true) => in_process::<f32, FULL_STATES, _>(&assignment, None, &bench, told)?,
         };
-        watch.ended(self.setup)
+        watch.ended(self)
     }
 
     /// The firmware in the emulator; `eeprom` is its store. `on_log` gets its log.
@@ -119,15 +124,15 @@ impl<'a> PowerUp<'a> {
         let mut bench = Bench::new(watch.plant());
         let told = |message: &Message| watch.note(message);
         let run = in_emulator(&self.assignment(), &image, Some(eeprom), &mut bench, on_log, told)?;
-        Ok((watch.ended(self.setup)?, run))
+        Ok((watch.ended(self)?, run))
     }
 
     fn assignment(&self) -> Assignment {
-        let Terms { policy, utc_s, pace, limits, noise_margin } = self.terms;
+        let Terms { policy, utc_s, pace, limits, noise_margin, axes } = self.terms;
         let mut calibrator = self.setup.config();
         calibrator.estimator.noise.margin = noise_margin;
         let usual = SelfCalibrationConfig::new(calibrator, self.run.scheme.clone());
-        Assignment::SelfCalibrate(SelfCalibrationConfig { policy, utc_s, pace, limits, ..usual })
+        Assignment::SelfCalibrate(SelfCalibrationConfig { policy, utc_s, pace, limits, axes, ..usual })
     }
 }
 
@@ -138,7 +143,7 @@ struct Watch<F> {
     truth: InstrumentErrors<f64>,
     off: Rc<Cell<bool>>,
     record: Record,
-    refused: Option<String>,
+    refused: Option<ConfigError>,
     decision: Option<Decision>,
     state: State,
     corrected: u32,
@@ -178,7 +183,7 @@ impl<F: FnMut(&Message)> Watch<F> {
             Message::Corrected { .. } => self.corrected += u32::from(self.state == State::Correcting),
             Message::Decided(decision) => self.decision = Some(*decision),
             Message::Segment(_) => self.truth = self.rins.borrow().errors_now(),
-            Message::Refused(error) => self.refused = Some(error.to_string()),
+            Message::Refused(error) => self.refused = Some(*error),
             _ => {}
         }
         if matches!(self.state, State::StandBy | State::Parked | State::Stranded)
@@ -189,10 +194,10 @@ impl<F: FnMut(&Message)> Watch<F> {
         (self.on_message)(message);
     }
 
-    fn ended(self, setup: &Setup) -> Result<Ended> {
+    fn ended(self, power_up: &PowerUp) -> Result<Ended> {
+        let setup = power_up.setup;
         if let Some(error) = self.refused {
-            let scheme = setup.scheme.as_deref().unwrap_or("unknown");
-            bail!("the configuration with scheme {scheme} is refused: {error}");
+            return Err(refused(error, &power_up.run.scheme, &power_up.terms.axes));
         }
         match (self.record.aborted(), self.record.outcome(setup), self.decision) {
             (Some(reason), ..) => Ok(Ended::Aborted(reason)),

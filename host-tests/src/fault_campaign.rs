@@ -194,6 +194,7 @@ fn reason_name(reason: &Reason) -> &'static str {
     match reason {
         Reason::Scale(_) => "units",
         Reason::NoiseLevel { .. } => "noise at most stops",
+        Reason::Cut { .. } => "cut short",
         Reason::TooFewSegments(_) => "too few segments",
         Reason::NotConverged(_) => "not converged",
         Reason::NotFinite { .. } => "not finite",

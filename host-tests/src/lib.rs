@@ -6,6 +6,7 @@
 //!                                                               file -> log  /
 //!
 //! virtual_run, replay -> calibration -> report, table -> cli
+//! refusal: what the core has against a scheme
 //! closed_loop, prediction -> plot, monte_carlo -^
 //! saved: a result read back -> comparison
 //! plan: finds schemes; prediction then says what the core makes of them
@@ -37,6 +38,7 @@ pub mod power_up;
 pub mod prediction;
 pub mod presets;
 pub mod quantity;
+pub mod refusal;
 pub mod replay;
 pub mod report;
 pub mod saved;

@@ -1,10 +1,11 @@
 //! Many calibrations of virtual units: are the errors as small as they can be, and the sigmas honest?
 
 use crate::calibration::{Outcome, Precision, Setup, is_estimated};
-use crate::closed_loop::{Ended, PowerUp};
+use crate::closed_loop::{Ended, PowerUp, Terms};
 use crate::prediction::bounds;
 use crate::presets::{RandomErrors, UnitErrors, errors_named};
 use crate::quantity::{self, STATES};
+use crate::refusal;
 use crate::statistics::{ErrorAndSigma, ErrorStatistics, chi_square_mean_bounds};
 use crate::toml_file::TomlFileError;
 use crate::unit::UnitConfig;
@@ -12,10 +13,12 @@ use crate::virtual_rins::VirtualUnit;
 use crate::virtual_run::{Stream, VirtualRun, derived_seed};
 use anyhow::Result;
 use rayon::prelude::*;
+use rins_selfcal::axis::AxisLimits;
 use rins_selfcal::error_model::block;
 use rins_selfcal::method::Method;
 use rins_selfcal::options::{OPTIONAL_INFO, Options};
 use rins_selfcal::scheme::Scheme;
+use rins_selfcal::self_calibration::{ConfigError, SelfCalibrationConfig};
 use serde::Serialize;
 
 /// Confidence of all bounds.
@@ -89,6 +92,8 @@ pub struct MonteCarlo {
     pub options: Options,
     /// The scheme.
     pub scheme: Scheme,
+    /// What the outer and the inner axis can do.
+    pub axes: [AxisLimits; 2],
     /// Whether the core turns the axes, each method in a run of its own, or the scheme is played open loop.
     pub closed_loop: bool,
     /// Errors of the units.
@@ -119,8 +124,9 @@ impl MonteCarlo {
     /// All runs on all cores; per method its results in the order of the runs. `on_run` is called after each.
     ///
     /// # Errors
-    /// In closed loop, what the core has against the configuration.
+    /// What the core has against the configuration.
     pub fn run(&self, on_run: impl Fn() + Sync) -> Result<Vec<MethodStatistics>> {
+        self.check()?;
         let of_every_run = matches!(self.errors, ErrorSource::Fixed(_)).then(|| self.bounds(&self.virtual_run(0)));
         let runs = (0..self.runs).into_par_iter().map(|run| {
             let results = self.run_one(run, of_every_run.as_deref());
@@ -131,6 +137,20 @@ impl MonteCarlo {
         let of_method = |index: usize| results.iter().map(|run| run[index].clone()).collect::<Vec<_>>();
         let methods = self.methods.iter().enumerate();
         Ok(methods.map(|(index, method)| MethodStatistics::new(&self.setup(*method), &of_method(index))).collect())
+    }
+
+    /// Open loop, the host has room for any number of segments.
+    fn check(&self) -> Result<()> {
+        for method in &self.methods {
+            let setup = self.setup(*method).on_scheme(&self.scheme);
+            let config = SelfCalibrationConfig::new(setup.config(), self.scheme.clone());
+            match refusal::check(&SelfCalibrationConfig { axes: self.axes, ..config }) {
+                Err(ConfigError::Segments) if !self.closed_loop => {}
+                Err(error) => return Err(refusal::refused(error, &self.scheme, &self.axes)),
+                Ok(()) => {}
+            }
+        }
+        Ok(())
     }
 
     /// Duration of a run, s.
@@ -148,7 +168,9 @@ impl MonteCarlo {
             return Ok(both.map(|(outcome, bounds)| RunResult::new(outcome, bounds, &run.unit)).collect());
         }
         let power_up = |(setup, bounds): (Setup, &[f64; STATES])| {
-            let ended = PowerUp::new(&run, &setup.on_scheme(&run.scheme)).in_process(|_| ())?;
+            let terms = Terms { axes: self.axes, ..Terms::default() };
+            let setup = setup.on_scheme(&run.scheme);
+            let ended = PowerUp::new(&run, &setup).on_terms(terms).in_process(|_| ())?;
             Ok(match ended {
                 Ended::Judged(outcome) => RunResult::new(&outcome, bounds, &run.unit),
                 Ended::Aborted(reason) => RunResult::none(reason.to_string()),

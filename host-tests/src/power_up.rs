@@ -5,7 +5,8 @@ use crate::bench::{Bench, SharedBench, drivers};
 use crate::emulator::image::Image;
 use crate::emulator::{Run, Setup, run};
 use crate::plant::{Plant, Reading};
-use anyhow::{Context, Result, anyhow};
+use crate::refusal::refused;
+use anyhow::{Context, Result};
 use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
 use rins_selfcal::device::command_rates;
@@ -53,7 +54,7 @@ fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
     let (producer, mut consumer) = queue.split();
     let (mut acquisition, mut drives) = drivers(bench, producer);
     on_message(&Message::Store { found: stored.is_some(), damaged: false, fault: false });
-    let refused = |error| anyhow!("the configuration with scheme {} is refused: {error}", config.scheme.name);
+    let refused = |error| refused(error, &config.scheme, &config.axes);
     let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::UNCONFIGURED);
     let mut run = SelfCalibration::new(config.clone(), stored, &mut calibrator).map_err(refused)?;
     let (mut samples, mut saved) = (0, None);

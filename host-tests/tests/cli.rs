@@ -528,6 +528,53 @@ fn a_run_on_command_stands_by_and_one_without_enough_time_says_what_is_missing()
     let terms = ["--required-sigma", "0.5", "--early-finish", "--longest-run", "150"];
     let stdout = run(2, &[&["calibrate", "--report", &report], &terms[..]].concat());
     assert!(stdout.contains("arcsec, required 0.500"), "{stdout}");
+    assert!(stdout.contains("the run was cut after leg 7 of 8: its longest time was over"), "{stdout}");
+}
+
+#[test]
+fn a_scheme_is_refused_by_name_leg_and_reason() {
+    let (log, report) = (scratch("refused.csv"), scratch("refused.html"));
+    let commands: [&[&str]; 5] = [
+        &["calibrate", "--report", &report],
+        &["simulate", "--out", &log],
+        &["observability"],
+        &["montecarlo", "--runs", "2"],
+        &["montecarlo", "--runs", "2", "--closed-loop"],
+    ];
+    let cases: [(&[&str], &str); 5] = [
+        (
+            &["--limits=-180..180,-360..360"],
+            "leg 3 leaves the travel of the outer axis: -270.0 deg, travel -180.0 to 180.0 deg",
+        ),
+        (
+            &["--limits=-360..0,-90..360"],
+            "leg 13 leaves the travel of the inner axis: -180.0 deg, travel -90.0 to 360.0 deg",
+        ),
+        (
+            &["--axis-rate", "15"],
+            "the scheme turns or accelerates faster than the outer axis may: 20.0 deg/s and 20.0 deg/s^2, at most 15.0 and 60.0",
+        ),
+        (
+            &["--acceleration", "15"],
+            "the scheme turns or accelerates faster than the outer axis may: 20.0 deg/s and 20.0 deg/s^2, at most 60.0 and 15.0",
+        ),
+        (&["--stop", "0.4"], "the first stop is too short to be measured, at least 0.5 s"),
+    ];
+    for (limits, reason) in cases {
+        for command in commands {
+            let message = refused(&[command, &["--scheme", "bai"], limits].concat());
+            assert_eq!(message, format!("the configuration with scheme bai is refused: {reason}"), "{command:?}");
+        }
+    }
+    // What is not beyond the limits is run.
+    run(
+        0,
+        &["observability", "--scheme", "bai", "--limits=-360..0,-270..0", "--axis-rate", "20", "--acceleration", "20"],
+    );
+    for command in [commands[0], commands[3], commands[4]] {
+        let message = refused(&[command, &["--scheme", "8-position"]].concat());
+        assert!(message.ends_with("scheme 8-position is refused: the scheme leaves Sgxz unobserved"), "{message}");
+    }
 }
 
 #[test]

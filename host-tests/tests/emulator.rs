@@ -192,6 +192,7 @@ fn a_scheme_that_cannot_be_run_is_refused_by_its_reason() {
         (changed(&|scheme| scheme.rate_rad_s = 2.0), ConfigError::TooFast(0)),
         (changed(&|scheme| scheme.legs[2].stop_s = 0.0), ConfigError::Scheme(SchemeError::Stop(3))),
         (changed(&|scheme| scheme.legs[2].stop_s = -1.0), ConfigError::Scheme(SchemeError::Stop(3))),
+        (changed(&|scheme| scheme.legs[2].stop_s = 0.3), ConfigError::ShortStop(3)),
         // Half turns from level: no accelerometer but z ever feels gravity. The first to suffer is Sgxz.
         (Scheme::named("8-position").expect("in the library"), ConfigError::Unobserved(1)),
     ];

@@ -10,7 +10,7 @@ use host_tests::unit::UnitConfig;
 use host_tests::virtual_rins::VirtualUnit;
 use host_tests::virtual_run::VirtualRun;
 use rins_selfcal::constancy::{Change, Suspicion};
-use rins_selfcal::error_model::block;
+use rins_selfcal::error_model::{PARAMETERS, block};
 use rins_selfcal::method::Method;
 use rins_selfcal::options::Options;
 use rins_selfcal::scheme::Scheme;
@@ -57,6 +57,7 @@ fn near_a_pole_only_the_heading_suffers() {
         precision: Precision::F64,
         options: Options::default(),
         scheme: Scheme::named("fast-60").expect("a scheme of the library"),
+        axes: Default::default(),
         closed_loop: false,
         errors: ErrorSource::Random(RandomErrors::default()),
         unit,
@@ -66,7 +67,7 @@ fn near_a_pole_only_the_heading_suffers() {
     let [statistics] = &campaign.run(|| ()).expect("open loop")[..] else { panic!("one method") };
     assert_eq!(statistics.unconverged, 0);
     assert!(statistics.accepted >= 47, "{:?}", statistics.rejections);
-    let [twelve @ .., heading] = &statistics.parameters;
+    let [twelve @ .., heading] = &statistics.states[..PARAMETERS] else { panic!("as many as there are") };
     let mean = |parameter: &Option<ErrorStatistics>| parameter.as_ref().map_or(f64::NAN, |p| p.mean_normalized_squared);
     // 27 times 48 squares, hardly correlated: one sigma of their mean is 0.04.
     let all = twelve.iter().map(mean).sum::<f64>() / twelve.len() as f64;

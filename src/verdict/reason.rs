@@ -44,6 +44,8 @@ pub enum Reason {
     Scale(WrongScale),
     /// The noise at most stops is far from the configured one: this many times as large.
     NoiseLevel { sensors: Sensors, ratio: f64 },
+    /// The longest time that the run may take was over after this leg, of so many.
+    Cut { leg: u16, legs: u16 },
     /// There are too few segments to determine anything.
     TooFewSegments(u16),
     /// The estimate does not stand after this many sweeps.
@@ -174,6 +176,9 @@ impl fmt::Display for Reason {
             Self::Scale(wrong) => wrong.fmt(f),
             Self::NoiseLevel { sensors, ratio } => {
                 write!(f, "{}: noise is {} times the configured", sensors_name(sensors), Fixed(ratio, 2))
+            }
+            Self::Cut { leg, legs } => {
+                write!(f, "the run was cut after leg {leg} of {legs}: its longest time was over")
             }
             Self::TooFewSegments(count) => write!(f, "only {count} segments: no stop, move and stop to calibrate from"),
             Self::NotConverged(sweeps) => write!(f, "the estimate does not stand after {sweeps} sweeps"),

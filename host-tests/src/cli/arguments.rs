@@ -14,6 +14,7 @@ use crate::virtual_rins::{DEFAULT_RATE_HZ, VirtualUnit};
 use crate::virtual_run::{Stream, VirtualRun, derived_seed};
 use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
+use rins_selfcal::axis::AxisLimits;
 use rins_selfcal::method::Method;
 use rins_selfcal::options::Options;
 use rins_selfcal::policy::PowerUpPolicy;
@@ -66,6 +67,8 @@ pub struct CalibrateArguments {
     #[command(flatten)]
     pub method: MethodArguments,
     #[command(flatten)]
+    pub axes: AxisArguments,
+    #[command(flatten)]
     pub terms: TermsArguments,
     /// Run the firmware in the emulator, twice: calibrate, then find the stored calibration
     #[arg(long)]
@@ -107,6 +110,34 @@ pub struct TermsArguments {
     noise_margin: f64,
 }
 
+/// What the axes can do.
+#[derive(Debug, Args)]
+pub struct AxisArguments {
+    /// Travel of the outer and the inner axis, deg, or none [default: none, two turns either way]
+    #[arg(long, value_name = "LOW..HIGH,LOW..HIGH", value_parser = travel, allow_hyphen_values = true)]
+    limits: Option<TravelArgument>,
+    /// Highest rate of the axes, deg/s [default: 60]
+    #[arg(long, value_name = "DEG_S", value_parser = pace, allow_negative_numbers = true)]
+    axis_rate: Option<f64>,
+    /// Their highest acceleration, deg/s^2 [default: 60]
+    #[arg(long, value_name = "DEG_S2", value_parser = pace, allow_negative_numbers = true)]
+    acceleration: Option<f64>,
+}
+
+impl AxisArguments {
+    pub fn axes(&self) -> [AxisLimits; 2] {
+        let usual = AxisLimits::default();
+        let travel = self.limits.and_then(|limits| limits.0).unwrap_or_default();
+        travel.map(|Travel { lowest_rad, highest_rad }| AxisLimits {
+            rate_rad_s: self.axis_rate.map_or(usual.rate_rad_s, |rate| rate * DEG),
+            acceleration_rad_s2: self.acceleration.map_or(usual.acceleration_rad_s2, |limit| limit * DEG),
+            lowest_rad,
+            highest_rad,
+            ..usual
+        })
+    }
+}
+
 /// When a calibration begins at power-up.
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
 enum PolicyArgument {
@@ -138,6 +169,7 @@ impl TermsArguments {
             pace: Pace { early_finish: self.early_finish, longest_s: self.longest_run, ..Pace::default() },
             limits: self.required_sigma.map_or(limits, |sigma| limits.requiring(sigma * ARCSEC)),
             noise_margin: self.noise_margin,
+            ..Terms::default()
         }
     }
 }
@@ -155,6 +187,8 @@ pub struct SimulateArguments {
     pub write_config: Option<PathBuf>,
     #[command(flatten)]
     pub scheme: SchemeArguments,
+    #[command(flatten)]
+    pub axes: AxisArguments,
     #[command(flatten)]
     pub unit: UnitArguments,
 }
@@ -229,6 +263,8 @@ pub struct CompareArguments {
 pub struct ObservabilityArguments {
     #[command(flatten)]
     pub scheme: SchemeArguments,
+    #[command(flatten)]
+    pub axes: AxisArguments,
     /// Site, noise and rate of the unit [default: Bai's site, noise "navigation", 200 Hz]
     #[arg(long, value_name = "UNIT.toml")]
     pub config: Option<PathBuf>,
@@ -238,7 +274,7 @@ pub struct ObservabilityArguments {
     #[command(flatten)]
     pub method: MethodArguments,
     /// Compare all schemes of the library, by the joint method
-    #[arg(long, conflicts_with_all = ["scheme", "stop", "periods", "method"])]
+    #[arg(long, conflicts_with_all = ["scheme", "stop", "periods", "method", "limits", "axis_rate", "acceleration"])]
     pub all: bool,
     /// Draw the sigmas of Bai's twelve against time
     #[arg(long, value_name = "OUT.svg", conflicts_with = "all")]
@@ -369,6 +405,8 @@ pub struct MonteCarloArguments {
     pub runs: u64,
     #[command(flatten)]
     pub scheme: SchemeArguments,
+    #[command(flatten)]
+    pub axes: AxisArguments,
     /// Let the core turn the axes, as at power-up, and repeat disturbed stops [default: play the scheme open loop]
     #[arg(long)]
     pub closed_loop: bool,

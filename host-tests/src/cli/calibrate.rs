@@ -3,7 +3,7 @@
 use super::arguments::CalibrateArguments;
 use super::output::sayln;
 use super::{Ending, files, progress, replay};
-use crate::closed_loop::{Ended, PowerUp};
+use crate::closed_loop::{Ended, PowerUp, Terms};
 use crate::emulator::Run;
 use crate::quantity;
 use crate::truth::Truth;
@@ -30,7 +30,8 @@ pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
     let run = arguments.unit.run(&config, scheme)?;
     let place = if arguments.firmware { "firmware in the emulator" } else { "in process" };
     sayln!("virtual RINS: scheme {}, {:.0} s, closed loop, {place}", run.scheme.name, run.duration_s());
-    let power_up = PowerUp::new(&run, &setup).on_terms(arguments.terms.terms());
+    let power_up =
+        PowerUp::new(&run, &setup).on_terms(Terms { axes: arguments.axes.axes(), ..arguments.terms.terms() });
     if arguments.firmware {
         return firmware(arguments, &run, &power_up);
     }

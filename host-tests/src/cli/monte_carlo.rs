@@ -85,6 +85,7 @@ fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo> {
         precision: arguments.precision,
         options: arguments.options.options(),
         scheme: arguments.scheme.scheme(longest)?,
+        axes: arguments.axes.axes(),
         closed_loop: arguments.closed_loop,
         errors: arguments::errors(&arguments.errors)?,
         rate_hz: arguments::rate_hz(&unit),

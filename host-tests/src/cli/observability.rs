@@ -8,6 +8,7 @@ use crate::plan::bound::of_scheme;
 use crate::plot::write_sigmas;
 use crate::prediction::{Prediction, RankAt, SegmentGain};
 use crate::quantity::{significant, states};
+use crate::refusal::check_axes;
 use crate::report::write_json;
 use crate::table;
 use rayon::prelude::*;
@@ -34,6 +35,7 @@ pub fn run(arguments: &ObservabilityArguments) -> anyhow::Result<Ending> {
         return Ok(Ending::Done);
     }
     let scheme = arguments.scheme.scheme(method)?;
+    check_axes(&scheme, &arguments.axes.axes())?;
     let prediction = predicted(&setup, &scheme);
     if let Some(path) = &arguments.json {
         write_json(path, &prediction)?;

@@ -5,6 +5,7 @@ use super::arguments::SimulateArguments;
 use super::output::sayln;
 use super::{files, progress};
 use crate::log::LogWriter;
+use crate::refusal::check_axes;
 use crate::truth::Truth;
 use crate::unit::UnitConfig;
 use crate::virtual_run::VirtualRun;
@@ -24,7 +25,9 @@ pub fn run(arguments: &SimulateArguments) -> anyhow::Result<Ending> {
     ];
     files::check(&[arguments.scheme.input(), errors, noise, config], &outputs)?;
     let config = arguments.unit.config()?;
-    let run = arguments.unit.run(&config, arguments.scheme.scheme(Method::Joint)?)?;
+    let scheme = arguments.scheme.scheme(Method::Joint)?;
+    check_axes(&scheme, &arguments.axes.axes())?;
+    let run = arguments.unit.run(&config, scheme)?;
     let samples = write_log(&run, &arguments.out)?;
     if let Some(path) = &arguments.truth {
         Truth::new(&run.unit.errors).write(path)?;

@@ -81,12 +81,15 @@ fn self_calibrate(
     config: SelfCalibrationConfig,
     calibrator: &mut ImageCalibrator,
 ) -> Result<(), ()> {
-    let stored = load(board);
+    let (stored, scheme) = (load(board), config.scheme.name.clone());
     // Borrowed where it is: moved out, it would be on the stack twice.
     let mut made = SelfCalibration::new(config, stored.as_ref(), calibrator);
     let run = match &mut made {
         Ok(run) => run,
-        Err(error) => return refuse(board, *error),
+        Err(error) => {
+            defmt::error!("scheme {=str}", scheme.as_str());
+            return refuse(board, *error);
+        }
     };
     let mut samples = 0;
     while board.powered() {

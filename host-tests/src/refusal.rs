@@ -1,0 +1,53 @@
+//! Schemes that the core refuses, in its words and with the numbers.
+
+use anyhow::{Error, Result, anyhow};
+use rins_selfcal::axis::AxisLimits;
+use rins_selfcal::calibrator::Calibrator;
+use rins_selfcal::estimator::{FULL_STATES, MAX_SEGMENTS};
+use rins_selfcal::scheme::Scheme;
+use rins_selfcal::self_calibration::{ConfigError, SelfCalibration, SelfCalibrationConfig, check_motion};
+use rins_selfcal::units::DEG;
+
+/// Checks a scheme in itself and against the axes.
+///
+/// # Errors
+/// One line that names the scheme and the leg.
+pub fn check_axes(scheme: &Scheme, axes: &[AxisLimits; 2]) -> Result<()> {
+    check_motion(scheme, axes).map_err(|error| refused(error, scheme, axes))
+}
+
+/// Checks whether the core would begin a calibration.
+///
+/// # Errors
+/// What it has against the configuration.
+pub fn check(config: &SelfCalibrationConfig) -> Result<(), ConfigError> {
+    let mut calibrator = Box::new(Calibrator::<f64, MAX_SEGMENTS, FULL_STATES>::UNCONFIGURED);
+    SelfCalibration::new(config.clone(), None, &mut calibrator).map(|_| ())
+}
+
+/// The refusal of a configuration.
+pub fn refused(error: ConfigError, scheme: &Scheme, axes: &[AxisLimits; 2]) -> Error {
+    anyhow!("the configuration with scheme {} is refused: {error}{}", scheme.name, numbers(error, scheme, axes))
+}
+
+fn numbers(error: ConfigError, scheme: &Scheme, axes: &[AxisLimits; 2]) -> String {
+    match error {
+        ConfigError::Travel { leg, axis } => {
+            let to = usize::from(leg).checked_sub(1).and_then(|leg| scheme.legs.get(leg));
+            let angles = to.map_or([0.0; 2], |leg| [leg.outer_rad, leg.inner_rad]);
+            let AxisLimits { lowest_rad, highest_rad, .. } = axes[usize::from(axis)];
+            let [angle, low, high] = [angles[usize::from(axis)], lowest_rad, highest_rad].map(|angle| angle / DEG);
+            format!(": {angle:.1} deg, travel {low:.1} to {high:.1} deg")
+        }
+        ConfigError::TooFast(axis) => {
+            let limits = &axes[usize::from(axis)];
+            let scheme = [scheme.rate_rad_s, scheme.acceleration_rad_s2].map(|number| number / DEG);
+            let limits = [limits.rate_rad_s, limits.acceleration_rad_s2].map(|number| number / DEG);
+            format!(
+                ": {:.1} deg/s and {:.1} deg/s^2, at most {:.1} and {:.1}",
+                scheme[0], scheme[1], limits[0], limits[1]
+            )
+        }
+        _ => String::new(),
+    }
+}
