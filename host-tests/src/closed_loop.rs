@@ -8,6 +8,7 @@ use crate::emulator::Run;
 use crate::emulator::image::{Board, Variant, build};
 use crate::power_up::{Switched, in_emulator, in_process, shared};
 use crate::refusal::refused;
+use crate::signals::{Recorded, SharedSignals};
 use crate::virtual_rins::VirtualRins;
 use crate::virtual_run::VirtualRun;
 use anyhow::{Result, anyhow};
@@ -74,12 +75,13 @@ pub struct PowerUp<'a> {
     run: &'a VirtualRun,
     setup: &'a Setup,
     terms: Terms,
+    signals: SharedSignals,
 }
 
 impl<'a> PowerUp<'a> {
     /// Of a unit, with the configuration of its controller.
     pub fn new(run: &'a VirtualRun, setup: &'a Setup) -> Self {
-        Self { run, setup, terms: Terms::default() }
+        Self { run, setup, terms: Terms::default(), signals: SharedSignals::default() }
     }
 
     /// On other terms.
@@ -88,12 +90,17 @@ impl<'a> PowerUp<'a> {
         Self { terms, ..self }
     }
 
+    /// What the IMU and the encoders showed, of all power-ups so far.
+    pub fn signals(&self) -> &SharedSignals {
+        &self.signals
+    }
+
     /// The core in this process; its store is empty. `on_message` gets all that the core tells.
     ///
     /// # Errors
     /// What the core has against the configuration.
     pub fn in_process(&self, on_message: impl FnMut(&Message)) -> Result<Ended> {
-        let mut watch = Watch::new(self.run, on_message);
+        let mut watch = Watch::new(self.run, &self.signals, on_message);
         let bench = shared(watch.plant());
         let (assignment, told) = (self.assignment(), |message: &Message| watch.note(message));
         match (self.setup.precision, self.setup.options.needs_states()) {
@@ -120,7 +127,7 @@ impl<'a> PowerUp<'a> {
             Precision::F32 => Board::Mps2An386,
         };
         let image = build(Variant { board, optional_states: self.setup.options.needs_states() })?;
-        let mut watch = Watch::new(self.run, on_message);
+        let mut watch = Watch::new(self.run, &self.signals, on_message);
         let mut bench = Bench::new(watch.plant());
         let told = |message: &Message| watch.note(message);
         let run = in_emulator(&self.assignment(), &image, Some(eeprom), &mut bench, on_log, told)?;
@@ -138,7 +145,7 @@ impl<'a> PowerUp<'a> {
 
 /// Follows the messages of a run and switches the instrument off when there is nothing more to see.
 struct Watch<F> {
-    plant: Option<Switched<Rc<RefCell<VirtualRins>>>>,
+    plant: Option<Recorded<Switched<Rc<RefCell<VirtualRins>>>>>,
     rins: Rc<RefCell<VirtualRins>>,
     truth: InstrumentErrors<f64>,
     off: Rc<Cell<bool>>,
@@ -151,14 +158,14 @@ struct Watch<F> {
 }
 
 impl<F: FnMut(&Message)> Watch<F> {
-    fn new(run: &VirtualRun, on_message: F) -> Self {
+    fn new(run: &VirtualRun, signals: &SharedSignals, on_message: F) -> Self {
         let mut rins = VirtualRins::new(&run.unit, run.seed);
         rins.expect_moves(&move_durations_s(&run.scheme, run.unit.rate_hz));
         let truth = rins.errors_now();
         let rins = Rc::new(RefCell::new(rins));
         let (plant, off) = Switched::new(Rc::clone(&rins));
         Self {
-            plant: Some(plant),
+            plant: Some(Recorded::new(plant, signals)),
             rins,
             truth,
             off,
@@ -172,7 +179,7 @@ impl<F: FnMut(&Message)> Watch<F> {
     }
 
     /// The instrument, to be put on a bench once.
-    fn plant(&mut self) -> Switched<Rc<RefCell<VirtualRins>>> {
+    fn plant(&mut self) -> Recorded<Switched<Rc<RefCell<VirtualRins>>>> {
         self.plant.take().expect("put on one bench")
     }
 

@@ -4,14 +4,14 @@
 //! `log` defmt frames; the files are `configuration` (to the firmware), `run` and `fault` (from it).
 
 pub mod image;
-mod install;
 
+use crate::apt::ensure_installed;
 use crate::bench::{Bench, Chip};
 use crate::plant::Plant;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use defmt_decoder::{DecodeError, Table};
 use image::Image;
-use install::ensure_emulator;
+
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::stat::Mode;
 use std::fs::{self, File, OpenOptions};
@@ -120,7 +120,7 @@ pub fn run<P: Plant>(
     mut on_log: impl FnMut(&str),
     mut on_telemetry: impl FnMut(&[u8]),
 ) -> Result<Run> {
-    ensure_emulator()?;
+    ensure_installed(EMULATOR, EMULATOR)?;
     let start = Instant::now();
     let elf = setup.image.read()?;
     let table = Table::parse(&elf)?.context("the image has no defmt table")?;

@@ -5,7 +5,7 @@
 //!                                                                             plant -> the core
 //!                                                               file -> log  /
 //!
-//! virtual_run, replay -> calibration -> report, table -> cli
+//! virtual_run, replay -> calibration, signals -> report, table, page -> cli
 //! refusal: what the core has against a scheme
 //! closed_loop, prediction -> plot, monte_carlo -^
 //! saved: a result read back -> comparison
@@ -14,6 +14,7 @@
 //! chips: the devices that the core's drivers read and drive
 //! ```
 
+pub mod apt;
 pub mod bench;
 pub mod calibration;
 pub mod chips;
@@ -44,6 +45,7 @@ pub mod report;
 pub mod saved;
 pub mod scheme_file;
 pub mod servo_bench;
+pub mod signals;
 pub mod statistics;
 pub mod table;
 pub mod toml_file;

@@ -1,44 +1,378 @@
-//! The report of a calibration as one self-contained page.
+//! The report of a calibration as one self-contained page: verdict, certificate, correction ready to paste, figures.
+
+mod canvas;
+mod figures;
+mod paste;
 
 use crate::calibration::Outcome;
-use crate::report::{CONVENTION, CalibrationReport};
-use crate::table;
+use crate::quantity::{self, fixed, rounded, significant};
+use crate::report::{CONVENTION, CalibrationReport, correction};
+use crate::signals::Signals;
+use crate::table::{self, GROUPS};
 use crate::truth::ParameterTable;
 use anyhow::Context;
+use canvas::Drawn;
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+use rins_selfcal::error_model::PARAMETER_INFO;
+use rins_selfcal::observability::INSTALLATION_STATES;
+use rins_selfcal::scheme::{Leg, Scheme};
+use rins_selfcal::segment::SegmentKind;
+use serde::Deserialize;
+use std::collections::BTreeMap;
 use std::path::Path;
+use time::OffsetDateTime;
+use time::format_description::well_known::Rfc3339;
 
-const STYLE: &str = "body{font-family:sans-serif;max-width:60em;margin:2em auto;padding:0 1em;color-scheme:light dark}\
-pre{overflow-x:auto;padding:1em;border:1px solid #8888;border-radius:4px}\
-.accepted{color:#197a33}.rejected{color:#c62828}";
+const STYLE: &str = include_str!("page/style.css");
 
-/// Writes the page: verdict, parameters, and the correction ready to paste.
+/// What the page is made from; what is absent is left out.
+#[derive(Clone, Copy)]
+pub struct Content<'a> {
+    /// The calibration.
+    pub outcome: &'a Outcome,
+    /// The true parameters, as far as they are known.
+    pub truth: Option<&'a ParameterTable>,
+    /// What the IMU and the encoders showed.
+    pub signals: Option<&'a Signals>,
+    /// The motion, for its observability.
+    pub scheme: Option<&'a Scheme>,
+    /// Where the samples come from, in words.
+    pub source: &'a str,
+    /// The calibration before this one.
+    pub previous: Option<&'a Previous>,
+}
+
+impl<'a> Content<'a> {
+    /// Whether there is something to show in a section.
+    fn has(&self, section: &str) -> bool {
+        match section {
+            "motion" => self.signals.is_some(),
+            "comparison" => self.previous.is_some(),
+            _ => true,
+        }
+    }
+
+    /// The motion as a scheme, if it began near (0, 0): one that was run, or as the log shows it.
+    fn motion(&self) -> Option<Scheme> {
+        self.scheme.cloned().or_else(|| scheme_seen(self.outcome, self.signals?))
+    }
+}
+
+/// The motion that the segments of a log show, at the usual rate.
+fn scheme_seen(outcome: &Outcome, signals: &Signals) -> Option<Scheme> {
+    const NEAR_RAD: f64 = 0.1;
+    let mut scheme = Scheme { periods: 1, ..Scheme::bai(1.0, 1) };
+    scheme.name.clear();
+    scheme.legs.clear();
+    let mut begin_s = signals.points().first()?.time_s;
+    for progress in &outcome.live {
+        let end_s = progress.end_us as f64 * 1e-6;
+        let angles = signals.points().iter().take_while(|point| point.time_s <= end_s).last()?.angles_rad;
+        match progress.kind {
+            SegmentKind::Move => {}
+            SegmentKind::Stop if progress.segments == 1 && angles.iter().any(|angle| angle.abs() > NEAR_RAD) => {
+                return None;
+            }
+            SegmentKind::Stop if progress.segments == 1 => scheme.first_stop_s = end_s - begin_s,
+            SegmentKind::Stop => {
+                let [outer_rad, inner_rad] = angles;
+                scheme.legs.push(Leg { outer_rad, inner_rad, stop_s: end_s - begin_s }).ok()?;
+            }
+        }
+        begin_s = end_s;
+    }
+    Some(scheme)
+}
+
+/// Another calibration to compare with, from the JSON of its result.
+#[derive(Clone, Debug)]
+pub struct Previous {
+    /// Where it comes from, in words.
+    pub source: String,
+    /// Values in report units.
+    pub values: ParameterTable,
+    /// Sigmas in report units.
+    pub sigmas: ParameterTable,
+}
+
+impl Previous {
+    /// Reads the result that `--json` wrote.
+    ///
+    /// # Errors
+    /// One line that names the file and what is wrong with it.
+    pub fn read(path: &Path) -> anyhow::Result<Self> {
+        #[derive(Deserialize)]
+        struct Parameter {
+            value: f64,
+            sigma: f64,
+        }
+        #[derive(Deserialize)]
+        struct Result {
+            parameters: BTreeMap<String, Parameter>,
+        }
+        let context = || path.display().to_string();
+        let text = std::fs::read_to_string(path).with_context(context)?;
+        let Result { parameters } = serde_json::from_str(&text).with_context(context)?;
+        let of = |part: fn(&Parameter) -> f64| {
+            ParameterTable(std::array::from_fn(|index| parameters.get(PARAMETER_INFO[index].name).map(part)))
+        };
+        Ok(Self { source: context(), values: of(|parameter| parameter.value), sigmas: of(|parameter| parameter.sigma) })
+    }
+}
+
+/// Writes the page.
 ///
 /// # Errors
 /// The file cannot be written; the message names it.
-pub fn write_page(path: &Path, outcome: &Outcome, truth: Option<&ParameterTable>) -> anyhow::Result<()> {
-    std::fs::write(path, page(outcome, truth)?).with_context(|| path.display().to_string())
+pub fn write_page(path: &Path, content: &Content) -> anyhow::Result<()> {
+    std::fs::write(path, page(content)?.into_string()).with_context(|| path.display().to_string())
 }
 
-fn page(outcome: &Outcome, truth: Option<&ParameterTable>) -> anyhow::Result<String> {
-    let verdict = outcome.verdict_name();
-    let result = serde_json::to_string_pretty(&CalibrationReport::from(outcome))?;
-    let sections = [
-        ("Data", table::samples(outcome)),
-        ("Parameters", table::parameters(outcome, truth) + &table::optional_states(outcome)),
-        ("Fit and verdict", table::verdict(outcome)),
-        ("Convention", CONVENTION.replace(". ", ".\n")),
-        ("Result with correction and correlation, as JSON", result),
-    ];
-    let mut html = format!(
-        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>RINS self-calibration</title>\
-         <style>{STYLE}</style></head><body>\n<h1>Self-calibration: <span class=\"{verdict}\">{verdict}</span></h1>\n"
-    );
-    for (title, text) in sections {
-        html += &format!("<h2>{title}</h2>\n<pre>{}</pre>\n", escaped(&text));
+fn page(content: &Content) -> anyhow::Result<Markup> {
+    let outcome = content.outcome;
+    Ok(html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                title { "RINS self-calibration: " (outcome.verdict_name()) }
+                style { (PreEscaped(STYLE)) }
+            }
+            body {
+                (verdict(outcome))
+                nav {
+                    @for (id, title) in SECTIONS.iter().filter(|(id, _)| content.has(id)) { a href={ "#" (id) } { (title) } }
+                }
+                (section(0, certificate(content)))
+                (section(1, correction_text(outcome)))
+                @if let Some(signals) = content.signals { (section(2, motion(content, signals)?)) }
+                (section(3, estimates(content)?))
+                (section(4, fit(outcome)?))
+                @if let Some(previous) = content.previous { (section(5, comparison(outcome, previous)?)) }
+                (section(6, result(outcome)?))
+                footer { "rins-selfcal " (env!("CARGO_PKG_VERSION")) ", " (now()) }
+            }
+        }
+    })
+}
+
+const SECTIONS: [(&str, &str); 7] = [
+    ("certificate", "Certificate"),
+    ("correction", "Correction"),
+    ("motion", "Motion and signals"),
+    ("estimates", "Estimates"),
+    ("fit", "Fit"),
+    ("comparison", "Comparison"),
+    ("result", "Result"),
+];
+
+fn section(number: usize, content: Markup) -> Markup {
+    let (id, title) = SECTIONS[number];
+    html! { section id=(id) { h2 { (title) } (content) } }
+}
+
+fn now() -> String {
+    OffsetDateTime::now_utc().replace_nanosecond(0).ok().and_then(|now| now.format(&Rfc3339).ok()).unwrap_or_default()
+}
+
+// ------------------------------------------------------------------------------------------------------------- verdict
+
+fn verdict(outcome: &Outcome) -> Markup {
+    let name = outcome.verdict_name();
+    html! {
+        header class={ "verdict " (name) } {
+            h1 { "Self-calibration " (name) }
+            p { (in_words(outcome)) }
+            @if !outcome.verdict.accepted() {
+                ul { @for reason in outcome.reasons() { li { (reason) } } }
+            }
+        }
     }
-    Ok(html + "</body></html>\n")
 }
 
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+fn in_words(outcome: &Outcome) -> String {
+    let solution = &outcome.solution;
+    let sigmas = quantity::sigmas(&outcome.estimate().sigmas);
+    let worst = (0..INSTALLATION_STATES).max_by(|a, b| sigmas[*a].total_cmp(&sigmas[*b])).unwrap_or_default();
+    let freedom = f64::from(solution.degrees_of_freedom);
+    let measured = format!(
+        "In {:.0} s, the largest sigma of the twelve installation errors came to {} arcsec ({}). Chi-square is {:.0}; with \
+         the configured noise, {:.0} ± {:.0} is expected.",
+        solution.duration_s,
+        significant(sigmas[worst]),
+        PARAMETER_INFO[worst].name,
+        solution.fit.chi_square,
+        freedom,
+        (2.0 * freedom).sqrt()
+    );
+    match (outcome.verdict.accepted(), outcome.stored) {
+        (true, Some(false)) => format!("The result is good, but could not be stored: the one before stays. {measured}"),
+        (true, _) => format!("The result may be used. {measured}"),
+        (false, _) => format!("Do not use this result; what was stored before stays in use. {measured}"),
+    }
+}
+
+// --------------------------------------------------------------------------------------------------------- certificate
+
+fn certificate(content: &Content) -> Markup {
+    html! {
+        div.scroll { (parameters(content)) }
+        div.scroll { table { tbody { @for (name, value) in facts(content) { tr { th.text { (name) } td.wide { (value) } } } } } }
+    }
+}
+
+fn parameters(Content { outcome, truth, .. }: &Content) -> Markup {
+    let columns: &[&str] =
+        if truth.is_some() { &["estimate", "sigma", "truth", "error", "error/sigma"] } else { &["estimate", "sigma"] };
+    html! {
+        table {
+            thead { tr { th { "parameter" } @for column in columns { th { (column) } } th.text { "unit" } } }
+            tbody {
+                @for group in &GROUPS {
+                    @let shown = || group.states.clone().filter(|index| *index < PARAMETER_INFO.len() && outcome.is_estimated(*index));
+                    @if shown().next().is_some() { tr.group { th colspan="7" { (group.title) } } }
+                    @for index in shown() { (parameter_row(outcome, *truth, index)) }
+                }
+                @for (info, value, sigma) in outcome.optional_states() {
+                    tr {
+                        td { (info.name) } td { (rounded(value, sigma)) } td { (significant(sigma)) }
+                        @for _ in 2..columns.len() { td {} }
+                        td.text { (info.unit) }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn parameter_row(outcome: &Outcome, truth: Option<&ParameterTable>, index: usize) -> Markup {
+    let (value, sigma) =
+        (quantity::values(&outcome.estimate().errors)[index], quantity::sigmas(&outcome.estimate().sigmas)[index]);
+    let info = &PARAMETER_INFO[index];
+    html! {
+        tr {
+            td { (info.name) } td { (rounded(value, sigma)) } td { (significant(sigma)) }
+            @if let Some(truth) = truth {
+                @let truth = truth.0[index].map(|truth| quantity::value(index, truth));
+                @let error = truth.map(|truth| quantity::error(index, value, truth));
+                td { (table::number_or_none(truth, |truth| rounded(truth, sigma))) }
+                td { (table::number_or_none(error, |error| rounded(error, sigma))) }
+                td { (table::number_or_none(error, |error| fixed(error / sigma, 2))) }
+            }
+            td.text { (info.unit) }
+        }
+    }
+}
+
+/// What a certificate must say beside the numbers.
+fn facts(content: &Content) -> Vec<(&'static str, String)> {
+    let (outcome, solution) = (content.outcome, &content.outcome.solution);
+    let site = &outcome.setup.site;
+    let temperature = Some(solution.temperature_c).filter(|temperature| temperature.is_finite());
+    let latitude_deg = site.latitude_rad / rins_selfcal::units::DEG;
+    vec![
+        ("source", content.source.into()),
+        ("method", crate::calibration::method_name(outcome.setup.method).into()),
+        ("scheme", outcome.setup.scheme.clone().unwrap_or_else(|| "as found in the log".into())),
+        ("stops, moves", format!("{}, {}", outcome.stops, outcome.moves)),
+        ("duration", format!("{:.1} s", solution.duration_s)),
+        ("samples", format!("{} at {} Hz", outcome.counts.admitted, significant(outcome.setup.rate_hz))),
+        (
+            "site",
+            format!(
+                "latitude {latitude_deg:.5} deg, height {} m, gravity {:.6} m/s²",
+                site.height_m,
+                site.gravity_m_s2()
+            ),
+        ),
+        ("noise", outcome.setup.noise.to_string()),
+        (
+            "temperature",
+            temperature.map_or_else(|| "no sensor".into(), |temperature| format!("{temperature:.1} deg C")),
+        ),
+        ("arithmetic", format!("{:?}", outcome.setup.precision).to_lowercase()),
+        ("software", format!("rins-selfcal {}", env!("CARGO_PKG_VERSION"))),
+        ("convention", CONVENTION.into()),
+    ]
+}
+
+// ---------------------------------------------------------------------------------------------------------- correction
+
+fn correction_text(outcome: &Outcome) -> Markup {
+    let correction = correction(outcome);
+    html! {
+        p { "Apply to every sample, in SI units: specific force " code { "f_s = force_matrix_sa (f_a - accel_bias_a)" }
+            ", angular rate " code { "w_s = rate_matrix_sg (w_g - gyro_bias_g)" } "." }
+        @for (number, (language, text)) in paste::snippets(&correction).enumerate() {
+            details open[number == 0] { summary { (language) } pre { (text) } }
+        }
+        details { summary { "JSON" } pre { (serde_json::to_string_pretty(&correction).unwrap_or_default()) } }
+    }
+}
+
+// ------------------------------------------------------------------------------------------------------------- figures
+
+fn shown(drawn: Drawn, name: &str, caption: &str) -> anyhow::Result<Markup> {
+    Ok(html! {
+        figure id=(name) { (PreEscaped(drawn?)) @if !caption.is_empty() { figcaption { (caption) } } }
+    })
+}
+
+fn motion(content: &Content, signals: &Signals) -> anyhow::Result<Markup> {
+    let base = &content.outcome.estimate().errors;
+    Ok(html! {
+        (shown(figures::angles(signals), "angles", "Counted over whole turns from the first reading.")?)
+        (shown(figures::gyros(signals), "gyros", "Outputs on the gyros' own axes, averaged between points.")?)
+        (shown(figures::accelerometers(signals), "accelerometers", "Outputs on the accelerometers' own axes, averaged between points.")?)
+        @if let Some(scheme) = content.motion() {
+            @let [values, rank] = figures::singular_values(&scheme, &content.outcome.setup.site, base);
+            (shown(values, "singular-values", "Of Bai's twelve states along one period of the scheme, in its own order; what counts as zero lies on the axis.")?)
+            (shown(rank, "rank", "As the measurements come in, stops by (11), moves by (13) of Bai et al.")?)
+        }
+    })
+}
+
+fn estimates(content: &Content) -> anyhow::Result<Markup> {
+    let outcome = content.outcome;
+    Ok(html! {
+        p { "Live estimates after every segment, against time in seconds, with a band of three sigmas; the last point is the final pass. "
+            @if content.truth.is_some() { "Dashed: the truth." } }
+        div.small {
+            @for (index, info) in PARAMETER_INFO.iter().enumerate().filter(|(index, _)| outcome.is_estimated(*index)) {
+                (shown(figures::estimate(outcome, index, content.truth), &format!("estimate-{}", info.name), "")?)
+            }
+        }
+        (shown(figures::contributions(outcome), "contributions",
+            "What every segment, from left to right, told of every parameter: the darkest cells stand for three bits or more, an eighth of the sigma before.")?)
+        (shown(figures::correlation(outcome), "correlation", "Correlations of the estimates: orange positive, blue negative.")?)
+    })
+}
+
+fn fit(outcome: &Outcome) -> anyhow::Result<Markup> {
+    Ok(html! {
+        pre { (table::samples(outcome)) (table::verdict(outcome)) }
+        (shown(figures::innovations(outcome), "innovations",
+            "Each measurement less its prediction in the last sweep, in its own sigmas; by chance, one in 370 lies outside the dashed lines.")?)
+    })
+}
+
+fn comparison(outcome: &Outcome, previous: &Previous) -> anyhow::Result<Markup> {
+    let (values, sigmas) = (quantity::values(&outcome.estimate().errors), quantity::sigmas(&outcome.estimate().sigmas));
+    let change = |index: usize| {
+        let (before, sigma) = (previous.values.0[index]?, previous.sigmas.0[index]?);
+        outcome.is_estimated(index).then(|| quantity::error(index, values[index], before) / sigmas[index].hypot(sigma))
+    };
+    let changes: Vec<_> =
+        (0..PARAMETER_INFO.len()).filter_map(|index| Some((PARAMETER_INFO[index].name, change(index)?))).collect();
+    let (names, changes): (Vec<&str>, Vec<f64>) = changes.into_iter().unzip();
+    Ok(html! {
+        p { "With " (previous.source) "." }
+        (shown(figures::changes(&names, &changes), "changes", "Beyond the dashed lines, the unit has changed or one of the two is wrong.")?)
+    })
+}
+
+fn result(outcome: &Outcome) -> anyhow::Result<Markup> {
+    let result = serde_json::to_string_pretty(&CalibrationReport::from(outcome))?;
+    Ok(html! { details { summary { "All numbers, as JSON" } pre { (result) } } })
 }

@@ -5,7 +5,6 @@ use crate::log::{Layout, LogError, LogReader};
 use crate::plant::Reading;
 use crate::quantity::significant;
 use crate::unit::UnitConfig;
-use rins_selfcal::calibrator::Progress;
 use rins_selfcal::method::Method;
 use rins_selfcal::options::Options;
 use std::f64::consts::PI;
@@ -116,15 +115,15 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// Streams the log through the chain. `on_rows` is called now and then with the number of rows so far, `on_segment`
-    /// with every live estimate.
+    /// Streams the log through the chain. `on_rows` is called now and then with the number of rows so far, `on_reading`
+    /// with every one.
     ///
     /// # Errors
     /// The log is no log, has a wrong row, or shows no stop or no move.
     pub fn run(
         &self,
         mut on_rows: impl FnMut(u64),
-        mut on_segment: impl FnMut(&Progress),
+        mut on_reading: impl FnMut(&Reading),
     ) -> Result<Outcome, ReplayError> {
         let reader = LogReader::open_as(&self.path, &self.layout)?;
         let rate_hz = self.rate_hz(&reader)?;
@@ -139,12 +138,14 @@ impl Replay {
                 on_rows(rows);
             }
             fastest.note(&row.reading);
-            chain.step(&row.reading).iter().for_each(&mut on_segment);
+            on_reading(&row.reading);
+            // The live estimates are part of the outcome.
+            let _ = chain.step(&row.reading);
         }
         if let Some(ratio) = fastest.of_degrees() {
             return Err(ReplayError::Degrees { path: self.path.clone(), ratio });
         }
-        chain.finish().iter().for_each(&mut on_segment);
+        let _ = chain.finish();
         self.with_moves(chain.conclude(), line)
     }
 

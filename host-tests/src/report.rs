@@ -79,13 +79,19 @@ impl From<&Site> for SiteReport {
 
 /// What to apply to every sample, SI; matrices by rows.
 #[derive(Clone, Copy, Debug, Serialize)]
-struct CorrectionReport {
-    force_matrix_sa: [[f64; 3]; 3],
-    accel_bias_a: [f64; 3],
-    rate_matrix_sg: [[f64; 3]; 3],
-    gyro_bias_g: [f64; 3],
-    rot_sr: [[f64; 3]; 3],
-    axis_nonperpendicularity_rad: f64,
+pub struct CorrectionReport {
+    /// `f_s = force_matrix_sa (f_a - accel_bias_a)`.
+    pub force_matrix_sa: [[f64; 3]; 3],
+    /// m/s^2.
+    pub accel_bias_a: [f64; 3],
+    /// `w_s = rate_matrix_sg (w_g - gyro_bias_g)`.
+    pub rate_matrix_sg: [[f64; 3]; 3],
+    /// rad/s.
+    pub gyro_bias_g: [f64; 3],
+    /// From the rotation frame to the IMU frame.
+    pub rot_sr: [[f64; 3]; 3],
+    /// d in the inner axis (sin d, 0, cos d), rad.
+    pub axis_nonperpendicularity_rad: f64,
 }
 
 #[derive(Clone, Debug, Serialize)]
@@ -200,7 +206,8 @@ fn estimated(outcome: &Outcome) -> impl Iterator<Item = usize> + '_ {
     (0..PARAMETER_INFO.len()).filter(|index| outcome.is_estimated(*index))
 }
 
-fn correction(outcome: &Outcome) -> CorrectionReport {
+/// What to apply to every sample.
+pub fn correction(outcome: &Outcome) -> CorrectionReport {
     let errors = &outcome.estimate().errors;
     let calibration = Calibration::new(errors);
     CorrectionReport {

@@ -14,13 +14,15 @@ use std::ops::Range;
 const NONE: &str = "-";
 
 /// Parameters under one heading.
-struct Group {
-    title: &'static str,
-    states: Range<usize>,
+pub struct Group {
+    /// The heading.
+    pub title: &'static str,
+    /// The states, by index.
+    pub states: Range<usize>,
 }
 
 /// Those of the parameters and, after them, those of the optional states.
-const GROUPS: [Group; 12] = [
+pub const GROUPS: [Group; 12] = [
     Group { title: "gyro non-orthogonality", states: block::GYRO_NON_ORTHOGONALITY..block::ACCEL_NON_ORTHOGONALITY },
     Group { title: "accelerometer non-orthogonality", states: block::ACCEL_NON_ORTHOGONALITY..block::MOUNTING },
     Group { title: "mounting angles", states: block::MOUNTING..block::ACCEL_BIAS },

@@ -82,6 +82,9 @@ pub struct CalibrateArguments {
     /// Write the report
     #[arg(long, value_name = "OUT.html", default_value = "rins-report.html")]
     pub report: PathBuf,
+    /// Compare with the result of another calibration, in the report
+    #[arg(long, value_name = "CAL.json")]
+    pub previous: Option<PathBuf>,
 }
 
 /// When a run begins and ends, and what it must reach.
@@ -212,6 +215,9 @@ pub struct ReplayArguments {
     /// Write the report
     #[arg(long, value_name = "OUT.html")]
     pub report: Option<PathBuf>,
+    /// Compare with the result of another calibration, in the report
+    #[arg(long, value_name = "CAL.json", requires = "report")]
+    pub previous: Option<PathBuf>,
     /// Compare with the true parameters
     #[arg(long, value_name = "TRUTH.json")]
     pub truth: Option<PathBuf>,

@@ -5,6 +5,7 @@ use super::output::sayln;
 use super::{Ending, files, progress, replay};
 use crate::closed_loop::{Ended, PowerUp, Terms};
 use crate::emulator::Run;
+use crate::page::{Content, Previous};
 use crate::quantity;
 use crate::truth::Truth;
 use crate::virtual_run::VirtualRun;
@@ -21,7 +22,14 @@ use std::time::Instant;
 pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
     let [errors, noise, config] = arguments.unit.inputs();
     // The EEPROM is read and written; nothing else may be written there.
-    let inputs = [arguments.scheme.input(), errors, noise, config, ("--eeprom", arguments.eeprom.as_deref())];
+    let inputs = [
+        arguments.scheme.input(),
+        errors,
+        noise,
+        config,
+        ("--eeprom", arguments.eeprom.as_deref()),
+        ("--previous", arguments.previous.as_deref()),
+    ];
     files::check(&inputs, &[("--json", arguments.json.as_deref()), ("--report", Some(&arguments.report))])?;
     let config = arguments.unit.config()?;
     let method = arguments.method.method();
@@ -40,7 +48,7 @@ pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
     let ended = power_up.in_process(|message| show(&bar, message))?;
     bar.finish_and_clear();
     let wall = started.elapsed();
-    let ending = conclude(arguments, &run, &ended)?;
+    let ending = conclude(arguments, &power_up, &run, &ended)?;
     progress::wall_time(wall);
     Ok(ending)
 }
@@ -51,12 +59,12 @@ fn firmware(arguments: &CalibrateArguments, run: &VirtualRun, power_up: &PowerUp
     let blank = tempfile::tempdir()?;
     let eeprom = arguments.eeprom.clone().unwrap_or_else(|| blank.path().join("eeprom.bin"));
     let ended = boot(1, run, power_up, &eeprom)?;
-    let ending = conclude(arguments, run, &ended)?;
+    let ending = conclude(arguments, power_up, run, &ended)?;
     if ending != Ending::Done || matches!(ended, Ended::NoRun(_)) {
         return Ok(ending);
     }
     let ended = boot(2, run, power_up, &eeprom)?;
-    conclude(arguments, run, &ended)
+    conclude(arguments, power_up, run, &ended)
 }
 
 fn boot(number: u32, run: &VirtualRun, power_up: &PowerUp, eeprom: &Path) -> anyhow::Result<Ended> {
@@ -85,11 +93,25 @@ fn figures(run: &Run) -> String {
     )
 }
 
-fn conclude(arguments: &CalibrateArguments, run: &VirtualRun, ended: &Ended) -> anyhow::Result<Ending> {
+fn conclude(
+    arguments: &CalibrateArguments,
+    power_up: &PowerUp,
+    run: &VirtualRun,
+    ended: &Ended,
+) -> anyhow::Result<Ending> {
     match ended {
         Ended::Judged(outcome) => {
             let truth = Truth::new(&run.unit.errors);
-            replay::report(outcome, Some(&truth), arguments.json.as_deref(), Some(&arguments.report), "")
+            let previous = arguments.previous.as_deref().map(Previous::read).transpose()?;
+            let content = Content {
+                outcome,
+                truth: Some(&truth.parameters),
+                signals: Some(&power_up.signals().borrow()),
+                scheme: Some(&run.scheme),
+                source: &format!("virtual RINS, seed {}", run.seed),
+                previous: previous.as_ref(),
+            };
+            replay::report(&content, arguments.json.as_deref(), Some(&arguments.report), "")
         }
         Ended::NoRun(decision) => Ok(match decision {
             Decision::StandBy(_) => Ending::NotAccepted,

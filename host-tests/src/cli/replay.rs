@@ -4,12 +4,12 @@ use super::Ending;
 use super::arguments::ReplayArguments;
 use super::output::{say, sayln};
 use super::{files, progress};
-use crate::calibration::Outcome;
 use crate::log::{Layout, Mapping};
-use crate::page::write_page;
+use crate::page::{Content, Previous, write_page};
 use crate::quantity;
 use crate::replay::{Replay, config_beside};
 use crate::report::{CalibrationReport, write_json};
+use crate::signals::Signals;
 use crate::table;
 use crate::truth::Truth;
 use crate::unit::{Origin, UnitConfig};
@@ -17,6 +17,9 @@ use anyhow::Context;
 use rins_selfcal::calibrator::Progress;
 use rins_selfcal::error_model::PARAMETER_INFO;
 use rins_selfcal::segment::SegmentKind;
+use sha2::{Digest, Sha256};
+use std::fs::File;
+use std::io::Read;
 use std::path::Path;
 
 pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
@@ -25,6 +28,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
         ("--mapping", arguments.mapping.as_deref()),
         ("--config", arguments.config.as_deref()),
         ("--truth", arguments.truth.as_deref()),
+        ("--previous", arguments.previous.as_deref()),
     ];
     let outputs = [
         ("--json", arguments.json.as_deref()),
@@ -33,6 +37,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
     ];
     files::check(&inputs, &outputs)?;
     let truth = arguments.truth.as_deref().map(Truth::read).transpose()?;
+    let previous = arguments.previous.as_deref().map(Previous::read).transpose()?;
     let (unit, origin) = unit(arguments)?;
     let replay = Replay {
         path: arguments.log.clone(),
@@ -49,32 +54,52 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
             "note: {config}: rate_hz = {configured}, but {measured} Hz by the stamps of {log}; gaps are counted at {configured} Hz"
         );
     }
-    let mut segments = Vec::new();
+    let mut signals = Signals::default();
     let counter = progress::counter("rows");
-    let outcome = replay.run(|rows| counter.set_position(rows), |progress| segments.push(*progress))?;
+    let outcome = replay.run(|rows| counter.set_position(rows), |reading| signals.note(reading))?;
     counter.finish_and_clear();
     if let Some(path) = &arguments.csv_estimates {
-        write_estimates(path, &segments).with_context(|| path.display().to_string())?;
+        write_estimates(path, &outcome.live).with_context(|| path.display().to_string())?;
     }
-    let head = replay.unit.described(&origin);
-    report(&outcome, truth.as_ref(), arguments.json.as_deref(), arguments.report.as_deref(), &head)
+    let source = match arguments.report {
+        Some(_) => identity(&arguments.log)?,
+        None => String::new(),
+    };
+    let content = Content {
+        outcome: &outcome,
+        truth: truth.as_ref().map(|truth| &truth.parameters),
+        signals: Some(&signals),
+        scheme: None,
+        source: &source,
+        previous: previous.as_ref(),
+    };
+    report(&content, arguments.json.as_deref(), arguments.report.as_deref(), &replay.unit.described(&origin))
+}
+
+/// A log by name and content.
+fn identity(log: &Path) -> anyhow::Result<String> {
+    let context = || log.display().to_string();
+    let (mut file, mut bytes) = (File::open(log).with_context(context)?, vec![0; 1 << 16]);
+    let mut hash = Sha256::new();
+    loop {
+        match file.read(&mut bytes).with_context(context)? {
+            0 => break,
+            count => hash.update(&bytes[..count]),
+        }
+    }
+    let digits: String = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+    Ok(format!("{}, SHA-256 {digits}", log.display()))
 }
 
 /// Writes an outcome where asked for, as JSON and as a page, and prints it below `head`.
-pub fn report(
-    outcome: &Outcome,
-    truth: Option<&Truth>,
-    json: Option<&Path>,
-    page: Option<&Path>,
-    head: &str,
-) -> anyhow::Result<Ending> {
-    let truth = truth.map(|truth| &truth.parameters);
+pub fn report(content: &Content, json: Option<&Path>, page: Option<&Path>, head: &str) -> anyhow::Result<Ending> {
+    let (outcome, truth) = (content.outcome, content.truth);
     // Before the tables: a reader who leaves them early does not lose the files.
     if let Some(path) = json {
         write_json(path, &CalibrationReport::from(outcome))?;
     }
     if let Some(path) = page {
-        write_page(path, outcome, truth)?;
+        write_page(path, content)?;
     }
     sayln!("{head}{}", table::samples(outcome));
     sayln!("{}", table::parameters(outcome, truth));
