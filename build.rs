@@ -46,8 +46,11 @@ const MAX_LEGS: usize = 48;
 const MAX_NAME: usize = 32;
 
 /// Feature of a board, folder of its memory, its processor.
-const BOARDS: [[&str; 3]; 2] =
-    [["mps2-an500", "src/bin/firmware/mps2", "cortex-m7"], ["mps2-an386", "src/bin/firmware/mps2", "cortex-m4"]];
+const BOARDS: [[&str; 3]; 3] = [
+    ["mps2-an500", "src/bin/firmware/mps2", "cortex-m7"],
+    ["mps2-an386", "src/bin/firmware/mps2", "cortex-m4"],
+    ["stm32h743", "src/bin/firmware/stm32h743", "cortex-m7"],
+];
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");

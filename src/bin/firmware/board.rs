@@ -8,6 +8,8 @@ use rins_selfcal::store::CalibrationStore;
 /// The board that this image is built for.
 #[cfg(any(feature = "mps2-an500", feature = "mps2-an386"))]
 pub use crate::mps2::Mps2 as ThisBoard;
+#[cfg(feature = "stm32h743")]
+pub use crate::stm32h743::Stm32h743 as ThisBoard;
 
 /// A board, as the main loop has it.
 pub trait Board: Sized {

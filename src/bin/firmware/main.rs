@@ -8,6 +8,8 @@ mod fault;
 #[cfg(any(feature = "mps2-an500", feature = "mps2-an386"))]
 mod mps2;
 mod stack;
+#[cfg(feature = "stm32h743")]
+mod stm32h743;
 mod work;
 
 use board::{Board, ThisBoard};
