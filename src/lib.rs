@@ -14,7 +14,7 @@
 //!
 //! Beside the estimator: `options` (further states), `scatter` and `white_noise` (what a stop shows of it), `weighting`
 //! (gains of the two-stage method), `constancy` (tests for change), `observability`, and `rehearsal`, which before anything
-//! turns gives the estimator the segments that a scheme would bring. Beside the verdict: `wiring`. `assignment` is the configuration
+//! turns gives the estimator the segments that a scheme would bring. Beside the verdict: `wiring`. Beside all: `liveness`, for the watchdog. `assignment` is the configuration
 //! of all rooms. `telemetry` is the messages of all rooms; calibrator and self_calibration tell them to whoever calls.
 //!
 //! Frames: n local level (east, north, up); b vehicle, which is r at gimbal angles (0, 0); r fixed to the inner gimbal, x
@@ -41,6 +41,7 @@ pub mod gimbal;
 pub mod intake;
 pub mod kalman;
 pub mod linear;
+pub mod liveness;
 pub mod measurement;
 pub mod method;
 pub mod observability;
