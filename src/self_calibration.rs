@@ -17,7 +17,7 @@ use crate::sample::{CorrectedSample, RawSample};
 use crate::scheme::{Scheme, SchemeError};
 use crate::segment::LONGEST_GAP_US;
 use crate::sequencer::{AbortReason, Command, Input, Pace, Sequencer, State};
-use crate::store::StoredCalibration;
+use crate::store::{StoredCalibration, StoredVerdict};
 use crate::telemetry::Message;
 use crate::units::DEG;
 use crate::verdict::{Reason, Verdict, VerdictLimits, unrest};
@@ -272,6 +272,7 @@ pub struct SelfCalibration<'c, T: Real, const STATES: usize = BASIC_STATES> {
     enough: Option<bool>,
     solution: Option<Solution>,
     accepted: Option<bool>,
+    verdict: StoredVerdict,
     saved: bool,
     abort: Option<AbortReason>,
     calibration: Option<Calibration<T>>,
@@ -312,6 +313,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             enough: None,
             solution: None,
             accepted: None,
+            verdict: StoredVerdict::default(),
             saved: false,
             abort: None,
             calibration: stored.as_ref().map(|(estimate, _)| calibration(estimate)),
@@ -408,7 +410,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         self.calibrator
     }
 
-    /// The solution, as it is to be stored.
+    /// The solution, as it is to be stored once it is judged.
     pub fn record(&self) -> Option<StoredCalibration> {
         let estimator = &self.config.calibrator.estimator;
         self.solution.map(|solution| StoredCalibration {
@@ -422,6 +424,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             chi_square: solution.fit.chi_square,
             degrees_of_freedom: solution.degrees_of_freedom,
             software_version: String::try_from(env!("CARGO_PKG_VERSION")).unwrap_or_default(),
+            verdict: self.verdict.clone(),
         })
     }
 
@@ -595,6 +598,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             self.calibration = self.solution.map(|solution| calibration(&solution.estimate));
         }
         self.accepted = Some(accepted);
+        self.verdict = StoredVerdict::new(&verdict);
         report(&Message::Judged(verdict));
     }
 

@@ -29,6 +29,7 @@ pub mod faults;
 pub mod gimbal_plant;
 pub mod kinematics;
 pub mod log;
+pub mod memory;
 pub mod monte_carlo;
 pub mod motor;
 pub mod page;

@@ -1,9 +1,9 @@
 //! What the firmware wants of a board: one trait, fulfilled in one file for each board.
 
 use crate::Scalar;
-use embedded_storage::Storage;
 use rins_selfcal::queue::SampleConsumer;
 use rins_selfcal::store::CalibrationStore;
+use rins_selfcal::store::medium::Medium;
 
 /// The board that this image is built for.
 #[cfg(any(feature = "mps2-an500", feature = "mps2-an386"))]
@@ -14,7 +14,7 @@ pub use crate::stm32h743::Stm32h743 as ThisBoard;
 /// A board, as the main loop has it.
 pub trait Board: Sized {
     /// Memory that keeps calibrations while the power is off.
-    type Memory: Storage;
+    type Memory: Medium;
 
     /// Sets the board up; data-ready edges begin. Called once.
     fn start() -> Self;

@@ -162,7 +162,11 @@ fn replay(board: &mut impl Board, config: &CalibratorConfig, calibrator: &mut Im
 /// Stores the run's result; whether that went well.
 #[inline(never)]
 fn save(board: &mut impl Board, run: &SelfCalibration<'_, Scalar, STATES>) -> bool {
-    run.record().is_some_and(|record| board.store().save(&record).is_ok())
+    let Some(saved) = run.record().map(|record| board.store().save(&record)) else { return false };
+    if let Ok(failed @ 1..) = saved {
+        defmt::warn!("{=usize} slots of the store did not take the record; the next one did", failed);
+    }
+    saved.is_ok()
 }
 
 /// The stored calibration, if there is a good one.
@@ -174,6 +178,10 @@ fn load(board: &mut impl Board) -> Option<StoredCalibration> {
         Ok(Loaded::Corrupt { .. }) => (None, true, false),
         Err(_) => (None, false, true),
     };
+    // Where the next record needs an erase, it is done now, while nothing waits for it.
+    if board.store().prepare().is_err() {
+        defmt::warn!("no record can be stored");
+    }
     let found = record.is_some();
     defmt::info!(
         "calibration in store: {=bool}, a slot damaged: {=bool}, memory at fault: {=bool}",

@@ -9,7 +9,6 @@
 #![allow(unsafe_code)]
 
 mod clock;
-mod flash_slots;
 
 use crate::board::Board;
 use crate::work::{Span, Work, count, loads};
@@ -21,7 +20,7 @@ use cortex_m::peripheral::{DWT, SCB};
 use critical_section::Mutex;
 use defmt_rtt as _;
 use embassy_stm32::exti::{ExtiInput, TriggerEdge};
-use embassy_stm32::flash::Flash;
+use embassy_stm32::flash::{self, Flash};
 use embassy_stm32::gpio::{Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::mode::Blocking;
@@ -35,7 +34,6 @@ use embassy_stm32::usart::{self, BufferedInterruptHandler, BufferedUart};
 use embassy_stm32::{bind_interrupts, interrupt as handler, pac};
 use embedded_hal_bus::spi::{ExclusiveDevice, RefCellDevice};
 use embedded_io::Write;
-use flash_slots::FlashSlots;
 use rins_selfcal::acquisition::Acquisition;
 use rins_selfcal::device::{RateDrive, command_rates};
 use rins_selfcal::drivers::adis16495::{Adis16495, Settings};
@@ -43,12 +41,17 @@ use rins_selfcal::drivers::biss::{BissEncoder, Mounting, Resolution};
 use rins_selfcal::drivers::bridge::NoPin;
 use rins_selfcal::queue::{SampleConsumer, SampleQueue};
 use rins_selfcal::store::CalibrationStore;
+use rins_selfcal::store::medium;
 
 /// Depth of the sample queue plus one: 5 s at 200 Hz. Erasing a sector of the flash takes the main loop 4 s at most.
 const QUEUE_LENGTH: usize = 1024;
 /// Bytes of telemetry that wait for the port: more than the results of a run.
 const TELEMETRY_BYTES: usize = 16 * 1024;
 const TELEMETRY_BAUD: u32 = 921_600;
+
+/// The last two sectors of the flash's second bank. The program runs on from the first bank while one is erased.
+const CALIBRATIONS: core::ops::Range<u32> = (2048 - 2 * 128) * 1024..2048 * 1024;
+type CalibrationFlash = medium::Flash<Flash<'static, flash::Blocking>>;
 
 type Bus = Spi<'static, Blocking, Master>;
 type ImuSpi = ExclusiveDevice<Bus, Output<'static>, Delay>;
@@ -97,7 +100,7 @@ fn SysTick() {}
 pub struct Stm32h743 {
     samples: SampleConsumer<'static, Scalar>,
     drives: [RateDrive<DriveSpi>; 2],
-    store: CalibrationStore<FlashSlots>,
+    store: CalibrationStore<CalibrationFlash>,
     telemetry: BufferedUart<'static>,
     _clock_of_imu: SimplePwm<'static, TIM3>,
     _drives_enabled: Output<'static>,
@@ -147,7 +150,7 @@ impl Stm32h743 {
         Some(Self {
             samples,
             drives: [RateDrive::new(outer), RateDrive::new(inner)],
-            store: CalibrationStore::new(FlashSlots(Flash::new_blocking(p.FLASH))),
+            store: CalibrationStore::new(medium::Flash::new(Flash::new_blocking(p.FLASH), CALIBRATIONS)),
             telemetry,
             _clock_of_imu: imu_clock,
             _drives_enabled: Output::new(p.PE13, Level::High, Speed::Low),
@@ -211,7 +214,7 @@ fn start_edges(sampling: Sampling) -> Option<()> {
 }
 
 impl Board for Stm32h743 {
-    type Memory = FlashSlots;
+    type Memory = CalibrationFlash;
 
     fn start() -> Self {
         match Self::new() {
@@ -228,7 +231,7 @@ impl Board for Stm32h743 {
         command_rates(&mut self.drives, rates_rad_s)
     }
 
-    fn store(&mut self) -> &mut CalibrationStore<FlashSlots> {
+    fn store(&mut self) -> &mut CalibrationStore<CalibrationFlash> {
         &mut self.store
     }
 

@@ -6,6 +6,7 @@ use core::convert::Infallible;
 use eeprom24x::{Eeprom24x, SlaveAddr, addr_size, page_size, unique_serial};
 use embedded_hal::delay::DelayNs;
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
+use rins_selfcal::store::medium;
 
 const I2C_SET: Register = Register::at(0x4002_a000);
 const I2C_CLEAR: Register = Register::at(0x4002_a004);
@@ -50,11 +51,12 @@ impl InputPin for Line {
 }
 
 /// The EEPROM, a 24x64 of 8 KiB.
-pub type Eeprom =
-    eeprom24x::Storage<BitBangI2c<Line, Line, Delay>, page_size::B32, addr_size::TwoBytes, unique_serial::No, Delay>;
+pub type Eeprom = medium::Eeprom<
+    eeprom24x::Storage<BitBangI2c<Line, Line, Delay>, page_size::B32, addr_size::TwoBytes, unique_serial::No, Delay>,
+>;
 
 /// The EEPROM of the board.
 pub fn eeprom() -> Eeprom {
     let i2c = BitBangI2c::new(SCL, SDA, Delay);
-    eeprom24x::Storage::new(Eeprom24x::new_24x64(i2c, SlaveAddr::default()), Delay)
+    medium::Eeprom(eeprom24x::Storage::new(Eeprom24x::new_24x64(i2c, SlaveAddr::default()), Delay))
 }

@@ -1,0 +1,294 @@
+//! Virtual EEPROM and NOR flash: they insist on the rules of the hardware, and can lose power at any byte, word or erase,
+//! keep cells that do not change, and have words that cannot be read.
+
+use embedded_storage::nor_flash::{
+    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
+};
+use embedded_storage::{ReadStorage, Storage};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rand_xoshiro::rand_core::{Rng, SeedableRng};
+use std::ops::Range;
+
+/// How power leaves what is being written or erased.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Torn {
+    /// As it was.
+    Untouched,
+    /// As it was to be.
+    Done,
+    /// The first half is done: of the bytes, or of the bits of a byte.
+    Half,
+    /// Random bits.
+    Random,
+    /// The page that an EEPROM programs at once is random; of a flash, the words cannot be read, for their error correction.
+    Lost,
+}
+
+impl Torn {
+    /// Every way.
+    pub const ALL: [Self; 5] = [Self::Untouched, Self::Done, Self::Half, Self::Random, Self::Lost];
+}
+
+/// Fault of a virtual memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MemoryFault {
+    /// There is no power.
+    PowerOff,
+    /// A word cannot be read.
+    Unreadable,
+    /// Outside the memory, or not aligned.
+    Misuse(NorFlashErrorKind),
+}
+
+impl NorFlashError for MemoryFault {
+    fn kind(&self) -> NorFlashErrorKind {
+        match self {
+            Self::PowerOff | Self::Unreadable => NorFlashErrorKind::Other,
+            Self::Misuse(kind) => *kind,
+        }
+    }
+}
+
+/// Power, which may be cut in a step: a byte or word written, or a sector erased.
+#[derive(Clone, Debug)]
+pub struct Power {
+    steps: usize,
+    cut: Option<(usize, Torn)>,
+    off: bool,
+    random: Xoshiro256PlusPlus,
+}
+
+impl Power {
+    /// On.
+    fn new() -> Self {
+        Self { steps: 0, cut: None, off: false, random: Xoshiro256PlusPlus::seed_from_u64(1) }
+    }
+
+    /// Steps since power-up.
+    pub fn steps(&self) -> usize {
+        self.steps
+    }
+
+    /// Power-up, and a cut in the step after so many.
+    pub fn cut_after(&mut self, steps: usize, torn: Torn) {
+        self.on();
+        self.cut = Some((steps, torn));
+        self.random = Xoshiro256PlusPlus::seed_from_u64(steps as u64);
+    }
+
+    /// Power-up, without another cut.
+    pub fn on(&mut self) {
+        (self.steps, self.cut, self.off) = (0, None, false);
+    }
+
+    fn check(&self) -> Result<(), MemoryFault> {
+        if self.off { Err(MemoryFault::PowerOff) } else { Ok(()) }
+    }
+
+    /// How this step is left, if it is the last one.
+    fn step(&mut self) -> Result<Option<Torn>, MemoryFault> {
+        self.check()?;
+        let torn = self.cut.filter(|(at, _)| *at == self.steps).map(|(_, torn)| torn);
+        self.steps += 1;
+        self.off = torn.is_some();
+        Ok(torn)
+    }
+}
+
+/// A cell that keeps its value.
+pub type Stuck = Option<(usize, u8)>;
+
+/// An EEPROM with pages of 32 bytes, written byte by byte; power is cut at a byte.
+#[derive(Clone, Debug)]
+pub struct VirtualEeprom {
+    /// Its content.
+    pub bytes: Vec<u8>,
+    /// Its power.
+    pub power: Power,
+    /// A byte that does not change.
+    pub stuck: Stuck,
+}
+
+impl VirtualEeprom {
+    /// Size of a page, bytes.
+    pub const PAGE_BYTES: usize = 32;
+
+    /// With this content.
+    pub fn new(bytes: Vec<u8>) -> Self {
+        Self { bytes, power: Power::new(), stuck: None }
+    }
+
+    /// As from the factory.
+    pub fn blank(length: usize) -> Self {
+        Self::new(vec![0xff; length])
+    }
+
+    fn tear(&mut self, address: usize, byte: u8, torn: Torn) {
+        match torn {
+            Torn::Untouched => {}
+            Torn::Done => self.bytes[address] = byte,
+            Torn::Half => self.bytes[address] = self.bytes[address] & 0x0f | byte & 0xf0,
+            Torn::Random => self.power.random.fill_bytes(&mut self.bytes[address..=address]),
+            Torn::Lost => {
+                let page = address - address % Self::PAGE_BYTES;
+                self.power.random.fill_bytes(&mut self.bytes[page..page + Self::PAGE_BYTES]);
+            }
+        }
+    }
+}
+
+fn keep_stuck(bytes: &mut [u8], stuck: Stuck) {
+    if let Some((address, value)) = stuck {
+        bytes[address] = value;
+    }
+}
+
+impl ReadStorage for VirtualEeprom {
+    type Error = MemoryFault;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), MemoryFault> {
+        self.power.check()?;
+        keep_stuck(&mut self.bytes, self.stuck);
+        let range = offset as usize..offset as usize + bytes.len();
+        let found = self.bytes.get(range).ok_or(MemoryFault::Misuse(NorFlashErrorKind::OutOfBounds))?;
+        bytes.copy_from_slice(found);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+impl Storage for VirtualEeprom {
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), MemoryFault> {
+        let start = offset as usize;
+        assert!(start + bytes.len() <= self.bytes.len(), "written beyond the end");
+        for (address, byte) in (start..).zip(bytes) {
+            if let Some(torn) = self.power.step()? {
+                self.tear(address, *byte, torn);
+                return Err(MemoryFault::PowerOff);
+            }
+            self.bytes[address] = *byte;
+        }
+        Ok(())
+    }
+}
+
+/// A NOR flash with words of `WORD` bytes in sectors of `SECTOR` bytes. A word is written once after each erase of its
+/// sector; whoever breaks the rule ends the test.
+#[derive(Clone, Debug)]
+pub struct VirtualFlash<const WORD: usize, const SECTOR: usize> {
+    /// Its content.
+    pub bytes: Vec<u8>,
+    /// Its power.
+    pub power: Power,
+    /// A byte that does not change.
+    pub stuck: Stuck,
+    /// Erases so far.
+    pub erases: usize,
+    written: Vec<bool>,
+    unreadable: Vec<bool>,
+}
+
+impl<const WORD: usize, const SECTOR: usize> VirtualFlash<WORD, SECTOR> {
+    /// As from the factory.
+    pub fn blank(sectors: usize) -> Self {
+        let (length, words) = (sectors * SECTOR, sectors * SECTOR / WORD);
+        Self {
+            bytes: vec![0xff; length],
+            power: Power::new(),
+            stuck: None,
+            erases: 0,
+            written: vec![false; words],
+            unreadable: vec![false; words],
+        }
+    }
+
+    fn words(bytes: &Range<usize>) -> Range<usize> {
+        bytes.start / WORD..bytes.end / WORD
+    }
+
+    /// Leaves a range between what it is and what it was to be. Words that then read as blank can be written.
+    fn tear(&mut self, range: Range<usize>, wanted: &[u8], torn: Torn) {
+        let words = Self::words(&range);
+        let done = match torn {
+            Torn::Untouched => return,
+            Torn::Done => wanted.len(),
+            Torn::Half | Torn::Random | Torn::Lost => wanted.len() / 2,
+        };
+        self.bytes[range.clone()][..done].copy_from_slice(&wanted[..done]);
+        if torn == Torn::Random {
+            self.power.random.fill_bytes(&mut self.bytes[range.clone()]);
+        }
+        for (written, word) in self.written[words.clone()].iter_mut().zip(self.bytes[range].chunks(WORD)) {
+            *written = word.iter().any(|byte| *byte != 0xff);
+        }
+        self.unreadable[words].fill(torn == Torn::Lost);
+    }
+}
+
+impl<const WORD: usize, const SECTOR: usize> ErrorType for VirtualFlash<WORD, SECTOR> {
+    type Error = MemoryFault;
+}
+
+impl<const WORD: usize, const SECTOR: usize> ReadNorFlash for VirtualFlash<WORD, SECTOR> {
+    const READ_SIZE: usize = 1;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), MemoryFault> {
+        self.power.check()?;
+        check_read(self, offset, bytes.len()).map_err(MemoryFault::Misuse)?;
+        keep_stuck(&mut self.bytes, self.stuck);
+        let range = offset as usize..offset as usize + bytes.len();
+        let words = range.start / WORD..range.end.div_ceil(WORD);
+        if self.unreadable[words].contains(&true) {
+            return Err(MemoryFault::Unreadable);
+        }
+        bytes.copy_from_slice(&self.bytes[range]);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+impl<const WORD: usize, const SECTOR: usize> NorFlash for VirtualFlash<WORD, SECTOR> {
+    const WRITE_SIZE: usize = WORD;
+    const ERASE_SIZE: usize = SECTOR;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), MemoryFault> {
+        check_erase(self, from, to).expect("whole sectors");
+        for start in (from as usize..to as usize).step_by(SECTOR) {
+            let range = start..start + SECTOR;
+            if let Some(torn) = self.power.step()? {
+                self.tear(range, &[0xff; SECTOR], torn);
+                return Err(MemoryFault::PowerOff);
+            }
+            self.erases += 1;
+            let words = Self::words(&range);
+            self.bytes[range].fill(0xff);
+            self.written[words.clone()].fill(false);
+            self.unreadable[words].fill(false);
+            keep_stuck(&mut self.bytes, self.stuck);
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), MemoryFault> {
+        check_write(self, offset, bytes.len()).expect("whole words");
+        for (start, word) in (offset as usize..).step_by(WORD).zip(bytes.chunks(WORD)) {
+            let range = start..start + WORD;
+            let blank = self.bytes[range.clone()].iter().all(|byte| *byte == 0xff);
+            assert!(blank && !self.written[start / WORD], "the word at {start:#x} is written without an erase");
+            if let Some(torn) = self.power.step()? {
+                self.tear(range, word, torn);
+                return Err(MemoryFault::PowerOff);
+            }
+            self.bytes[range].copy_from_slice(word);
+            self.written[start / WORD] = true;
+            keep_stuck(&mut self.bytes, self.stuck);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,597 @@
+//! The calibration store on virtual memories: power cut at every byte, word and erase, stuck cells, bit rot, old and new
+//! versions. Each exhaustive test prints its number of cases.
+
+use crc::{CRC_32_ISO_HDLC, Crc};
+use host_tests::memory::{MemoryFault, Power, Stuck, Torn, VirtualEeprom, VirtualFlash};
+use rayon::prelude::*;
+use rins_selfcal::error_model::{InstrumentErrors, PARAMETERS};
+use rins_selfcal::method::Method;
+use rins_selfcal::site::Site;
+use rins_selfcal::store::medium::{Eeprom, Flash, Medium};
+use rins_selfcal::store::record::{FORMAT_VERSION, encode};
+use rins_selfcal::store::{
+    CalibrationStore, Damage, HISTORY, Loaded, REJECTED_IN_A_ROW, SLOT_BYTES, StoreError, StoredCalibration,
+    StoredVerdict,
+};
+use rins_selfcal::verdict::{Reason, Verdict};
+use serde::Serialize;
+use std::ops::Range;
+
+/// A virtual memory under a store.
+trait Virtual: Medium<Error = MemoryFault> + Clone + Send + Sync {
+    fn blank() -> Self;
+    fn power(&mut self) -> &mut Power;
+    fn bytes(&mut self) -> &mut Vec<u8>;
+    fn stick(&mut self, stuck: Stuck);
+}
+
+impl Virtual for Eeprom<VirtualEeprom> {
+    fn blank() -> Self {
+        Self(VirtualEeprom::blank(8192))
+    }
+    fn power(&mut self) -> &mut Power {
+        &mut self.0.power
+    }
+    fn bytes(&mut self) -> &mut Vec<u8> {
+        &mut self.0.bytes
+    }
+    fn stick(&mut self, stuck: Stuck) {
+        self.0.stuck = stuck;
+    }
+}
+
+/// A flash of `SECTORS` sectors for the store; the one before is somebody else's.
+impl<const WORD: usize, const SECTOR: usize> Virtual for Flash<VirtualFlash<WORD, SECTOR>> {
+    fn blank() -> Self {
+        let sectors = if SECTOR > 4096 { 2 } else { 3 };
+        let mut flash = VirtualFlash::blank(1 + sectors);
+        flash.bytes[..SECTOR].fill(0x5a);
+        Self::new(flash, SECTOR as u32..(SECTOR * (1 + sectors)) as u32)
+    }
+    fn power(&mut self) -> &mut Power {
+        &mut self.flash().power
+    }
+    fn bytes(&mut self) -> &mut Vec<u8> {
+        &mut self.flash().bytes
+    }
+    fn stick(&mut self, stuck: Stuck) {
+        self.flash().stuck = stuck;
+    }
+}
+
+/// A 24x64.
+type Pages = Eeprom<VirtualEeprom>;
+/// The flash of an STM32H743: words of 32 bytes, sectors of 128 KiB; two of them.
+type Internal = Flash<VirtualFlash<32, 131_072>>;
+/// A serial flash: words of 4 bytes, sectors of 4 KiB; three of them.
+type Serial = Flash<VirtualFlash<4, 4096>>;
+
+fn record(number: u32) -> StoredCalibration {
+    let value = |index: usize| f64::from(number) + 1e-3 * index as f64;
+    StoredCalibration {
+        errors: InstrumentErrors { heading: f64::from(number), mounting: [1e-3; 3], ..InstrumentErrors::default() },
+        sigmas: std::array::from_fn(value),
+        method: Method::TwoStage,
+        scheme: "bai".parse().unwrap(),
+        site: Site::default(),
+        utc_s: Some(1_790_000_000 + u64::from(number)),
+        temperature_c: 35.5,
+        chi_square: 81.2,
+        degrees_of_freedom: number,
+        software_version: env!("CARGO_PKG_VERSION").parse().unwrap(),
+        verdict: StoredVerdict::default(),
+    }
+}
+
+fn rejected(number: u32) -> StoredCalibration {
+    let reasons = [Reason::Refused(number), Reason::TooFewSegments(2)].into_iter().collect();
+    let verdict = StoredVerdict::new(&Verdict { reasons, more: 1, ..Verdict::default() });
+    StoredCalibration { verdict, ..record(number) }
+}
+
+fn saved<M: Virtual>(count: u32) -> CalibrationStore<M> {
+    let mut store = CalibrationStore::new(M::blank());
+    (0..count).for_each(|number| assert_eq!(store.save(&record(number)), Ok(0)));
+    store
+}
+
+/// The same memory after power-up.
+fn rebooted<M: Virtual>(store: CalibrationStore<M>) -> CalibrationStore<M> {
+    let mut memory = store.release();
+    memory.power().on();
+    CalibrationStore::new(memory)
+}
+
+fn number(record: &StoredCalibration) -> u32 {
+    record.degrees_of_freedom
+}
+
+/// Number of the newest record after power-up, which is whole, as are those before it.
+fn newest<M: Virtual>(store: &mut CalibrationStore<M>) -> Option<u32> {
+    let newest = match store.load().expect("a memory that works") {
+        Loaded::Found { record: found, .. } => {
+            assert_eq!(found, record(number(&found)));
+            number(&found)
+        }
+        Loaded::Empty | Loaded::Corrupt { .. } => return None,
+    };
+    for back in 0..HISTORY.min(1 + newest as usize) {
+        let (_, entry) = store.entry(back).expect("a memory that works").expect("an entry");
+        assert_eq!(entry, record(newest - back as u32), "{back} before {newest}");
+    }
+    Some(newest)
+}
+
+#[test]
+fn blank_memory_is_empty_and_the_newest_record_is_found() {
+    fn check<M: Virtual>() {
+        assert_eq!(saved::<M>(0).load(), Ok(Loaded::Empty));
+        for count in 1..140 {
+            let mut store = rebooted(saved::<M>(count));
+            assert_eq!(newest(&mut store), Some(count - 1));
+            assert_eq!(store.damaged(), 0);
+            let entries = store.entries().unwrap();
+            assert!(entries >= HISTORY.min(count as usize));
+            assert_eq!(store.entry(entries), Ok(None));
+            assert!((0..entries).all(|back| matches!(store.entry(back), Ok(Some(_)))));
+        }
+    }
+    check::<Pages>();
+    check::<Internal>();
+    check::<Serial>();
+}
+
+// ------------------------------------------------------------------------------------------------------- power is cut
+
+/// Everything that is written or erased between one save and the next.
+#[derive(Clone, Copy, Debug)]
+enum Act {
+    Save,
+    /// Getting the next place ready at power-up.
+    Prepare,
+}
+
+fn act<M: Virtual>(store: &mut CalibrationStore<M>, act: Act, number: u32) {
+    // Power is cut in the middle, or a moment after.
+    match act {
+        Act::Save => drop(store.save(&record(number))),
+        Act::Prepare => drop(store.prepare()),
+    }
+}
+
+fn steps<M: Virtual>(before: &M, what: Act, number: u32) -> usize {
+    let mut store = CalibrationStore::new(before.clone());
+    store.memory().power().on();
+    act(&mut store, what, number);
+    store.memory().power().steps()
+}
+
+/// Cuts the power in a step, and looks at what the next boot finds and does. Returns the memory at that boot.
+fn cut<M: Virtual>(before: &M, what: Act, number: u32, step: usize, torn: Torn) -> M {
+    let mut store = CalibrationStore::new(before.clone());
+    store.memory().power().cut_after(step, torn);
+    act(&mut store, what, number);
+    let mut store = rebooted(store);
+    let found = newest(&mut store);
+    let (old, new) = (number.checked_sub(1), Some(number));
+    assert!(
+        found == old || found == new && matches!(what, Act::Save),
+        "{found:?} for {number}: {what:?} {step} {torn:?}"
+    );
+    let next = found.map_or(0, |found| found + 1);
+    let at_boot = store.memory().clone();
+    store.prepare().expect("a place");
+    assert_eq!(store.save(&record(next)), Ok(0), "{number}: {what:?} {step} {torn:?}");
+    assert_eq!(newest(&mut rebooted(store)), Some(next), "{number}: {what:?} {step} {torn:?}");
+    at_boot
+}
+
+/// Every step of every act in these saves, left in every way. Returns the number of cases.
+fn cut_everywhere<M: Virtual>(saves: Range<u32>) -> usize {
+    let each = |number: u32| {
+        let before = saved::<M>(number).release();
+        let acts = [Act::Prepare, Act::Save].map(|what| (what, steps(&before, what, number)));
+        let cases = acts.into_iter().flat_map(|(what, steps)| (0..steps).map(move |step| (what, step)));
+        let each = |(what, step): (Act, usize)| Torn::ALL.map(|torn| cut(&before, what, number, step, torn)).len();
+        cases.map(each).sum::<usize>()
+    };
+    saves.into_par_iter().map(each).sum()
+}
+
+#[test]
+fn power_cut_at_every_byte_word_and_erase_leaves_the_old_or_the_new_record() {
+    // Twice round and more.
+    let eeprom = cut_everywhere::<Pages>(0..22);
+    let internal = cut_everywhere::<Internal>(0..132);
+    let serial = cut_everywhere::<Serial>(0..33);
+    println!("power cuts: {eeprom} in EEPROM, {internal} in internal flash, {serial} in serial flash");
+    assert!(eeprom > 50_000 && internal > 10_000 && serial > 20_000);
+}
+
+/// Power is cut again, in the save after the first cut.
+#[test]
+fn power_cut_twice_leaves_the_old_or_the_new_record() {
+    // In the middle of a sector, and where the next one is entered.
+    let each = |number: u32| {
+        let before = saved::<Serial>(number).release();
+        let mut cases = 0;
+        for step in 0..steps(&before, Act::Save, number) {
+            for torn in Torn::ALL {
+                let between = cut(&before, Act::Save, number, step, torn);
+                let next = newest(&mut CalibrationStore::new(between.clone())).expect("a record") + 1;
+                // Some steps and two ways: the product is large.
+                for again in (0..steps(&between, Act::Save, next)).step_by(13) {
+                    for torn in [Torn::Half, Torn::Lost] {
+                        cut(&between, Act::Save, next, again, torn);
+                        cases += 1;
+                    }
+                }
+            }
+        }
+        cases
+    };
+    let cases: usize = [13, 15].into_par_iter().map(each).sum();
+    println!("two power cuts: {cases}");
+    assert!(cases > 20_000);
+}
+
+// ------------------------------------------------------------------------------------------------- cells, bits, faults
+
+/// A store filled all round, for every slot that can be the next.
+fn full<M: Virtual>() -> Vec<(M, u32)> {
+    let slots = slots::<M>();
+    let saved = (0..slots).map(|slot| (2 * slots + slot) as u32).map(|count| (saved::<M>(count).release(), count));
+    saved.collect()
+}
+
+fn slots<M: Virtual>() -> usize {
+    M::blank().capacity() / M::BLOCK_BYTES * M::SLOTS_PER_BLOCK
+}
+
+/// Every byte of a slot that is written next, and of the one after, stuck at 0 and at 1: each save goes well, and is found.
+fn every_stuck_byte<M: Virtual>(saves: u32) -> usize {
+    let each = |(memory, count): &(M, u32)| {
+        let mut store = CalibrationStore::new(memory.clone());
+        let image = changed::<M>(&mut store, *count);
+        let stick = |(address, value): (usize, u8)| {
+            let mut memory = memory.clone();
+            memory.stick(Some((address, value)));
+            let mut store = CalibrationStore::new(memory);
+            for number in *count..count + saves {
+                let failed = store.save(&record(number)).expect("another slot");
+                assert!(failed <= 1, "{failed} slots for one stuck byte at {address:#x}");
+                assert!(matches!(store.load(), Ok(Loaded::Found { record: found, .. }) if found == record(number)));
+            }
+        };
+        let cases = image.flat_map(|address| [(address, 0), (address, 0xff)]);
+        cases.map(stick).count()
+    };
+    full::<M>().par_iter().map(each).sum()
+}
+
+/// Addresses of the slot that the next save writes.
+fn changed<M: Virtual>(store: &mut CalibrationStore<M>, number: u32) -> Range<usize> {
+    store.prepare().unwrap();
+    let before = store.memory().bytes().clone();
+    store.save(&record(number)).unwrap();
+    let after = store.memory().bytes();
+    let first = before.iter().zip(after.iter()).position(|(before, after)| before != after).unwrap();
+    let slot = first / 32 * 32;
+    slot..slot + SLOT_BYTES
+}
+
+#[test]
+fn a_stuck_byte_costs_no_record() {
+    let (eeprom, serial) = (every_stuck_byte::<Pages>(2), every_stuck_byte::<Serial>(2));
+    println!("stuck bytes: {eeprom} in EEPROM, {serial} in flash");
+    assert_eq!((eeprom, serial), (2 * 10 * SLOT_BYTES, 2 * 15 * SLOT_BYTES));
+}
+
+#[test]
+fn memory_that_keeps_nothing_is_told_and_what_it_holds_stays() {
+    #[derive(Clone)]
+    struct Protected(Pages);
+    impl Medium for Protected {
+        type Error = MemoryFault;
+        const SLOTS_PER_BLOCK: usize = Pages::SLOTS_PER_BLOCK;
+        const BLOCK_BYTES: usize = Pages::BLOCK_BYTES;
+        const ERASES: bool = Pages::ERASES;
+        const READ_FAULT_IS_DAMAGE: bool = Pages::READ_FAULT_IS_DAMAGE;
+        fn capacity(&self) -> usize {
+            self.0.capacity()
+        }
+        fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), MemoryFault> {
+            self.0.read(address, bytes)
+        }
+        fn write(&mut self, _: u32, _: &[u8]) -> Result<(), MemoryFault> {
+            Ok(())
+        }
+        fn erase(&mut self, _: u32) -> Result<(), MemoryFault> {
+            Ok(())
+        }
+    }
+    let mut store = CalibrationStore::new(Protected(saved::<Pages>(12).release()));
+    assert_eq!(store.save(&record(12)), Err(StoreError::Worn));
+    assert_eq!(store.erase(), Err(StoreError::Worn));
+    assert!(matches!(store.load(), Ok(Loaded::Found { record: found, damage: None }) if found == record(11)));
+}
+
+/// Every bit of a full EEPROM: the damaged slot is told, all others are read.
+#[test]
+fn every_flipped_bit_is_found() {
+    let memory = saved::<Pages>(23).release();
+    let each = |bit: usize| {
+        let mut memory = memory.clone();
+        memory.bytes()[bit / 8] ^= 1 << (bit % 8);
+        let mut store = CalibrationStore::new(memory);
+        let Ok(Loaded::Found { record: found, damage }) = store.load() else { panic!("nothing found") };
+        let slot = bit / 8 / SLOT_BYTES;
+        // Record 22 is in slot 2.
+        let used = damage.is_some();
+        let expected = if used && slot == 2 { 21 } else { 22 };
+        assert_eq!(found, record(expected), "bit {bit}");
+        assert_eq!((store.damaged(), store.entries()), (usize::from(used), Ok(10 - usize::from(used))));
+        usize::from(used)
+    };
+    let told: usize = (0..10 * SLOT_BYTES * 8).into_par_iter().map(each).sum();
+    let image = encode(&mut [0; SLOT_BYTES], 22, &record(22)).unwrap();
+    println!("flipped bits: {} of which {told} in use", 10 * SLOT_BYTES * 8);
+    // The sequence numbers are alike; records differ by a byte at most in how long a number is.
+    assert!(told.abs_diff(10 * image * 8) <= 10 * 8, "{told}");
+}
+
+/// An EEPROM that does not answer from an address on.
+#[derive(Clone)]
+struct Silent(Pages, u32);
+
+impl Medium for Silent {
+    type Error = &'static str;
+    const SLOTS_PER_BLOCK: usize = Pages::SLOTS_PER_BLOCK;
+    const BLOCK_BYTES: usize = Pages::BLOCK_BYTES;
+    const ERASES: bool = Pages::ERASES;
+    const READ_FAULT_IS_DAMAGE: bool = Pages::READ_FAULT_IS_DAMAGE;
+    fn capacity(&self) -> usize {
+        self.0.capacity()
+    }
+    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), &'static str> {
+        let end = address + bytes.len() as u32;
+        if end > self.1 { Err("no answer") } else { self.0.read(address, bytes).map_err(|_| "fault") }
+    }
+    fn write(&mut self, _: u32, _: &[u8]) -> Result<(), &'static str> {
+        panic!("written without having been read")
+    }
+    fn erase(&mut self, _: u32) -> Result<(), &'static str> {
+        panic!("erased without having been read")
+    }
+}
+
+#[test]
+fn an_eeprom_that_does_not_answer_is_a_fault_and_is_not_written() {
+    for readable in [0, 100, 768, 900, 7000] {
+        let mut store = CalibrationStore::new(Silent(saved::<Pages>(10).release(), readable));
+        assert_eq!(store.load(), Err(StoreError::Memory("no answer")));
+        assert_eq!(store.save(&record(2)), Err(StoreError::Memory("no answer")));
+        assert_eq!(store.entries(), Err(StoreError::Memory("no answer")));
+    }
+}
+
+#[test]
+fn a_small_memory_is_refused() {
+    let store = |length| CalibrationStore::new(Eeprom(VirtualEeprom::blank(length)));
+    assert_eq!(store(9 * SLOT_BYTES).load(), Ok(Loaded::Empty));
+    let capacity = 9 * SLOT_BYTES - 1;
+    assert_eq!(store(capacity).load(), Err(StoreError::Capacity(capacity)));
+    assert_eq!(store(capacity).save(&record(0)), Err(StoreError::Capacity(capacity)));
+    assert_eq!(store(capacity).erase(), Err(StoreError::Capacity(capacity)));
+}
+
+// ------------------------------------------------------------------------------------------------ versions and verdicts
+
+/// A slot with this version and payload.
+fn framed(version: u8, sequence: u32, payload: &[u8]) -> Vec<u8> {
+    let mut slot = [b"RSC".as_slice(), &[version], &sequence.to_le_bytes()].concat();
+    slot.extend((payload.len() as u32).to_le_bytes());
+    slot.extend(payload);
+    let crc = Crc::<u32>::new(&CRC_32_ISO_HDLC).checksum(&slot);
+    slot.extend(crc.to_le_bytes());
+    slot
+}
+
+/// The payload of version 2.
+#[derive(Serialize)]
+struct Version2 {
+    errors: InstrumentErrors<f64>,
+    sigmas: [f64; PARAMETERS],
+    method: Method,
+    scheme: String,
+    site: Site,
+    utc_s: Option<u64>,
+    temperature_c: f32,
+    chi_square: f64,
+    degrees_of_freedom: u32,
+    software_version: String,
+}
+
+fn version_2(sequence: u32, number: u32) -> Vec<u8> {
+    let now = record(number);
+    let payload = postcard::to_stdvec(&Version2 {
+        errors: now.errors,
+        sigmas: now.sigmas,
+        method: now.method,
+        scheme: now.scheme.as_str().into(),
+        site: now.site,
+        utc_s: now.utc_s,
+        temperature_c: now.temperature_c,
+        chi_square: now.chi_square,
+        degrees_of_freedom: number,
+        software_version: now.software_version.as_str().into(),
+    });
+    framed(b'2', sequence, &payload.unwrap())
+}
+
+/// Version 2 had two slots of 1024 bytes, in turn.
+#[test]
+fn a_store_of_version_2_is_read_and_goes_on() {
+    for (first, second) in [(Some(0), None), (Some(0), Some(1)), (Some(2), Some(1)), (None, Some(1))] {
+        let mut eeprom = VirtualEeprom::blank(8192);
+        for (start, number) in [(0, first), (1024, second)] {
+            let slot = number.map_or(vec![], |number| version_2(number, number));
+            eeprom.bytes[start..start + slot.len()].copy_from_slice(&slot);
+        }
+        let newest_old = first.max(second).unwrap();
+        let mut store = CalibrationStore::new(Eeprom(eeprom));
+        assert_eq!(
+            store.load(),
+            Ok(Loaded::Found { record: record(newest_old), damage: None }),
+            "{first:?} {second:?}"
+        );
+        assert_eq!(store.entries(), Ok([first, second].iter().flatten().count()));
+        let before = store.memory().clone();
+        let steps = steps(&before, Act::Save, newest_old + 1);
+        for step in 0..steps {
+            let mut store = CalibrationStore::new(before.clone());
+            store.memory().power().cut_after(step, Torn::Random);
+            act(&mut store, Act::Save, newest_old + 1);
+            let Ok(Loaded::Found { record: found, .. }) = rebooted(store).load() else { panic!("nothing found") };
+            assert!(found == record(newest_old) || found == record(newest_old + 1), "cut {step}");
+        }
+        for number in newest_old + 1..newest_old + 25 {
+            assert_eq!(store.save(&record(number)), Ok(0));
+            let found = rebooted(CalibrationStore::new(store.memory().clone())).load();
+            assert!(matches!(found, Ok(Loaded::Found { record: found, .. }) if found == record(number)), "{number}");
+        }
+        assert_eq!(rebooted(store).entries(), Ok(10));
+    }
+}
+
+#[test]
+fn a_newer_version_is_refused_and_stays_until_it_is_erased() {
+    let mut memory = saved::<Pages>(3).release();
+    let newer = framed(FORMAT_VERSION + 1, 3, &[7; 300]);
+    memory.bytes()[3 * SLOT_BYTES..][..newer.len()].copy_from_slice(&newer);
+    // Damage beside it does not hide it.
+    memory.bytes()[5] ^= 1;
+    let before = memory.bytes().clone();
+    let mut store = CalibrationStore::new(memory);
+    let damage = Damage::Version(FORMAT_VERSION + 1);
+    assert!(damage.is_newer());
+    assert_eq!(store.load(), Ok(Loaded::Found { record: record(2), damage: Some(damage) }));
+    assert_eq!(store.save(&record(3)), Err(StoreError::Newer(FORMAT_VERSION + 1)));
+    assert_eq!(store.prepare(), Err(StoreError::Newer(FORMAT_VERSION + 1)));
+    assert_eq!(*store.memory().bytes(), before);
+    store.erase().unwrap();
+    assert_eq!(store.load(), Ok(Loaded::Empty));
+    assert_eq!(store.save(&record(3)), Ok(0));
+    // A flipped version is damage, and in nobody's way.
+    store.memory().bytes()[3] ^= 4;
+    assert_eq!(store.load(), Ok(Loaded::Corrupt { damage: Damage::Crc }));
+    assert_eq!(store.save(&record(4)), Ok(0));
+}
+
+#[test]
+fn everything_is_erased() {
+    fn check<M: Virtual>() {
+        let mut store = saved::<M>(40);
+        store.erase().unwrap();
+        assert_eq!((store.load(), store.entries()), (Ok(Loaded::Empty), Ok(0)));
+        let memory = store.memory();
+        let span = M::BLOCK_BYTES * (slots::<M>() / M::SLOTS_PER_BLOCK);
+        let blank = memory.bytes().iter().filter(|byte| **byte == 0xff).count();
+        assert!(blank >= span);
+        assert_eq!(store.save(&record(0)), Ok(0));
+    }
+    check::<Pages>();
+    check::<Internal>();
+    check::<Serial>();
+}
+
+/// The flash before the store is somebody else's.
+#[test]
+fn nothing_outside_its_sectors_is_touched() {
+    let mut store = saved::<Serial>(40);
+    store.erase().unwrap();
+    assert!(store.memory().bytes()[..4096].iter().all(|byte| *byte == 0x5a));
+}
+
+#[test]
+fn rejected_calibrations_are_history_and_never_in_the_way_of_an_accepted_one() {
+    fn check<M: Virtual>() {
+        for accepted in 1..70 {
+            let mut store = saved::<M>(accepted);
+            for number in 0..REJECTED_IN_A_ROW as u32 {
+                assert_eq!(store.save(&rejected(number)), Ok(0));
+                let Ok(Loaded::Found { record: found, damage: None }) = store.load() else { panic!("nothing found") };
+                assert_eq!(found, record(accepted - 1));
+            }
+            assert_eq!(store.save(&rejected(9)), Err(StoreError::Rejected));
+            let (_, last) = store.entry(0).unwrap().unwrap();
+            assert_eq!(last, rejected(REJECTED_IN_A_ROW as u32 - 1));
+            assert_eq!(store.save(&record(accepted)), Ok(0));
+            let mut store = rebooted(store);
+            assert!(matches!(store.load(), Ok(Loaded::Found { record: found, .. }) if found == record(accepted)));
+        }
+    }
+    check::<Pages>();
+    check::<Internal>();
+    check::<Serial>();
+}
+
+#[test]
+fn a_verdict_is_kept_with_its_first_reasons() {
+    let record = rejected(3);
+    assert_eq!(record.verdict.doubts, 3);
+    assert!(!record.verdict.accepted());
+    let reasons: Vec<_> = record.reasons().collect();
+    assert_eq!(reasons, [Reason::Refused(3), Reason::TooFewSegments(2)]);
+    let other = StoredCalibration { software_version: "0.0.9".parse().unwrap(), ..record };
+    assert_eq!((other.verdict.doubts, other.reasons().count()), (3, 0));
+    // As many as fit; the others count.
+    let long = Reason::ChiSquare { chi_square: 1.0, degrees_of_freedom: u32::MAX, low: 2.0, high: 3.0 };
+    let verdict = Verdict { reasons: std::iter::repeat_n(long, 12).collect(), more: 5, ..Verdict::default() };
+    let kept = StoredCalibration { verdict: StoredVerdict::new(&verdict), ..other };
+    let kept = StoredCalibration { software_version: env!("CARGO_PKG_VERSION").parse().unwrap(), ..kept };
+    assert_eq!((kept.verdict.doubts, kept.reasons().count()), (17, 4));
+    assert!(kept.reasons().all(|reason| reason == long));
+}
+
+#[test]
+fn the_longest_record_fits() {
+    let long = Reason::ChiSquare { chi_square: 1.0, degrees_of_freedom: u32::MAX, low: 2.0, high: 3.0 };
+    let verdict = Verdict { reasons: std::iter::repeat_n(long, 12).collect(), more: u16::MAX, ..Verdict::default() };
+    let longest = StoredCalibration {
+        scheme: "s".repeat(32).parse().unwrap(),
+        site: Site { measured_gravity_m_s2: Some(9.8), ..Site::default() },
+        utc_s: Some(u64::MAX),
+        degrees_of_freedom: u32::MAX,
+        software_version: "v".repeat(16).parse().unwrap(),
+        verdict: StoredVerdict::new(&verdict),
+        ..record(1)
+    };
+    let mut store = saved::<Pages>(1);
+    assert_eq!(store.save(&StoredCalibration { verdict: StoredVerdict::default(), ..longest.clone() }), Ok(0));
+    assert_eq!(store.save(&longest), Ok(0));
+    assert_eq!(store.entry(0).unwrap().unwrap().1, longest);
+}
+
+#[test]
+fn the_sequence_number_wraps() {
+    let mut memory = Pages::blank();
+    let mut slot = [0; SLOT_BYTES];
+    encode(&mut slot, u32::MAX - 3, &record(0)).unwrap();
+    memory.bytes()[..SLOT_BYTES].copy_from_slice(&slot);
+    let mut store = CalibrationStore::new(memory);
+    (1..12).for_each(|number| assert_eq!(store.save(&record(number)), Ok(0)));
+    assert_eq!(newest(&mut rebooted(store)), Some(11));
+}
+
+/// What is stored must be readable for ever: whoever changes these bytes gives the format a new version, and reads this one.
+#[test]
+fn the_bytes_of_a_record_are_these() {
+    let mut slot = [0; SLOT_BYTES];
+    let length = encode(&mut slot, 7, &record(5)).unwrap();
+    // The CRC of all before it.
+    let crc = |frame: &[u8]| u32::from_le_bytes(*frame.last_chunk().unwrap());
+    assert_eq!((&slot[..12], length), (b"RSC3\x07\0\0\0\xf2\x01\0\0".as_slice(), 514));
+    let old = version_2(7, 5);
+    assert_eq!((crc(&slot[..length]), old.len(), crc(&old)), (2_954_045_872, 511, 481_072_984));
+}
