@@ -16,6 +16,7 @@
 //! (gains of the two-stage method), `constancy` (tests for change), `observability`, and `rehearsal`, which before anything
 //! turns gives the estimator the segments that a scheme would bring. Beside the verdict: `wiring`. Beside all: `liveness`, for the watchdog. `assignment` is the configuration
 //! of all rooms. `telemetry` is the messages of all rooms; calibrator and self_calibration tell them to whoever calls.
+//! `link` carries them over a serial line, and commands back.
 //!
 //! Frames: n local level (east, north, up); b vehicle, which is r at gimbal angles (0, 0); r fixed to the inner gimbal, x
 //! along the outer and z along the inner axis; s IMU; a, g the accelerometers' and the gyros' own axes. `rot_ab` takes
@@ -41,6 +42,7 @@ pub mod gimbal;
 pub mod intake;
 pub mod kalman;
 pub mod linear;
+pub mod link;
 pub mod liveness;
 pub mod measurement;
 pub mod method;

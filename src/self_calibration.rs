@@ -290,22 +290,13 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         stored: Option<&StoredCalibration>,
         calibrator: &'c mut Calibrator<T, MAX_SEGMENTS, STATES>,
     ) -> Result<Self, ConfigError> {
-        config.check()?;
-        if config.calibrator.estimator.options.needs_states() && STATES < FULL_STATES {
-            return Err(ConfigError::States);
-        }
+        prepare(&config, calibrator)?;
         let stored = stored.map(|record| (record.estimate(), record.moment()));
-        calibrator.restart(&config.run());
-        if let Some(parameter) = calibrator.rehearse(&config.scheme) {
-            return Err(ConfigError::Unobserved(parameter));
-        }
-        calibrator.restart(&config.run());
-        let interval_s = real(config.calibrator.rate_hz.recip());
         Ok(Self {
             sequencer: Sequencer::new(config.scheme.clone(), config.pace),
             calibrator,
             measuring: false,
-            axes: config.axes.each_ref().map(|limits| Axis::new(limits, interval_s)),
+            axes: axes(&config),
             previous: None,
             heard: None,
             standing: None,
@@ -393,6 +384,53 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     /// Gives the run up; the gimbals are parked and the stored calibration stays as it was.
     pub fn abort(&mut self) {
         self.abort = Some(AbortReason::Commanded);
+    }
+
+    /// Takes another configuration, while no run is under way. Segments and covariance of the last run are forgotten;
+    /// the calibration in use stays.
+    ///
+    /// # Errors
+    /// What is wrong with it; everything stays as it was.
+    #[inline(never)]
+    pub fn reconfigure(&mut self, config: SelfCalibrationConfig) -> Result<(), ConfigError> {
+        prepare(&config, self.calibrator)?;
+        if config.axes != self.config.axes || config.calibrator.rate_hz != self.config.calibrator.rate_hz {
+            self.axes = axes(&config);
+            if let Some(sample) = self.previous {
+                self.axes[0].measure(sample.outer);
+                self.axes[1].measure(sample.inner);
+                self.axes.iter_mut().for_each(Axis::hold);
+            }
+        }
+        self.sequencer.reconfigure(config.scheme.clone(), config.pace);
+        self.config = config;
+        Ok(())
+    }
+
+    /// The configuration.
+    pub fn config(&self) -> &SelfCalibrationConfig {
+        &self.config
+    }
+
+    /// Legs of the whole run, the way to the start included.
+    pub fn legs(&self) -> u16 {
+        self.sequencer.legs()
+    }
+
+    /// Nominal time until all is measured, s, at the last sample.
+    pub fn left_s(&self) -> f64 {
+        self.previous.map_or(0.0, |sample| self.sequencer.left_s(sample.time_us))
+    }
+
+    /// Outer and inner angle at the last sample, rad, within half a turn.
+    pub fn angles_rad(&self) -> Option<[f64; 2]> {
+        let rad = |angle: Angle| ticks_to_rad(i64::from(angle.ticks().cast_signed()));
+        self.previous.map(|sample| [rad(sample.outer), rad(sample.inner)])
+    }
+
+    /// Whether samples are corrected.
+    pub fn is_correcting(&self) -> bool {
+        self.calibration.is_some()
     }
 
     /// Tells that storing has ended.
@@ -614,6 +652,28 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         }
         Some(corrected)
     }
+}
+
+/// Checks a configuration against itself and the scheme against the calibrator, which is ready for a run after that.
+fn prepare<T: Real, const STATES: usize>(
+    config: &SelfCalibrationConfig,
+    calibrator: &mut Calibrator<T, MAX_SEGMENTS, STATES>,
+) -> Result<(), ConfigError> {
+    config.check()?;
+    if config.calibrator.estimator.options.needs_states() && STATES < FULL_STATES {
+        return Err(ConfigError::States);
+    }
+    calibrator.restart(&config.run());
+    if let Some(parameter) = calibrator.rehearse(&config.scheme) {
+        return Err(ConfigError::Unobserved(parameter));
+    }
+    calibrator.restart(&config.run());
+    Ok(())
+}
+
+fn axes<T: Real>(config: &SelfCalibrationConfig) -> [Axis<T>; 2] {
+    let interval_s = real(config.calibrator.rate_hz.recip());
+    config.axes.each_ref().map(|limits| Axis::new(limits, interval_s))
 }
 
 fn calibration<T: Real>(estimate: &Estimate) -> Calibration<T> {

@@ -142,6 +142,25 @@ pub enum State {
 }
 
 impl State {
+    /// Whether no run is under way, and a command may start one.
+    pub fn is_idle(self) -> bool {
+        matches!(self, Self::Correcting | Self::StandBy | Self::Parked | Self::Stranded)
+    }
+
+    /// Whether a run is under way that a command may give up.
+    pub fn is_under_way(self) -> bool {
+        matches!(
+            self,
+            Self::AwaitStill
+                | Self::Turn(_)
+                | Self::Settle(_)
+                | Self::Dwell(_)
+                | Self::Weigh(_)
+                | Self::Compute
+                | Self::Verdict
+        )
+    }
+
     /// Whether the axes are on their way, or coming to rest: what is lost of a move cannot be repeated.
     pub fn is_turning(self) -> bool {
         matches!(self, Self::Turn(_) | Self::Settle(_) | Self::Stopping | Self::Parking)
@@ -263,6 +282,35 @@ impl Sequencer {
     /// Legs of the whole run, the way to the start included.
     pub fn legs(&self) -> u16 {
         self.scheme.moves() as u16 + 1
+    }
+
+    /// Runs another scheme from the next start on, at another pace.
+    pub fn reconfigure(&mut self, scheme: Scheme, pace: Pace) {
+        (self.scheme, self.pace) = (scheme, pace);
+    }
+
+    /// Nominal time until all is measured, s, if no stop is repeated and none lasts longer; 0 where nothing is to be
+    /// measured any more.
+    pub fn left_s(&self, now_us: u64) -> f64 {
+        let (leg, from_here_s) = match self.state {
+            State::AwaitStill => (0, STILL_US as f64 * 1e-6 + SETTLING_S + self.leg(0).stop_s),
+            State::Turn(leg) => (leg, self.leg_s(leg)),
+            State::Settle(leg) => (leg, SETTLING_S + self.leg(leg).stop_s),
+            State::Dwell(leg) | State::Weigh(leg) => (leg, self.leg(leg).stop_s),
+            _ => return 0.0,
+        };
+        let elapsed_s = now_us.saturating_sub(self.since_us) as f64 * 1e-6;
+        let later_s: f64 = (leg + 1..self.legs()).map(|leg| self.leg_s(leg)).sum();
+        (from_here_s - elapsed_s).max(0.0) + later_s
+    }
+
+    /// Nominal duration of a leg's move, settling and stop, s. The way to the start is not known.
+    fn leg_s(&self, leg: u16) -> f64 {
+        let to = self.leg(leg);
+        let from = self.leg(leg.saturating_sub(1));
+        let ways_rad = [to.outer_rad - from.outer_rad, to.inner_rad - from.inner_rad];
+        let move_s = ways_rad.map(|way_rad| self.scheme.move_s(way_rad)).into_iter().fold(0.0, f64::max);
+        move_s + SETTLING_S + to.stop_s
     }
 
     /// One step; at most one edge is taken.

@@ -1,4 +1,4 @@
-//! Messages of the firmware to the host: postcard in COBS frames, each ended by a zero byte.
+//! What the instrument tells while it runs. How it gets to whoever listens is `link`'s business.
 
 use crate::calibrator::Progress;
 use crate::error_model::PARAMETERS;
@@ -10,11 +10,6 @@ use crate::self_calibration::ConfigError;
 use crate::sequencer::{AbortReason, State};
 use crate::verdict::Verdict;
 use serde::{Deserialize, Serialize};
-
-/// Greatest length of a message, bytes.
-pub const MAX_MESSAGE_BYTES: usize = 1000;
-/// Greatest length of its frame, bytes: one more for every started 254, and the end.
-pub const MAX_FRAME_BYTES: usize = MAX_MESSAGE_BYTES + MAX_MESSAGE_BYTES / 254 + 2;
 
 /// What the instrument tells.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -83,94 +78,4 @@ pub enum Message {
         /// Samples missing.
         losses: Losses,
     },
-}
-
-/// Frames a message; `None` if it is longer than [`MAX_MESSAGE_BYTES`].
-pub fn encode<'a, M: Serialize>(message: &M, buffer: &'a mut [u8; MAX_FRAME_BYTES]) -> Option<&'a [u8]> {
-    let mut scratch = [0; MAX_MESSAGE_BYTES];
-    let payload = postcard::to_slice(message, &mut scratch).ok()?;
-    let length = frame(payload, buffer)?;
-    buffer.get(..length)
-}
-
-/// Consistent-overhead byte stuffing (Cheshire and Baker 1999) of `payload` and the zero byte after it. postcard's own
-/// can panic.
-fn frame(payload: &[u8], frame: &mut [u8]) -> Option<usize> {
-    let mut length = 0;
-    for run in payload.split(|byte| *byte == 0) {
-        let mut blocks = run.chunks_exact(254);
-        for block in &mut blocks {
-            put(0xff, block, frame, &mut length)?;
-        }
-        let rest = blocks.remainder();
-        put(u8::try_from(rest.len() + 1).ok()?, rest, frame, &mut length)?;
-    }
-    put(0, &[], frame, &mut length)?;
-    Some(length)
-}
-
-fn put(code: u8, block: &[u8], frame: &mut [u8], length: &mut usize) -> Option<()> {
-    let (first, rest) = frame.get_mut(*length..)?.split_first_mut()?;
-    *first = code;
-    rest.get_mut(..block.len())?.copy_from_slice(block);
-    *length += 1 + block.len();
-    Some(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn framed(payload: &[u8]) -> Vec<u8> {
-        let mut buffer = [0xaa; MAX_FRAME_BYTES];
-        let length = frame(payload, &mut buffer).unwrap();
-        buffer[..length].to_vec()
-    }
-
-    #[test]
-    fn examples_of_the_literature() {
-        assert_eq!(framed(&[]), [1, 0]);
-        assert_eq!(framed(&[0]), [1, 1, 0]);
-        assert_eq!(framed(&[0x11, 0x22, 0, 0x33]), [3, 0x11, 0x22, 2, 0x33, 0]);
-        assert_eq!(framed(&[0x11, 0, 0, 0]), [2, 0x11, 1, 1, 1, 0]);
-    }
-
-    #[test]
-    fn a_frame_holds_its_message_and_one_zero() {
-        for length in (0..=MAX_MESSAGE_BYTES).step_by(2) {
-            for period in [1, 7, 254, 255, 2000] {
-                let payload: Vec<u8> = (0..length)
-                    .map(|index| if index % period == period - 1 { 0 } else { 1 + (index % 255) as u8 })
-                    .collect();
-                let mut frame = framed(&payload);
-                assert_eq!(frame.pop(), Some(0));
-                assert!(frame.iter().all(|byte| *byte != 0));
-                assert_eq!(unstuffed(&frame), payload, "{length} bytes, a zero every {period}");
-            }
-        }
-    }
-
-    /// The definition, read backwards.
-    fn unstuffed(mut frame: &[u8]) -> Vec<u8> {
-        let mut payload = Vec::new();
-        while let [code, rest @ ..] = frame {
-            let (block, next) = rest.split_at(usize::from(*code) - 1);
-            payload.extend_from_slice(block);
-            if *code < 0xff && !next.is_empty() {
-                payload.push(0);
-            }
-            frame = next;
-        }
-        payload
-    }
-
-    #[test]
-    fn a_message_comes_back() {
-        let losses = Losses { crc: 300, ..Losses::default() };
-        let message = Message::Queue { samples: 200, losses };
-        let mut buffer = [0; MAX_FRAME_BYTES];
-        let frame = encode(&message, &mut buffer).unwrap();
-        let payload = unstuffed(&frame[..frame.len() - 1]);
-        assert_eq!(postcard::from_bytes(&payload), Ok(message));
-    }
 }

@@ -1,7 +1,8 @@
 //! The firmware image in QEMU, with the host as its bench.
 //!
-//! Starts the emulator on an image and serves the pipes that `src/bin/firmware/mps2.rs` opens: `requests` and `answers` carry the transfers on SPI, `telemetry` COBS frames,
-//! `log` defmt frames; the files are `configuration` (to the firmware), `run` and `fault` (from it).
+//! Starts the emulator on an image and serves the pipes that `src/bin/firmware/mps2.rs` opens: `requests` and `answers` carry
+//! the transfers on SPI, `telemetry` frames of `rins_selfcal::link`, `log` defmt frames; the files are `configuration` (to the
+//! firmware), `run` and `fault` (from it).
 
 pub mod image;
 
@@ -14,6 +15,8 @@ use image::Image;
 
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::stat::Mode;
+use rins_selfcal::link::Decoder;
+use rins_selfcal::telemetry::Message;
 use std::fs::{self, File, OpenOptions};
 use std::io::{ErrorKind, Read, Write};
 use std::os::fd::AsFd;
@@ -110,7 +113,7 @@ impl Load {
 }
 
 /// Runs an image on a bench until the plant is exhausted and the firmware has ended. `on_log` gets each line of its log,
-/// `on_telemetry` each message, unframed.
+/// `on_message` each message.
 ///
 /// # Errors
 /// The emulator cannot be started, the firmware faults, hangs, or ends without its report.
@@ -118,7 +121,7 @@ pub fn run<P: Plant>(
     setup: &Setup<'_>,
     bench: &mut Bench<P>,
     mut on_log: impl FnMut(&str),
-    mut on_telemetry: impl FnMut(&[u8]),
+    mut on_message: impl FnMut(&Message),
 ) -> Result<Run> {
     ensure_installed(EMULATOR, EMULATOR)?;
     let start = Instant::now();
@@ -137,14 +140,24 @@ pub fn run<P: Plant>(
             }
         }
     };
-    let mut frames = Frames::default();
-    let mut telemetry = |bytes: &[u8]| frames.received(bytes, &mut on_telemetry);
+    let mut frames = Decoder::new();
+    let mut unread = 0;
+    let mut telemetry = |bytes: &[u8]| {
+        for byte in bytes {
+            match frames.push(*byte).map(|frame| frame.ok().and_then(|frame| frame.read())) {
+                Some(Some(message)) => on_message(&message),
+                Some(None) => unread += 1,
+                None => {}
+            }
+        }
+    };
     let served = host.serve(setup.patience, bench, &mut log, &mut telemetry);
     let fault = fs::read(directory.path().join("fault")).unwrap_or_default();
     if !fault.is_empty() {
         bail!("the firmware stopped: {}", String::from_utf8_lossy(&fault));
     }
     let status = served?;
+    ensure!(unread == 0, "{unread} messages of the firmware cannot be read");
     let report = fs::read(directory.path().join("run")).ok().and_then(|bytes| words(&bytes));
     let Some(([elapsed, idle, stack_used_bytes, stack_bytes, late_edges, queue_deepest, queue_length], loads)) = report
     else {
@@ -173,24 +186,6 @@ fn words(bytes: &[u8]) -> Option<([u64; 7], [[u64; 3]; WORKS.len()])> {
     let (whole, loads) = words.split_first_chunk()?;
     let (loads, more) = loads.as_chunks();
     (rest.is_empty() && more.is_empty()).then_some((*whole, loads.try_into().ok()?))
-}
-
-/// Cuts a stream into COBS frames.
-#[derive(Default)]
-struct Frames {
-    partial: Vec<u8>,
-}
-
-impl Frames {
-    fn received(&mut self, bytes: &[u8], on_message: &mut dyn FnMut(&[u8])) {
-        for byte in bytes {
-            if *byte != 0 {
-                self.partial.push(*byte);
-            } else if let Ok(message) = cobs::decode_vec(&std::mem::take(&mut self.partial)) {
-                on_message(&message);
-            }
-        }
-    }
 }
 
 /// The emulator and the host's ends of its pipes. Dropped, it takes the emulator with it.

@@ -62,8 +62,7 @@ fn image(board: Board) -> Image {
 
 fn try_run<P: Plant>(setup: &Setup<'_>, bench: &mut Bench<P>) -> Result<Outcome> {
     let (mut log, mut messages) = (Vec::new(), Vec::new());
-    let on_message = |bytes: &[u8]| messages.push(postcard::from_bytes(bytes).expect("a message"));
-    let run = run(setup, bench, |line| log.push(line.to_owned()), on_message)?;
+    let run = run(setup, bench, |line| log.push(line.to_owned()), |message| messages.push(message.clone()))?;
     Ok(Outcome { run, log, messages })
 }
 

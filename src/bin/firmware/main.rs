@@ -20,11 +20,12 @@ use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
 #[cfg(not(feature = "optional-states"))]
 use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::estimator::{FULL_STATES, MAX_SEGMENTS};
+use rins_selfcal::link::{MAX_FRAME_BYTES, encode};
 use rins_selfcal::policy::Decision;
 use rins_selfcal::self_calibration::{ConfigError, SelfCalibration, SelfCalibrationConfig};
 use rins_selfcal::sequencer::State;
 use rins_selfcal::store::{Loaded, StoredCalibration};
-use rins_selfcal::telemetry::{MAX_FRAME_BYTES, Message, encode};
+use rins_selfcal::telemetry::Message;
 use rins_selfcal::verdict::VerdictLimits;
 use work::{Span, Work, count};
 
@@ -203,7 +204,7 @@ fn send(board: &mut impl Board, message: &Message) {
     let span = Span::start();
     log(message);
     let mut buffer = [0; MAX_FRAME_BYTES];
-    if let Some(frame) = encode(message, &mut buffer) {
+    if let Some(frame) = encode(0, message, &mut buffer) {
         board.send(frame);
     }
     span.put_aside();

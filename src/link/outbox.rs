@@ -1,0 +1,104 @@
+//! Frames that wait to be sent: bounded, and never waited for.
+//!
+//! Two lanes. What matters most has its own memory and goes first, so that no stream of live values can keep a verdict
+//! from being told. A frame that does not fit is left out whole, and counted.
+
+use heapless::Deque;
+
+/// Which of two frames goes first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lane {
+    /// Answers, states, verdicts and faults.
+    Urgent,
+    /// Live values, of which there will be newer ones.
+    Routine,
+}
+
+/// Bytes of frames, each ended by a zero byte.
+#[derive(Debug)]
+pub struct Outbox<const URGENT: usize, const ROUTINE: usize> {
+    urgent: Deque<u8, URGENT>,
+    routine: Deque<u8, ROUTINE>,
+    /// The lane of the frame that is partly sent.
+    sending: Option<Lane>,
+    unsent: u32,
+}
+
+impl<const URGENT: usize, const ROUTINE: usize> Default for Outbox<URGENT, ROUTINE> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<const URGENT: usize, const ROUTINE: usize> Outbox<URGENT, ROUTINE> {
+    /// An empty one.
+    pub const fn new() -> Self {
+        Self { urgent: Deque::new(), routine: Deque::new(), sending: None, unsent: 0 }
+    }
+
+    /// Takes a whole frame, or counts it.
+    pub fn put(&mut self, frame: &[u8], lane: Lane) {
+        let taken = match lane {
+            Lane::Urgent => put(&mut self.urgent, frame),
+            Lane::Routine => put(&mut self.routine, frame),
+        };
+        self.count(!taken);
+    }
+
+    /// Counts a frame that is not sent.
+    pub fn count(&mut self, unsent: bool) {
+        self.unsent = self.unsent.saturating_add(u32::from(unsent));
+    }
+
+    /// Frames that were not sent.
+    pub fn unsent(&self) -> u32 {
+        self.unsent
+    }
+
+    /// The next byte for the wire. A frame once begun is ended before another begins.
+    pub fn pop(&mut self) -> Option<u8> {
+        let lane = self.sending.unwrap_or(if self.urgent.is_empty() { Lane::Routine } else { Lane::Urgent });
+        let byte = match lane {
+            Lane::Urgent => self.urgent.pop_front(),
+            Lane::Routine => self.routine.pop_front(),
+        }?;
+        self.sending = (byte != 0).then_some(lane);
+        Some(byte)
+    }
+}
+
+fn put<const N: usize>(queue: &mut Deque<u8, N>, frame: &[u8]) -> bool {
+    N - queue.len() >= frame.len() && frame.iter().all(|byte| queue.push_back(*byte).is_ok())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    fn all<const U: usize, const R: usize>(outbox: &mut Outbox<U, R>) -> Vec<u8> {
+        core::iter::from_fn(|| outbox.pop()).collect()
+    }
+
+    #[test]
+    fn urgent_frames_overtake_between_frames_only() {
+        let mut outbox = Outbox::<8, 8>::new();
+        outbox.put(&[1, 2, 0], Lane::Routine);
+        outbox.put(&[3, 0], Lane::Routine);
+        assert_eq!(outbox.pop(), Some(1));
+        outbox.put(&[9, 0], Lane::Urgent);
+        assert_eq!(all(&mut outbox), [2, 0, 9, 0, 3, 0]);
+        assert_eq!(outbox.unsent(), 0);
+    }
+
+    #[test]
+    fn a_full_lane_leaves_frames_out_whole_and_spares_the_other() {
+        let mut outbox = Outbox::<4, 4>::new();
+        outbox.put(&[1, 2, 0], Lane::Routine);
+        outbox.put(&[3, 0], Lane::Routine);
+        outbox.put(&[4, 5, 6, 0], Lane::Urgent);
+        outbox.put(&[7, 0], Lane::Urgent);
+        assert_eq!(outbox.unsent(), 2);
+        assert_eq!(all(&mut outbox), [4, 5, 6, 0, 1, 2, 0]);
+    }
+}

@@ -1,0 +1,275 @@
+//! What is said over the link beside the messages of the rooms: requests and their replies.
+
+use super::frame::{Dropped, PROTOCOL_VERSION, Payload};
+use crate::axis::AxisLimits;
+use crate::calibrator::CalibratorConfig;
+use crate::error_model::PARAMETERS;
+use crate::estimator::Estimate;
+use crate::policy::PowerUpPolicy;
+use crate::scheme::Scheme;
+use crate::self_calibration::{ConfigError, SelfCalibrationConfig};
+use crate::sequencer::{Pace, State};
+use crate::store::{FORMAT_VERSION, StoredCalibration};
+use crate::telemetry::Message;
+use crate::verdict::VerdictLimits;
+use core::fmt;
+use heapless::String;
+use serde::{Deserialize, Serialize};
+
+impl Payload for Message {
+    const KIND: u8 = b'M';
+}
+
+/// A command to the instrument. Its frame has a number, which the reply repeats.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
+pub enum Command {
+    /// Say what you are: [`Answer::Hello`].
+    Hello,
+    /// Say how you are: [`Answer::Status`].
+    Status,
+    /// Begin a run, where none is under way.
+    Start,
+    /// Give the run up; the gimbals are parked.
+    Abort,
+    /// Say what you know.
+    Read(Item),
+    /// Let limits be set and calibrations be erased, for [`super::UNLOCKED_US`]; with [`super::UNLOCK_WORD`].
+    Unlock(u32),
+    /// Change the configuration, until power-off. Only when unlocked, and while no run is under way.
+    Set(Setting),
+    /// Erase the stored calibration; corrections go on with the one in use until power-off. Only when unlocked, and while
+    /// no run is under way.
+    Erase,
+}
+
+impl Payload for Command {
+    const KIND: u8 = b'C';
+}
+
+/// What can be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Item {
+    /// The stored calibration.
+    Calibration,
+    /// The live estimate.
+    Estimate,
+    /// A row of the live covariance of the parameters.
+    Covariance {
+        /// Parameter of the row.
+        row: u8,
+    },
+    /// A part of the configuration.
+    Setting(SettingName),
+}
+
+/// A part of the configuration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
+pub enum Setting {
+    /// Sample rate, site, noise, heading, options.
+    Calibrator(CalibratorConfig),
+    /// The rotation scheme.
+    Scheme(Scheme),
+    /// Limits of the outer and the inner axis.
+    Axes([AxisLimits; 2]),
+    /// What a result must fulfil.
+    Limits(VerdictLimits),
+    /// How long a run takes.
+    Pace(Pace),
+    /// When a run begins at power-up.
+    Policy(PowerUpPolicy),
+    /// Time of power-up, seconds since 1970-01-01 UTC.
+    PowerUpUtc(Option<u64>),
+}
+
+/// Names the parts of the configuration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SettingName {
+    /// See [`Setting::Calibrator`].
+    Calibrator,
+    /// See [`Setting::Scheme`].
+    Scheme,
+    /// See [`Setting::Axes`].
+    Axes,
+    /// See [`Setting::Limits`].
+    Limits,
+    /// See [`Setting::Pace`].
+    Pace,
+    /// See [`Setting::Policy`].
+    Policy,
+    /// See [`Setting::PowerUpUtc`].
+    PowerUpUtc,
+}
+
+impl SettingName {
+    /// All of them.
+    pub const ALL: [Self; 7] =
+        [Self::Calibrator, Self::Scheme, Self::Axes, Self::Limits, Self::Pace, Self::Policy, Self::PowerUpUtc];
+}
+
+impl Setting {
+    /// The part of this name of a configuration.
+    pub fn of(config: &SelfCalibrationConfig, name: SettingName) -> Self {
+        match name {
+            SettingName::Calibrator => Self::Calibrator(config.calibrator),
+            SettingName::Scheme => Self::Scheme(config.scheme.clone()),
+            SettingName::Axes => Self::Axes(config.axes),
+            SettingName::Limits => Self::Limits(config.limits),
+            SettingName::Pace => Self::Pace(config.pace),
+            SettingName::Policy => Self::Policy(config.policy),
+            SettingName::PowerUpUtc => Self::PowerUpUtc(config.utc_s),
+        }
+    }
+
+    /// Puts this part into a configuration, unchecked.
+    pub fn put(&self, config: &mut SelfCalibrationConfig) {
+        match self {
+            Self::Calibrator(calibrator) => config.calibrator = *calibrator,
+            Self::Scheme(scheme) => config.scheme.clone_from(scheme),
+            Self::Axes(axes) => config.axes = *axes,
+            Self::Limits(limits) => config.limits = *limits,
+            Self::Pace(pace) => config.pace = *pace,
+            Self::Policy(policy) => config.policy = *policy,
+            Self::PowerUpUtc(utc_s) => config.utc_s = *utc_s,
+        }
+    }
+}
+
+/// The answer to a command. Its frame has the number of the request; 0 is for what nobody asked for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
+pub enum Answer {
+    /// What was asked for is done, or has begun.
+    Done,
+    /// It is not done.
+    Refused(Refusal),
+    /// What the instrument is; also told at power-up, and where a frame of another version came in.
+    Hello(Hello),
+    /// How it is; also told twice a second.
+    Status(Status),
+    /// The stored calibration.
+    Calibration(StoredCalibration),
+    /// The live estimate.
+    Estimate {
+        /// Segments that went into it.
+        segments: u16,
+        /// The estimate.
+        estimate: Estimate,
+    },
+    /// A row of the live covariance of the parameters, SI.
+    Covariance {
+        /// Parameter of the row.
+        row: u8,
+        /// The row.
+        values: [f64; PARAMETERS],
+    },
+    /// A part of the configuration.
+    Setting(Setting),
+}
+
+impl Payload for Answer {
+    const KIND: u8 = b'A';
+}
+
+/// Why a command is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Refusal {
+    /// The frame is whole, but holds no command of this version.
+    NotUnderstood,
+    /// It makes no sense in this state.
+    NotNow(State),
+    /// The power-up policy is never to calibrate.
+    Policy,
+    /// It must be unlocked first.
+    Locked,
+    /// The word does not unlock.
+    WrongWord,
+    /// The configuration would be wrong.
+    Config(ConfigError),
+    /// There is nothing of the kind.
+    Nothing,
+    /// The memory does not work.
+    Memory,
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotUnderstood => f.write_str("the instrument does not understand the command"),
+            Self::NotNow(state) => write!(f, "that makes no sense while the instrument is in state {state:?}"),
+            Self::Policy => f.write_str("the policy is never to calibrate"),
+            Self::Locked => f.write_str("it is locked; unlock it first"),
+            Self::WrongWord => f.write_str("that word does not unlock"),
+            Self::Config(error) => write!(f, "{error}"),
+            Self::Nothing => f.write_str("there is nothing of the kind"),
+            Self::Memory => f.write_str("the memory does not work"),
+        }
+    }
+}
+
+/// What the instrument is.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Hello {
+    /// Version of the protocol.
+    pub protocol: u8,
+    /// Version of the software.
+    pub software: String<16>,
+    /// Version of the store's format, a character.
+    pub store_format: u8,
+    /// Bits of its floating-point numbers.
+    pub scalar_bits: u8,
+    /// States of its filter.
+    pub states: u8,
+}
+
+impl Hello {
+    /// Of this build, with numbers of the size of `T`.
+    pub fn new<T>(states: usize) -> Self {
+        Self {
+            protocol: PROTOCOL_VERSION,
+            software: String::try_from(env!("CARGO_PKG_VERSION")).unwrap_or_default(),
+            store_format: FORMAT_VERSION,
+            scalar_bits: (8 * size_of::<T>()) as u8,
+            states: states as u8,
+        }
+    }
+}
+
+/// How the instrument is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Status {
+    /// Time since power-up, us.
+    pub time_us: u64,
+    /// Where the run is.
+    pub state: State,
+    /// Legs of the whole run.
+    pub legs: u16,
+    /// Segments measured.
+    pub segments: u16,
+    /// Nominal time until all is measured, s; 0 where no run is under way.
+    pub left_s: f32,
+    /// Outer and inner gimbal angle, rad, within half a turn; not a number before the first sample.
+    pub angles_rad: [f32; 2],
+    /// Whether samples are corrected.
+    pub correcting: bool,
+    /// Whether limits may be set and calibrations erased.
+    pub unlocked: bool,
+    /// Samples that never came.
+    pub missing: u32,
+    /// What the link lost.
+    pub link: LinkCounts,
+}
+
+/// What the instrument's end of the link lost, since power-up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct LinkCounts {
+    /// Frames that came in and were dropped.
+    pub dropped: Dropped,
+    /// Whole frames that held no command.
+    pub not_understood: u32,
+    /// Bytes that came in faster than they were taken.
+    pub overrun: u32,
+    /// Frames that found no room to wait in until they could be sent.
+    pub unsent: u32,
+}
