@@ -5,6 +5,7 @@ mod arguments;
 mod calibrate;
 mod compare;
 mod files;
+mod monitor;
 mod monte_carlo;
 mod observability;
 mod output;
@@ -51,6 +52,7 @@ fn run(arguments: Arguments) -> anyhow::Result<Ending> {
         Command::Observability(arguments) => observability::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Montecarlo(arguments) => monte_carlo::run(&arguments),
+        Command::Monitor(arguments) => monitor::run(&arguments),
     }
 }
 

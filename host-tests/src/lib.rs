@@ -9,6 +9,7 @@
 //! refusal: what the core has against a scheme
 //! closed_loop, prediction -> plot, monte_carlo -^
 //! saved: a result read back -> comparison
+//! monitor: the other end of the instrument's serial line, `line` the instrument's own end in this process
 //! plan: finds schemes; prediction then says what the core makes of them
 //! faults -> fault_campaign: can a disturbed run be accepted with a wrong answer?
 //! chips: the devices that the core's drivers read and drive
@@ -28,8 +29,10 @@ pub mod fault_campaign;
 pub mod faults;
 pub mod gimbal_plant;
 pub mod kinematics;
+pub mod line;
 pub mod log;
 pub mod memory;
+pub mod monitor;
 pub mod monte_carlo;
 pub mod motor;
 pub mod page;

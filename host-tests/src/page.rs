@@ -300,7 +300,7 @@ fn facts(content: &Content) -> Vec<(&'static str, String)> {
 // ---------------------------------------------------------------------------------------------------------- correction
 
 fn correction_text(outcome: &Outcome) -> Markup {
-    let correction = correction(outcome);
+    let correction = correction(&outcome.estimate().errors);
     html! {
         p { "Apply to every sample, in SI units: specific force " code { "f_s = force_matrix_sa (f_a - accel_bias_a)" }
             ", angular rate " code { "w_s = rate_matrix_sg (w_g - gyro_bias_g)" } "." }

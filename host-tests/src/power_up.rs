@@ -4,6 +4,7 @@
 use crate::bench::{Bench, SharedBench, drivers};
 use crate::emulator::image::Image;
 use crate::emulator::{Run, Setup, run};
+use crate::line::{Line, Unconnected};
 use crate::plant::{Plant, Reading};
 use crate::refusal::refused;
 use anyhow::{Context, Result};
@@ -12,6 +13,7 @@ use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
 use rins_selfcal::device::command_rates;
 use rins_selfcal::estimator::MAX_SEGMENTS;
 use rins_selfcal::linear::Real;
+use rins_selfcal::link::{Archive, Hello, Link, MAX_FRAME_BYTES, Moment, Refusal};
 use rins_selfcal::queue::SampleQueue;
 use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
 use rins_selfcal::store::StoredCalibration;
@@ -36,7 +38,11 @@ pub fn in_process<T: Real, const STATES: usize, P: Plant>(
     mut on_message: impl FnMut(&Message),
 ) -> Result<Option<StoredCalibration>> {
     match assignment {
-        Assignment::SelfCalibrate(config) => self_calibrate::<T, STATES, P>(config, stored, bench, &mut on_message),
+        Assignment::SelfCalibrate(config) => {
+            let mut memory = Memory { stored: stored.cloned(), saved: false };
+            self_calibrate::<T, STATES, P>(config, &mut memory, bench, &mut Unconnected, &mut on_message)?;
+            Ok(memory.stored.filter(|_| memory.saved))
+        }
         Assignment::Replay(config) => {
             replay::<T, STATES, P>(config, bench, &mut on_message);
             Ok(None)
@@ -44,42 +50,80 @@ pub fn in_process<T: Real, const STATES: usize, P: Plant>(
     }
 }
 
-fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
+/// The memory of an instrument in this process.
+#[derive(Clone, Debug, Default)]
+pub struct Memory {
+    /// The calibration in store.
+    pub stored: Option<StoredCalibration>,
+    /// Whether the run has stored one.
+    pub saved: bool,
+}
+
+impl Archive for Memory {
+    fn newest(&mut self) -> Result<Option<StoredCalibration>, Refusal> {
+        Ok(self.stored.clone())
+    }
+
+    fn erase(&mut self) -> Result<(), Refusal> {
+        self.stored = None;
+        Ok(())
+    }
+}
+
+/// As [`in_process`], at the end of a serial line, which brings commands and takes messages. `memory` is what the instrument keeps
+/// from one power-up to the next.
+///
+/// # Errors
+/// The configuration is refused.
+pub fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
     config: &SelfCalibrationConfig,
-    stored: Option<&StoredCalibration>,
+    memory: &mut Memory,
     bench: &SharedBench<P>,
+    line: &mut impl Line,
     on_message: &mut impl FnMut(&Message),
-) -> Result<Option<StoredCalibration>> {
+) -> Result<()> {
+    let mut link = Link::new();
+    link.greet(Hello::new::<T>(STATES));
+    let mut tell = |link: &mut Link, message: &Message| {
+        on_message(message);
+        link.tell(message, &mut [0; MAX_FRAME_BYTES]);
+    };
     let mut queue = SampleQueue::<T, QUEUE>::new();
     let (producer, mut consumer) = queue.split();
     let (mut acquisition, mut drives) = drivers(bench, producer);
-    on_message(&Message::Store { found: stored.is_some(), damaged: false, fault: false });
+    tell(&mut link, &Message::Store { found: memory.stored.is_some(), damaged: false, fault: false });
     let refused = |error| refused(error, &config.scheme, &config.axes);
     let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::UNCONFIGURED);
-    let mut run = SelfCalibration::new(config.clone(), stored, &mut calibrator).map_err(refused)?;
-    let (mut samples, mut saved) = (0, None);
+    let mut run = SelfCalibration::new(config.clone(), memory.stored.as_ref(), &mut calibrator).map_err(refused)?;
+    let mut samples = 0;
     let (mut board_s, interval_s) = (0.0, config.calibrator.rate_hz.recip());
     while let Some(edge_us) = next_edge(bench) {
         // A sample that is lost has been counted.
         let _ = acquisition.on_data_ready(edge_us);
         while let Some(sample) = consumer.pop() {
             samples += 1;
-            let step = run.step(&sample, on_message);
+            let step = run.step(&sample, &mut |message| tell(&mut link, message));
             run.drives_answered(command_rates(&mut drives, step.rates_rad_s));
             if step.save {
-                saved = run.record();
+                let record = run.record();
+                tell(&mut link, &Message::Saved(record.is_some()));
+                memory.saved |= record.is_some();
+                memory.stored = record.or(memory.stored.take());
                 run.saved();
-                on_message(&Message::Saved(saved.is_some()));
             }
         }
         // The edges are the clock, whether they gave a sample or not.
         board_s += interval_s;
-        if let Some(rates_rad_s) = run.tick((board_s * 1e6) as u64, on_message) {
+        let moment = Moment { now_us: (board_s * 1e6) as u64, missing: consumer.losses().total() };
+        if let Some(rates_rad_s) = run.tick(moment.now_us, &mut |message| tell(&mut link, message)) {
             command_rates(&mut drives, rates_rad_s);
         }
+        link.serve(std::iter::from_fn(|| line.receive()), moment, &mut run, memory);
+        link.tell_status(moment, &run);
+        line.transmit(&mut || link.transmit());
     }
-    on_message(&Message::Queue { samples, losses: consumer.losses() });
-    Ok(saved)
+    tell(&mut link, &Message::Queue { samples, losses: consumer.losses() });
+    Ok(())
 }
 
 fn replay<T: Real, const STATES: usize, P: Plant>(
@@ -122,18 +166,12 @@ pub fn in_emulator<P: Plant>(
     eeprom: Option<&Path>,
     bench: &mut Bench<P>,
     on_log: impl FnMut(&str),
-    mut on_message: impl FnMut(&Message),
+    on_message: impl FnMut(&Message),
 ) -> Result<Run> {
     let mut buffer = [0; MAX_ASSIGNMENT_BYTES];
     let configuration = postcard::to_slice(assignment, &mut buffer).context("the scheme is too long for the board")?;
     let setup = Setup { eeprom, configuration, ..Setup::new(image) };
-    let mut malformed = 0;
-    let run = run(&setup, bench, on_log, |bytes| match postcard::from_bytes::<Message>(bytes) {
-        Ok(message) => on_message(&message),
-        Err(_) => malformed += 1,
-    })?;
-    anyhow::ensure!(malformed == 0, "{malformed} messages of the firmware cannot be read");
-    Ok(run)
+    run(&setup, bench, on_log, on_message)
 }
 
 /// A plant with a switch: turned off, it gives no more readings.

@@ -1,15 +1,17 @@
 //! The result as JSON: parameters with sigmas, how to apply them, and how far to trust them.
 
-use crate::calibration::{Outcome, Precision, method_name};
+use crate::calibration::{Outcome, Precision, is_estimated, method_name};
 use crate::quantity;
 use crate::unit::Noise;
 use anyhow::Context;
-use rins_selfcal::error_model::{Calibration, PARAMETER_INFO, ParameterInfo};
-use rins_selfcal::estimator::LargestInnovation;
+use rins_selfcal::error_model::{Calibration, InstrumentErrors, PARAMETER_INFO, ParameterInfo};
+use rins_selfcal::estimator::{Estimate, LargestInnovation};
 use rins_selfcal::intake::IntakeCounts;
 use rins_selfcal::linear::{Matrix3, Vector3};
+use rins_selfcal::method::Method;
 use rins_selfcal::queue::Losses;
 use rins_selfcal::site::Site;
+use rins_selfcal::store::StoredCalibration;
 use rins_selfcal::units::DEG;
 use rins_selfcal::verdict::CHANNEL_NAMES;
 use serde::ser::SerializeMap;
@@ -160,9 +162,9 @@ impl From<&Outcome> for CalibrationReport {
             segments: solution.segments,
             chi_square: solution.fit.chi_square,
             degrees_of_freedom: solution.degrees_of_freedom,
-            parameters: parameters(outcome),
+            parameters: parameters(outcome.estimate(), outcome.setup.method),
             optional_states: optional_states(outcome),
-            correction: correction(outcome),
+            correction: correction(&outcome.estimate().errors),
             convention: CONVENTION,
             scheme: outcome.setup.scheme.clone(),
             site: (&outcome.setup.site).into(),
@@ -184,15 +186,15 @@ impl From<&Outcome> for CalibrationReport {
     }
 }
 
-/// The parameters that the method estimates.
-fn parameters(outcome: &Outcome) -> Named<ParameterReport> {
-    let values = quantity::values(&outcome.estimate().errors);
-    let sigmas = quantity::sigmas(&outcome.estimate().sigmas);
+/// The parameters that a method estimates.
+fn parameters(estimate: &Estimate, method: Method) -> Named<ParameterReport> {
+    let values = quantity::values(&estimate.errors);
+    let sigmas = quantity::sigmas(&estimate.sigmas);
     let report = |index: usize| {
         let info = &PARAMETER_INFO[index];
         (info.name, ParameterReport { value: values[index], sigma: sigmas[index], unit: info.unit })
     };
-    Named(estimated(outcome).map(report).collect())
+    Named((0..PARAMETER_INFO.len()).filter(|index| is_estimated(method, *index)).map(report).collect())
 }
 
 fn optional_states(outcome: &Outcome) -> Named<ParameterReport> {
@@ -207,8 +209,7 @@ fn estimated(outcome: &Outcome) -> impl Iterator<Item = usize> + '_ {
 }
 
 /// What to apply to every sample.
-pub fn correction(outcome: &Outcome) -> CorrectionReport {
-    let errors = &outcome.estimate().errors;
+pub fn correction(errors: &InstrumentErrors<f64>) -> CorrectionReport {
     let calibration = Calibration::new(errors);
     CorrectionReport {
         force_matrix_sa: rows(calibration.force_matrix_sa()),
@@ -242,6 +243,40 @@ fn fit(outcome: &Outcome) -> FitReport {
         gated: fit.gated,
         refused: fit.refused,
         largest_innovation: InnovationReport { normalized, segment, channel: CHANNEL_NAMES[usize::from(channel)] },
+    }
+}
+
+/// Contents of the JSON file of a calibration that an instrument has stored.
+#[derive(Clone, Debug, Serialize)]
+pub struct StoredReport {
+    method: &'static str,
+    scheme: String,
+    chi_square: f64,
+    degrees_of_freedom: u32,
+    utc_s: Option<u64>,
+    temperature_c: Option<f32>,
+    software_version: String,
+    convention: &'static str,
+    site: SiteReport,
+    correction: CorrectionReport,
+    parameters: Named<ParameterReport>,
+}
+
+impl From<&StoredCalibration> for StoredReport {
+    fn from(stored: &StoredCalibration) -> Self {
+        Self {
+            method: method_name(stored.method),
+            scheme: stored.scheme.as_str().into(),
+            chi_square: stored.chi_square,
+            degrees_of_freedom: stored.degrees_of_freedom,
+            utc_s: stored.utc_s,
+            temperature_c: Some(stored.temperature_c).filter(|temperature| temperature.is_finite()),
+            software_version: stored.software_version.as_str().into(),
+            convention: CONVENTION,
+            site: (&stored.site).into(),
+            correction: correction(&stored.errors),
+            parameters: parameters(&stored.estimate(), stored.method),
+        }
     }
 }
 

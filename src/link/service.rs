@@ -7,8 +7,8 @@ use crate::error_model::PARAMETERS;
 use crate::linear::Real;
 use crate::self_calibration::SelfCalibration;
 use crate::sequencer::State;
+use crate::store::medium::Medium;
 use crate::store::{CalibrationStore, Loaded, StoredCalibration};
-use embedded_storage::Storage;
 
 /// The memory that keeps calibrations, as commands see it.
 pub trait Archive {
@@ -25,7 +25,7 @@ pub trait Archive {
     fn erase(&mut self) -> Result<(), Refusal>;
 }
 
-impl<S: Storage> Archive for CalibrationStore<S> {
+impl<M: Medium> Archive for CalibrationStore<M> {
     fn newest(&mut self) -> Result<Option<StoredCalibration>, Refusal> {
         match self.load() {
             Ok(Loaded::Found { record, .. }) => Ok(Some(record)),

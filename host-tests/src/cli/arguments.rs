@@ -1,6 +1,7 @@
 //! The command line.
 
 use super::files::Named;
+use super::monitor::MonitorArguments;
 use crate::calibration::{Precision, Setup};
 use crate::closed_loop::Terms;
 use crate::monte_carlo::ErrorSource;
@@ -56,6 +57,8 @@ pub enum Command {
     Plan(PlanArguments),
     /// Calibrate many virtual units: errors against bounds, sigmas against errors
     Montecarlo(MonteCarloArguments),
+    /// Show an instrument on a serial line live, and command it
+    Monitor(MonitorArguments),
 }
 
 #[derive(Debug, Args)]

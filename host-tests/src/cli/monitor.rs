@@ -1,0 +1,300 @@
+//! `rins monitor`
+
+use super::output::{say, sayln};
+use super::{Ending, files};
+use crate::monitor::{Client, Event, View, lines, open};
+use crate::report::{StoredReport, write_json};
+use crate::toml_file::TomlFile;
+use anyhow::{Context, Result, bail};
+use clap::{Args, ValueEnum};
+use console::{Key, Term};
+use rins_selfcal::assignment::Assignment;
+use rins_selfcal::link::{Answer, Command, Item, Setting, SettingName};
+use rins_selfcal::self_calibration::SelfCalibrationConfig;
+use rins_selfcal::store::StoredCalibration;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Time from one picture to the next.
+const PICTURE: Duration = Duration::from_millis(200);
+/// What the keys do.
+const KEYS: &str = "keys     s start, a abort, u unlock, e erase, q quit";
+
+#[derive(Debug, Args)]
+pub struct MonitorArguments {
+    /// Serial device, pseudo-terminal, Unix socket or tcp:HOST:PORT
+    #[arg(long, value_name = "PORT")]
+    port: String,
+    /// Speed of a serial device
+    #[arg(long, value_name = "BAUD", default_value_t = 115_200)]
+    baud: u32,
+    /// Begin a run, and follow it to its end
+    #[arg(long, conflicts_with_all = ["abort", "read", "configure", "erase"])]
+    start: bool,
+    /// Give the run up
+    #[arg(long)]
+    abort: bool,
+    /// Read something
+    #[arg(long, value_enum)]
+    read: Option<ReadArgument>,
+    /// Write what is read
+    #[arg(long, value_name = "OUT.json", requires = "read")]
+    json: Option<PathBuf>,
+    /// Set what a file says, as `--read configuration` printed it, until power-off
+    #[arg(long, value_name = "CONFIG.toml", requires = "unlock")]
+    configure: Option<PathBuf>,
+    /// Erase the stored calibrations
+    #[arg(long, requires = "unlock")]
+    erase: bool,
+    /// Unlock what `--configure` and `--erase` need
+    #[arg(long)]
+    unlock: bool,
+    /// Say how it ends, and nothing else
+    #[arg(long)]
+    quiet: bool,
+}
+
+/// What can be read.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum ReadArgument {
+    /// The stored calibration
+    Calibration,
+    /// The live configuration
+    Configuration,
+    /// State, time left, angles, losses
+    Status,
+}
+
+pub fn run(arguments: &MonitorArguments) -> Result<Ending> {
+    let json = arguments.json.as_deref();
+    files::check(&[("--configure", arguments.configure.as_deref())], &[("--json", json)])?;
+    let config = arguments.configure.as_deref().map(configured).transpose()?;
+    let mut client = Client::new(open(&arguments.port, arguments.baud)?);
+    if let Some(item) = arguments.read {
+        read(&mut client, item, json)?;
+    }
+    if let Some(config) = &config {
+        configure(&mut client, config)?;
+    }
+    if arguments.erase {
+        client.ask_unlocked(&Command::Erase, |_| ())?;
+        tell(arguments, "the stored calibrations are erased");
+    }
+    if arguments.abort {
+        client.ask(&Command::Abort, |_| ())?;
+        tell(arguments, "the run is given up");
+    }
+    let once = arguments.abort || arguments.erase || arguments.read.is_some() || config.is_some();
+    if once { Ok(Ending::Done) } else { follow(&mut client, arguments) }
+}
+
+fn configured(path: &Path) -> Result<SelfCalibrationConfig> {
+    Ok(TomlFile::read(path)?.parse()?)
+}
+
+fn tell(arguments: &MonitorArguments, text: &str) {
+    if !arguments.quiet {
+        sayln!("{text}");
+    }
+}
+
+// ------------------------------------------------------------------------------------------------------------ commands
+
+fn read(client: &mut Client, item: ReadArgument, json: Option<&Path>) -> Result<()> {
+    match item {
+        ReadArgument::Calibration => {
+            let stored = stored(client)?;
+            let report = StoredReport::from(&stored);
+            match json {
+                Some(path) => write_json(path, &report),
+                None => print_toml(&report),
+            }
+        }
+        ReadArgument::Configuration => {
+            let config = configuration(client)?;
+            match json {
+                Some(path) => write_json(path, &config),
+                None => print_toml(&config),
+            }
+        }
+        ReadArgument::Status => {
+            let Answer::Status(status) = client.ask(&Command::Status, |_| ())? else { bail!(UNEXPECTED) };
+            match json {
+                Some(path) => write_json(path, &status),
+                None => print_toml(&status),
+            }
+        }
+    }
+}
+
+const UNEXPECTED: &str = "the instrument answers something else than was asked";
+
+fn stored(client: &mut Client) -> Result<StoredCalibration> {
+    match client.ask(&Command::Read(Item::Calibration), |_| ()).context("the stored calibration")? {
+        Answer::Calibration(stored) => Ok(stored),
+        _ => bail!(UNEXPECTED),
+    }
+}
+
+fn configuration(client: &mut Client) -> Result<SelfCalibrationConfig> {
+    let Assignment::SelfCalibrate(mut config) = Assignment::default() else { bail!("no default configuration") };
+    for name in SettingName::ALL {
+        match client.ask(&Command::Read(Item::Setting(name)), |_| ())? {
+            Answer::Setting(setting) => setting.put(&mut config),
+            _ => bail!(UNEXPECTED),
+        }
+    }
+    Ok(config)
+}
+
+/// Sends what differs. Each part is checked by the instrument together with all others that it has.
+fn configure(client: &mut Client, config: &SelfCalibrationConfig) -> Result<()> {
+    let present = configuration(client)?;
+    for name in SettingName::ALL {
+        let setting = Setting::of(config, name);
+        if setting != Setting::of(&present, name) {
+            client.ask_unlocked(&Command::Set(setting), |_| ()).with_context(|| format!("{name:?}"))?;
+        }
+    }
+    Ok(())
+}
+
+fn print_toml(value: &impl serde::Serialize) -> Result<()> {
+    say!("{}", toml::to_string(value)?);
+    Ok(())
+}
+
+// ---------------------------------------------------------------------------------------------------------------- live
+
+/// Shows what comes until the user has seen enough, or until the run that was started has ended.
+fn follow(client: &mut Client, arguments: &MonitorArguments) -> Result<Ending> {
+    let mut show = Show::new(arguments);
+    let answer = client.ask(&Command::Hello, |event| show.event(event))?;
+    show.event(&Event::Answer(0, answer));
+    if arguments.start {
+        client.ask(&Command::Start, |event| show.event(event))?;
+        show.started = true;
+    }
+    loop {
+        if let Some(event) = client.poll()? {
+            show.event(&event);
+        }
+        if let Some(accepted) = show.ended() {
+            show.picture(client);
+            return Ok(if accepted { Ending::Done } else { Ending::NotAccepted });
+        }
+        if !show.obey(client)? {
+            return Ok(Ending::Done);
+        }
+        show.picture_if_due(client);
+    }
+}
+
+/// The terminal, or lines where there is none.
+struct Show {
+    view: View,
+    screen: Option<Screen>,
+    quiet: bool,
+    started: bool,
+    /// What became of the last key.
+    note: String,
+}
+
+struct Screen {
+    term: Term,
+    keys: Receiver<Key>,
+    lines: usize,
+    drawn: Option<Instant>,
+}
+
+impl Show {
+    fn new(arguments: &MonitorArguments) -> Self {
+        let term = Term::stdout();
+        let screen = (term.is_term() && !arguments.quiet).then(|| Screen::new(term));
+        Self { view: View::default(), screen, quiet: arguments.quiet, started: false, note: String::new() }
+    }
+
+    fn event(&mut self, event: &Event) {
+        self.view.note(event);
+        if let Event::Answer(1.., Answer::Refused(refusal)) = event {
+            self.note = format!("refused: {refusal}");
+        }
+        let verdict = self.quiet && matches!(event, Event::Message(message) if is_end(message));
+        if self.screen.is_none() && (verdict || !self.quiet) {
+            lines(event).iter().for_each(|line| sayln!("{line}"));
+        }
+    }
+
+    /// How the run that was started has ended.
+    fn ended(&self) -> Option<bool> {
+        self.view.ended().filter(|_| self.started)
+    }
+
+    /// Does what keys ask for; whether to go on.
+    fn obey(&mut self, client: &mut Client) -> Result<bool> {
+        let Some(screen) = &self.screen else { return Ok(true) };
+        let Ok(key) = screen.keys.try_recv() else { return Ok(true) };
+        let unlock = Command::Unlock(rins_selfcal::link::UNLOCK_WORD);
+        let (note, command) = match key {
+            Key::Char('s') => ("start", Command::Start),
+            Key::Char('a') => ("abort", Command::Abort),
+            Key::Char('u') => ("unlock", unlock),
+            Key::Char('e') => ("erase", Command::Erase),
+            Key::Char('q') | Key::CtrlC => return Ok(false),
+            _ => return Ok(true),
+        };
+        self.note = note.to_owned();
+        client.send(&command)?;
+        Ok(true)
+    }
+
+    fn picture_if_due(&mut self, client: &Client) {
+        if self.screen.as_ref().is_some_and(Screen::is_due) {
+            self.picture(client);
+        }
+    }
+
+    fn picture(&mut self, client: &Client) {
+        let Some(screen) = &mut self.screen else { return };
+        let mut lines = self.view.screen(client.dropped(), client.missing());
+        lines.push(format!("{KEYS}   {}", self.note));
+        screen.draw(&lines);
+    }
+}
+
+fn is_end(message: &rins_selfcal::telemetry::Message) -> bool {
+    use rins_selfcal::telemetry::Message;
+    matches!(message, Message::Judged(_) | Message::Aborted(_) | Message::Saved(false))
+}
+
+impl Screen {
+    /// Listens to the keys in a thread of its own, which ends with the program.
+    fn new(term: Term) -> Self {
+        let (sender, keys) = channel();
+        let keyboard = term.clone();
+        thread::spawn(move || {
+            while let Ok(key) = keyboard.read_key() {
+                if sender.send(key).is_err() {
+                    break;
+                }
+            }
+        });
+        Self { term, keys, lines: 0, drawn: None }
+    }
+
+    fn is_due(&self) -> bool {
+        self.drawn.is_none_or(|drawn| drawn.elapsed() >= PICTURE)
+    }
+
+    fn draw(&mut self, lines: &[String]) {
+        let (rows, columns) = self.term.size();
+        let fits = |line: &String| line.chars().take(columns.into()).collect::<String>();
+        let text: Vec<_> = lines.iter().take(usize::from(rows).saturating_sub(1)).map(fits).collect();
+        // If the terminal is gone, so is whoever looks.
+        let _ = self.term.clear_last_lines(self.lines);
+        let _ = self.term.write_line(&text.join("\n"));
+        (self.lines, self.drawn) = (text.len(), Some(Instant::now()));
+    }
+}

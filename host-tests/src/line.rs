@@ -1,0 +1,73 @@
+//! The instrument's end of a serial line in this process.
+
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::{ErrorKind, Read, Write};
+
+/// A serial line as the instrument sees it.
+pub trait Line {
+    /// The next byte that came in.
+    fn receive(&mut self) -> Option<u8>;
+
+    /// Sends what `next` gives, as far as there is room now.
+    fn transmit(&mut self, next: &mut dyn FnMut() -> Option<u8>);
+}
+
+/// Nothing is connected.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Unconnected;
+
+impl Line for Unconnected {
+    fn receive(&mut self) -> Option<u8> {
+        None
+    }
+
+    fn transmit(&mut self, next: &mut dyn FnMut() -> Option<u8>) {
+        while next().is_some() {}
+    }
+}
+
+/// One end of a pseudo-terminal, which does not block when it is read. Sending waits for the reader, so that an instrument
+/// whose time is faster than the world's loses nothing.
+#[derive(Debug)]
+pub struct Terminal {
+    file: File,
+    received: VecDeque<u8>,
+    hung_up: bool,
+}
+
+impl Terminal {
+    /// The line on `file`.
+    pub fn new(file: File) -> Self {
+        Self { file, received: VecDeque::new(), hung_up: false }
+    }
+
+    fn write(&mut self, mut bytes: &[u8]) {
+        while !bytes.is_empty() && !self.hung_up {
+            match self.file.write(bytes) {
+                Ok(count) => bytes = &bytes[count..],
+                Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
+                    std::thread::yield_now();
+                }
+                Err(_) => self.hung_up = true,
+            }
+        }
+    }
+}
+
+impl Line for Terminal {
+    fn receive(&mut self) -> Option<u8> {
+        let mut bytes = [0; 256];
+        if self.received.is_empty()
+            && let Ok(count) = self.file.read(&mut bytes)
+        {
+            self.received.extend(&bytes[..count]);
+        }
+        self.received.pop_front()
+    }
+
+    fn transmit(&mut self, next: &mut dyn FnMut() -> Option<u8>) {
+        let bytes: Vec<u8> = std::iter::from_fn(next).collect();
+        self.write(&bytes);
+    }
+}

@@ -1,0 +1,175 @@
+//! Asks an instrument and listens to it.
+
+use super::port::Port;
+use anyhow::{Context, Result, bail};
+use rins_selfcal::link::{
+    Answer, Command, Damage, Decoder, Dropped, MAX_FRAME_BYTES, PROTOCOL_VERSION, UNLOCK_WORD, encode,
+};
+use rins_selfcal::telemetry::Message;
+use std::collections::VecDeque;
+use std::io::ErrorKind;
+use std::time::{Duration, Instant};
+
+/// How long an answer may take.
+const PATIENCE: Duration = Duration::from_secs(3);
+/// How often a command is sent before the instrument counts as silent. A command done twice does no harm.
+const ATTEMPTS: u32 = 3;
+
+/// What came from the instrument.
+#[derive(Clone, Debug, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "events are few")]
+pub enum Event {
+    /// A message of the run.
+    Message(Message),
+    /// An answer, and the number of its command; 0 if nobody asked.
+    Answer(u16, Answer),
+}
+
+/// The host's end of the line.
+pub struct Client {
+    port: Box<dyn Port>,
+    decoder: Decoder,
+    events: VecDeque<Event>,
+    number: u16,
+    next_message: Option<u16>,
+    missing: u32,
+    unread: u32,
+    version: Option<u8>,
+}
+
+impl Client {
+    /// At the end of `port`.
+    pub fn new(port: Box<dyn Port>) -> Self {
+        Self {
+            port,
+            decoder: Decoder::new(),
+            events: VecDeque::new(),
+            number: 0,
+            next_message: None,
+            missing: 0,
+            unread: 0,
+            version: None,
+        }
+    }
+
+    /// Frames that came damaged.
+    pub fn dropped(&self) -> Dropped {
+        self.decoder.dropped()
+    }
+
+    /// Messages that the instrument told and that never came, as their numbers say.
+    pub fn missing(&self) -> u32 {
+        self.missing
+    }
+
+    /// The next event, if one comes within a moment.
+    ///
+    /// # Errors
+    /// The line is broken, or the instrument speaks another version of the protocol only.
+    pub fn poll(&mut self) -> Result<Option<Event>> {
+        if self.events.is_empty() {
+            self.read()?;
+        }
+        Ok(self.events.pop_front())
+    }
+
+    fn read(&mut self) -> Result<()> {
+        let mut bytes = [0; 4096];
+        let count = match self.port.read(&mut bytes) {
+            Ok(0) => bail!("the line was closed at the other end"),
+            Ok(count) => count,
+            Err(error)
+                if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted) =>
+            {
+                return Ok(());
+            }
+            Err(error) => return Err(error).context("cannot read from the line"),
+        };
+        bytes[..count].iter().for_each(|byte| self.receive(*byte));
+        Ok(())
+    }
+
+    fn receive(&mut self, byte: u8) {
+        let frame = match self.decoder.push(byte) {
+            None | Some(Err(Damage::Corrupt)) => return,
+            Some(Err(Damage::Version(version))) => {
+                self.version = Some(version);
+                return;
+            }
+            Some(Ok(frame)) => frame,
+        };
+        let number = frame.number;
+        if let Some(answer) = frame.read() {
+            self.events.push_back(Event::Answer(number, answer));
+        } else if let Some(message) = frame.read() {
+            self.count(number);
+            self.events.push_back(Event::Message(message));
+        } else {
+            self.unread += 1;
+        }
+    }
+
+    fn count(&mut self, number: u16) {
+        let expected = self.next_message.unwrap_or(number);
+        self.missing += u32::from(number.wrapping_sub(expected));
+        self.next_message = Some(number.wrapping_add(1));
+    }
+
+    /// Sends a command and does not wait; returns its number.
+    ///
+    /// # Errors
+    /// The line is broken.
+    pub fn send(&mut self, command: &Command) -> Result<u16> {
+        self.number = self.number.checked_add(1).unwrap_or(1);
+        self.send_again(command)?;
+        Ok(self.number)
+    }
+
+    fn send_again(&mut self, command: &Command) -> Result<()> {
+        let mut frame = [0; MAX_FRAME_BYTES];
+        let frame = encode(self.number, command, &mut frame).context("the command is too long for a frame")?;
+        // A zero byte before it ends whatever noise came first.
+        self.port.write_all(&[0]).and_then(|()| self.port.write_all(frame)).context("cannot write to the line")
+    }
+
+    /// Sends a command and waits for its answer, again if none comes. `other` gets what else comes meanwhile.
+    ///
+    /// # Errors
+    /// The instrument refuses, with its reason, or does not answer, or the line is broken.
+    pub fn ask(&mut self, command: &Command, mut other: impl FnMut(&Event)) -> Result<Answer> {
+        self.number = self.number.checked_add(1).unwrap_or(1);
+        for _ in 0..ATTEMPTS {
+            self.send_again(command)?;
+            let sent = Instant::now();
+            while sent.elapsed() < PATIENCE {
+                match self.poll()? {
+                    Some(Event::Answer(number, answer)) if number == self.number => return accepted(answer),
+                    Some(event) => other(&event),
+                    None => {}
+                }
+            }
+        }
+        match self.version {
+            Some(version) => {
+                bail!("the instrument speaks version {version} of the protocol, this is {PROTOCOL_VERSION}")
+            }
+            None => bail!("the instrument does not answer"),
+        }
+    }
+
+    /// Unlocks, then sends a command as [`Self::ask`].
+    ///
+    /// # Errors
+    /// As [`Self::ask`].
+    pub fn ask_unlocked(&mut self, command: &Command, mut other: impl FnMut(&Event)) -> Result<Answer> {
+        self.ask(&Command::Unlock(UNLOCK_WORD), &mut other)?;
+        self.ask(command, other)
+    }
+}
+
+fn accepted(answer: Answer) -> Result<Answer> {
+    match answer {
+        Answer::Refused(refusal) => bail!("refused: {refusal}"),
+        answer => Ok(answer),
+    }
+}

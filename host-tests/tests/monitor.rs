@@ -1,0 +1,101 @@
+//! `rins monitor` at a pseudo-terminal, with an instrument in this process at the other end.
+
+use host_tests::drive::move_durations_s;
+use host_tests::line::Terminal;
+use host_tests::plant::{Plant, Reading};
+use host_tests::power_up::{Memory, self_calibrate, shared};
+use host_tests::presets;
+use host_tests::virtual_rins::{VirtualRins, VirtualUnit};
+use nix::fcntl::{FcntlArg, OFlag, fcntl};
+use nix::pty::openpty;
+use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
+use rins_selfcal::calibrator::CalibratorConfig;
+use rins_selfcal::estimator::BASIC_STATES;
+use rins_selfcal::method::Method;
+use rins_selfcal::policy::PowerUpPolicy;
+use rins_selfcal::scheme::Scheme;
+use rins_selfcal::self_calibration::SelfCalibrationConfig;
+use std::fs::File;
+use std::path::Path;
+use std::process::{Command, Output};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+
+/// A unit that is switched off from another thread.
+struct Unit(VirtualRins, Arc<AtomicBool>);
+
+impl Plant for Unit {
+    fn next_reading(&mut self) -> Option<Reading> {
+        if self.1.load(Ordering::Relaxed) { None } else { self.0.next_reading() }
+    }
+
+    fn command_rates(&mut self, rates_rad_s: [f64; 2]) {
+        self.0.command_rates(rates_rad_s);
+    }
+}
+
+/// An instrument that waits for commands at its end of a line.
+fn instrument(line: File, off: &Arc<AtomicBool>) -> Memory {
+    let unit = VirtualUnit { errors: presets::real(5), ..VirtualUnit::default() };
+    let calibrator = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
+    let usual = SelfCalibrationConfig::new(calibrator, Scheme::bai(1.0, 1));
+    let config = SelfCalibrationConfig { policy: PowerUpPolicy::OnCommand, ..usual };
+    let mut rins = VirtualRins::new(&unit, 5);
+    rins.expect_moves(&move_durations_s(&config.scheme, unit.rate_hz));
+    let bench = shared(Unit(rins, Arc::clone(off)));
+    let (mut memory, mut line) = (Memory::default(), Terminal::new(line));
+    self_calibrate::<f64, BASIC_STATES, _>(&config, &mut memory, &bench, &mut line, &mut |_| ()).expect("it powers up");
+    memory
+}
+
+fn monitor(port: &Path, options: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_rins"));
+    command.arg("monitor").arg("--port").arg(port).args(options).output().expect("it runs")
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+#[test]
+fn an_instrument_is_commanded_followed_read_and_erased_over_a_line() {
+    let pair = openpty(None, None).expect("a pseudo-terminal");
+    let mut settings = tcgetattr(&pair.slave).expect("settings");
+    cfmakeraw(&mut settings);
+    tcsetattr(&pair.slave, SetArg::TCSANOW, &settings).expect("raw");
+    fcntl(&pair.master, FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).expect("not blocking");
+    let port = nix::unistd::ttyname(&pair.slave).expect("a name");
+    let off = Arc::new(AtomicBool::new(false));
+    let (line, switch) = (File::from(pair.master), Arc::clone(&off));
+    let instrument = thread::spawn(move || instrument(line, &switch));
+    let directory = tempfile::tempdir().expect("a directory");
+    let json = directory.path().join("stored.json");
+    let read = ["--read", "calibration", "--json", json.to_str().expect("a name")];
+
+    let nothing = monitor(&port, &read);
+    let (abort, locked) = (monitor(&port, &["--abort"]), monitor(&port, &["--erase"]));
+    let run = monitor(&port, &["--start"]);
+    let found = monitor(&port, &read);
+    let stored = std::fs::read_to_string(&json).unwrap_or_default();
+    let erased = monitor(&port, &["--unlock", "--erase"]);
+    let again = monitor(&port, &read);
+    off.store(true, Ordering::Relaxed);
+    // What the instrument still has to say must go somewhere.
+    drop(pair.slave);
+    let memory = instrument.join().expect("the instrument ends");
+
+    assert!(text(&nothing.stderr).contains("there is nothing of the kind"), "{}", text(&nothing.stderr));
+    assert!(text(&abort.stderr).contains("makes no sense"), "{}", text(&abort.stderr));
+    assert!(text(&locked.stderr).contains("--unlock"), "{}", text(&locked.stderr));
+    let said = text(&run.stdout);
+    assert_eq!(run.status.code(), Some(0), "{said}{}", text(&run.stderr));
+    for part in ["protocol 1", "turning, leg 18 of 18", "segment 37: worst", "verdict  accepted", "stored   yes"] {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+    assert!(found.status.success(), "{}", text(&found.stderr));
+    assert!(stored.contains("\"force_matrix_sa\"") && stored.contains("\"Sgxy\""), "{stored}");
+    assert!(erased.status.success(), "{}", text(&erased.stderr));
+    assert_eq!(again.status.code(), Some(1));
+    assert!(memory.saved && memory.stored.is_none());
+}
