@@ -5,6 +5,7 @@ mod arguments;
 mod calibrate;
 mod compare;
 mod files;
+mod manual;
 mod monitor;
 mod monte_carlo;
 mod observability;
@@ -53,6 +54,8 @@ fn run(arguments: Arguments) -> anyhow::Result<Ending> {
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Montecarlo(arguments) => monte_carlo::run(&arguments),
         Command::Monitor(arguments) => monitor::run(&arguments),
+        Command::Completions(arguments) => manual::completions(&arguments),
+        Command::Man => manual::page(),
     }
 }
 

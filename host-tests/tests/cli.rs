@@ -681,3 +681,21 @@ fn results_are_compared_in_sigmas_of_their_difference() {
         .unwrap();
     assert_eq!(refused(&["compare", &cal, &other]), "compare-b.json: parameters: unknown parameter Sgxx");
 }
+
+#[test]
+fn completions_and_manual_name_every_command() {
+    let help = run(0, &["--help"]);
+    let commands = help.lines().skip_while(|line| !line.starts_with("Commands:")).skip(1);
+    let commands: Vec<_> =
+        commands.take_while(|line| !line.is_empty()).filter_map(|line| line.split_whitespace().next()).collect();
+    assert!(commands.contains(&"replay") && commands.contains(&"man"), "{help}");
+    let page = run(0, &["man"]);
+    assert!(page.contains(".TH rins 1") && page.contains("\\-\\-write\\-config"), "{page}");
+    for shell in ["bash", "zsh", "fish"] {
+        let text = run(0, &["completions", shell]);
+        for command in commands.iter().filter(|command| **command != "help") {
+            assert!(text.contains(command), "{shell}: {command}");
+            assert!(page.contains(&format!("rins {command}")), "{command}");
+        }
+    }
+}

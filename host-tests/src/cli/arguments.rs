@@ -44,12 +44,18 @@ pub enum Command {
     /// A virtual RINS powers up and calibrates itself, closed loop
     Calibrate(CalibrateArguments),
     /// Write the log of a virtual RINS on a scheme, and the truth about it
+    #[command(after_help = "Example: rins simulate --out log.csv --truth truth.json --write-config unit.toml")]
     Simulate(SimulateArguments),
     /// Calibrate from a log
+    #[command(
+        after_help = "Examples:\n  rins replay log.csv.gz --config unit.toml --json cal.json\n  rins replay flight.parquet --mapping map.toml --config unit.toml"
+    )]
     Replay(ReplayArguments),
     /// Correct a log by a result
+    #[command(after_help = "Example: rins apply log.csv --calibration cal.json --out corrected.csv")]
     Apply(ApplyArguments),
     /// Say what changed between two results, in sigmas; status 2 if more than chance
+    #[command(after_help = "Example: rins compare before.json after.json")]
     Compare(CompareArguments),
     /// Predict sigmas, rank and condition number of a scheme
     Observability(ObservabilityArguments),
@@ -59,6 +65,12 @@ pub enum Command {
     Montecarlo(MonteCarloArguments),
     /// Show an instrument on a serial line live, and command it
     Monitor(MonitorArguments),
+    /// Print the completions of a shell
+    #[command(after_help = "Example: rins completions bash > ~/.local/share/bash-completion/completions/rins")]
+    Completions(CompletionsArguments),
+    /// Print the manual page
+    #[command(after_help = "Example: rins man > ~/.local/share/man/man1/rins.1")]
+    Man,
 }
 
 #[derive(Debug, Args)]
@@ -256,6 +268,13 @@ pub enum FrameArgument {
     Imu,
     /// r: x along the outer axis at inner angle 0, z along the inner axis
     Rotation,
+}
+
+#[derive(Debug, Args)]
+pub struct CompletionsArguments {
+    /// The shell
+    #[arg(value_enum)]
+    pub shell: clap_complete::Shell,
 }
 
 #[derive(Debug, Args)]
