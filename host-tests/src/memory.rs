@@ -95,8 +95,8 @@ impl Power {
     }
 }
 
-/// A cell that keeps its value.
-pub type Stuck = Option<(usize, u8)>;
+/// Bytes that keep their value: address and value.
+pub type Stuck = Vec<(usize, u8)>;
 
 /// An EEPROM with pages of 32 bytes, written byte by byte; power is cut at a byte.
 #[derive(Clone, Debug)]
@@ -105,7 +105,7 @@ pub struct VirtualEeprom {
     pub bytes: Vec<u8>,
     /// Its power.
     pub power: Power,
-    /// A byte that does not change.
+    /// Bytes that do not change.
     pub stuck: Stuck,
 }
 
@@ -115,7 +115,7 @@ impl VirtualEeprom {
 
     /// With this content.
     pub fn new(bytes: Vec<u8>) -> Self {
-        Self { bytes, power: Power::new(), stuck: None }
+        Self { bytes, power: Power::new(), stuck: Vec::new() }
     }
 
     /// As from the factory.
@@ -137,10 +137,8 @@ impl VirtualEeprom {
     }
 }
 
-fn keep_stuck(bytes: &mut [u8], stuck: Stuck) {
-    if let Some((address, value)) = stuck {
-        bytes[address] = value;
-    }
+fn keep_stuck(bytes: &mut [u8], stuck: &Stuck) {
+    stuck.iter().for_each(|(address, value)| bytes[*address] = *value);
 }
 
 impl ReadStorage for VirtualEeprom {
@@ -148,7 +146,7 @@ impl ReadStorage for VirtualEeprom {
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), MemoryFault> {
         self.power.check()?;
-        keep_stuck(&mut self.bytes, self.stuck);
+        keep_stuck(&mut self.bytes, &self.stuck);
         let range = offset as usize..offset as usize + bytes.len();
         let found = self.bytes.get(range).ok_or(MemoryFault::Misuse(NorFlashErrorKind::OutOfBounds))?;
         bytes.copy_from_slice(found);
@@ -183,7 +181,7 @@ pub struct VirtualFlash<const WORD: usize, const SECTOR: usize> {
     pub bytes: Vec<u8>,
     /// Its power.
     pub power: Power,
-    /// A byte that does not change.
+    /// Bytes that do not change.
     pub stuck: Stuck,
     /// Erases so far.
     pub erases: usize,
@@ -198,11 +196,16 @@ impl<const WORD: usize, const SECTOR: usize> VirtualFlash<WORD, SECTOR> {
         Self {
             bytes: vec![0xff; length],
             power: Power::new(),
-            stuck: None,
+            stuck: Vec::new(),
             erases: 0,
             written: vec![false; words],
             unreadable: vec![false; words],
         }
+    }
+
+    /// Makes the word at an address unreadable, or readable again.
+    pub fn set_readable(&mut self, address: usize, readable: bool) {
+        self.unreadable[address / WORD] = !readable;
     }
 
     fn words(bytes: &Range<usize>) -> Range<usize> {
@@ -238,7 +241,7 @@ impl<const WORD: usize, const SECTOR: usize> ReadNorFlash for VirtualFlash<WORD,
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), MemoryFault> {
         self.power.check()?;
         check_read(self, offset, bytes.len()).map_err(MemoryFault::Misuse)?;
-        keep_stuck(&mut self.bytes, self.stuck);
+        keep_stuck(&mut self.bytes, &self.stuck);
         let range = offset as usize..offset as usize + bytes.len();
         let words = range.start / WORD..range.end.div_ceil(WORD);
         if self.unreadable[words].contains(&true) {
@@ -270,7 +273,7 @@ impl<const WORD: usize, const SECTOR: usize> NorFlash for VirtualFlash<WORD, SEC
             self.bytes[range].fill(0xff);
             self.written[words.clone()].fill(false);
             self.unreadable[words].fill(false);
-            keep_stuck(&mut self.bytes, self.stuck);
+            keep_stuck(&mut self.bytes, &self.stuck);
         }
         Ok(())
     }
@@ -287,7 +290,7 @@ impl<const WORD: usize, const SECTOR: usize> NorFlash for VirtualFlash<WORD, SEC
             }
             self.bytes[range].copy_from_slice(word);
             self.written[start / WORD] = true;
-            keep_stuck(&mut self.bytes, self.stuck);
+            keep_stuck(&mut self.bytes, &self.stuck);
         }
         Ok(())
     }

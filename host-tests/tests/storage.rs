@@ -255,7 +255,7 @@ fn every_stuck_byte<M: Virtual>(saves: u32) -> usize {
         let image = changed::<M>(&mut store, *count);
         let stick = |(address, value): (usize, u8)| {
             let mut memory = memory.clone();
-            memory.stick(Some((address, value)));
+            memory.stick(vec![(address, value)]);
             let mut store = CalibrationStore::new(memory);
             for number in *count..count + saves {
                 let failed = store.save(&record(number)).expect("another slot");
@@ -314,6 +314,50 @@ fn memory_that_keeps_nothing_is_told_and_what_it_holds_stays() {
     assert_eq!(store.save(&record(12)), Err(StoreError::Worn));
     assert_eq!(store.erase(), Err(StoreError::Worn));
     assert!(matches!(store.load(), Ok(Loaded::Found { record: found, damage: None }) if found == record(11)));
+}
+
+/// Only the slot of the newest record still works: it is not given for a new one.
+#[test]
+fn the_newest_record_outlives_all_other_slots() {
+    fn check<M: Virtual>(count: u32, begin: usize, place: impl Fn(usize) -> usize, newest: Range<usize>) {
+        let mut memory = saved::<M>(count).release();
+        let others = (0..slots::<M>()).filter(|slot| !newest.contains(slot));
+        memory.stick(others.map(|slot| (begin + place(slot), 0)).collect());
+        let mut store = CalibrationStore::new(memory);
+        for _ in 0..3 {
+            assert_eq!(store.save(&record(count)), Err(StoreError::Worn));
+            let Ok(Loaded::Found { record: found, .. }) = store.load() else { panic!("nothing found") };
+            assert_eq!(found, record(count - 1));
+        }
+    }
+    // Record 12 is in slot 2.
+    check::<Pages>(13, 0, |slot| slot * SLOT_BYTES, 2..3);
+    // Record 19 is in slot 4, the last of the first sector, all of which works.
+    check::<Serial>(20, 4096, |slot| slot / 5 * 4096 + slot % 5 * SLOT_BYTES, 0..5);
+}
+
+/// What an interrupted erase has left behind the first slots of a sector.
+#[test]
+fn a_sector_is_entered_only_if_all_of_it_is_blank() {
+    let mut store = saved::<Internal>(32);
+    let rest = 131_072 * 2 + 3 * SLOT_BYTES;
+    store.memory().bytes()[rest..131_072 * 3].fill(0);
+    for number in 32..40 {
+        assert_eq!(store.save(&record(number)), Ok(0));
+        assert_eq!(newest(&mut store), Some(number));
+    }
+}
+
+/// A record that could not be read for a while does not come between those written meanwhile.
+#[test]
+fn a_record_that_can_be_read_again_is_not_the_newest() {
+    let mut store = saved::<Serial>(3);
+    let third = 4096 + 2 * SLOT_BYTES;
+    store.memory().flash().set_readable(third, false);
+    let Ok(Loaded::Found { record: found, damage: Some(Damage::Unreadable) }) = store.load() else { panic!("damage") };
+    assert_eq!((found, store.save(&record(3))), (record(1), Ok(0)));
+    store.memory().flash().set_readable(third, true);
+    assert_eq!(newest(&mut rebooted(store)), Some(3));
 }
 
 /// Every bit of a full EEPROM: the damaged slot is told, all others are read.
@@ -454,6 +498,13 @@ fn a_store_of_version_2_is_read_and_goes_on() {
             act(&mut store, Act::Save, newest_old + 1);
             let Ok(Loaded::Found { record: found, .. }) = rebooted(store).load() else { panic!("nothing found") };
             assert!(found == record(newest_old) || found == record(newest_old + 1), "cut {step}");
+        }
+        let mut worn = before.clone();
+        worn.stick([0].into_iter().chain(3..10).map(|slot| (slot * SLOT_BYTES, 0)).collect());
+        let mut worn = CalibrationStore::new(worn);
+        if newest_old == 1 {
+            assert_eq!(worn.save(&record(2)), Err(StoreError::Worn));
+            assert!(matches!(worn.load(), Ok(Loaded::Found { record: found, .. }) if found == record(1)));
         }
         for number in newest_old + 1..newest_old + 25 {
             assert_eq!(store.save(&record(number)), Ok(0));
