@@ -10,7 +10,7 @@
 //! least [`HISTORY`] records are there at any time once they have been written and as long as the memory lasts. Memory never
 //! written, all ones, is empty, not damaged.
 //!
-//! `sequential-storage` has no part in this: it knows NOR flash only, asynchronous at that, does not read back, and can panic.
+//! Not `sequential-storage`: one layout serves EEPROM as well as NOR flash, and what was written is read back.
 
 pub mod medium;
 pub mod record;
