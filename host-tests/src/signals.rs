@@ -21,7 +21,7 @@ pub struct Point {
     pub angles_rad: [f64; 2],
 }
 
-/// A run in no more than [`POINTS`] to twice as many points, however long it is.
+/// A run in some thousand points, however long it is.
 #[derive(Clone, Debug, Default)]
 pub struct Signals {
     points: Vec<Point>,
