@@ -64,7 +64,7 @@ fn has_feature(name: &str) -> bool {
     env::var_os(format!("CARGO_FEATURE_{}", name.to_uppercase().replace('-', "_"))).is_some()
 }
 
-/// Lets the linker find `memory.x` of the one board.
+/// Lets the linker find the `regions.x` of the one board, which `memory.x` includes.
 fn link_board() -> Result<(), String> {
     let chosen: Vec<_> = BOARDS.iter().filter(|[name, ..]| has_feature(name)).collect();
     let [[name, folder, processor]] = chosen.as_slice() else {
@@ -76,7 +76,8 @@ fn link_board() -> Result<(), String> {
     if built_for != Some(processor) {
         return Err(format!("{name} needs the flag target-cpu={processor} to come last, see .cargo"));
     }
-    println!("cargo:rerun-if-changed={folder}/memory.x");
+    println!("cargo:rerun-if-changed=memory.x");
+    println!("cargo:rerun-if-changed={folder}/regions.x");
     let root = env::var("CARGO_MANIFEST_DIR").map_err(|error| error.to_string())?;
     println!("cargo:rustc-link-search={root}/{folder}");
     for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
