@@ -12,6 +12,7 @@ use crate::scheme::library::compiled_in;
 use crate::segment::Stillness;
 use crate::self_calibration::SelfCalibrationConfig;
 use crate::sequencer::Pace;
+use crate::servo::MotorAndLoad;
 use crate::site::Site;
 use crate::units::{ARCSEC, DEG_SQRT_H, MICRO_G};
 use crate::verdict::VerdictLimits;
@@ -71,6 +72,7 @@ impl SelfCalibrationConfig {
             calibrator,
             scheme,
             axes: [AxisLimits::default(); 2],
+            motors: [MotorAndLoad::default(); 2],
             limits: VerdictLimits::default(),
             pace: Pace::default(),
             policy: PowerUpPolicy::default(),

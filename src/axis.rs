@@ -22,6 +22,8 @@ use crate::servo::{Drive, MotorAndLoad, PERIOD_S, Servo, Wanted};
 use crate::units::{ARCSEC, DEG};
 use serde::{Deserialize, Serialize};
 
+/// What angles of a scheme and limits of the travel may differ by where they are meant to be the same, rad.
+pub const ROUNDING_RAD: f64 = 1e-9;
 /// Highest rate that a drive can be told, rad/s: nanoradians per second in 32 bits.
 const HIGHEST_RATE_RAD_S: f64 = i32::MAX as f64 * 1e-9;
 /// Periods without a believable reading that are bridged.
@@ -327,7 +329,7 @@ impl<T: Real> Axis<T> {
 
     /// Whether an angle, rad, is within the travel.
     pub fn reaches(&self, angle_rad: f64) -> bool {
-        (self.limits.lowest_rad..=self.limits.highest_rad).contains(&angle_rad)
+        (self.limits.lowest_rad - ROUNDING_RAD..=self.limits.highest_rad + ROUNDING_RAD).contains(&angle_rad)
     }
 
     /// The angle within the travel that is nearest to this one, rad.
@@ -335,15 +337,13 @@ impl<T: Real> Axis<T> {
         angle_rad.max(self.limits.lowest_rad).min(self.limits.highest_rad)
     }
 
-    /// Limits of a move at this rate and with ramps of this mean acceleration; where the jerk is too low for such ramps,
-    /// the highest acceleration is that.
+    /// Limits of a move at this rate and with ramps of this mean acceleration; where jerk or acceleration of the axis are
+    /// too low for such ramps, the highest acceleration is that.
     pub fn motion_limits(&self, rate_rad_s: f64, acceleration_rad_s2: f64) -> MotionLimits {
         let jerk_rad_s3 = self.limits.jerk_rad_s3;
-        MotionLimits::with_mean_acceleration(rate_rad_s, acceleration_rad_s2, jerk_rad_s3).unwrap_or(MotionLimits {
-            rate_rad_s,
-            acceleration_rad_s2,
-            jerk_rad_s3,
-        })
+        MotionLimits::with_mean_acceleration(rate_rad_s, acceleration_rad_s2, jerk_rad_s3)
+            .filter(|ramps| ramps.acceleration_rad_s2 <= self.limits.acceleration_rad_s2)
+            .unwrap_or(MotionLimits { rate_rad_s, acceleration_rad_s2, jerk_rad_s3 })
     }
 
     /// Nominal duration of the move under way, us.

@@ -175,6 +175,7 @@ fn lane(message: &Message) -> Option<Lane> {
         | Message::Solved { .. }
         | Message::Judged(_)
         | Message::Aborted(_)
+        | Message::Fault(_)
         | Message::Saved(_) => Some(Lane::Urgent),
     }
 }

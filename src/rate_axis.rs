@@ -7,14 +7,20 @@
 
 use crate::angle::{Angle, rad_to_ticks, ticks_to_rad};
 use crate::axis::AxisLimits;
+use crate::gimbal::{BridgeFault, Fault, FaultKind, GimbalStatus, MotionCommand};
 use crate::linear::{ComplexField, Real, real};
 use crate::profile::Profile;
+use crate::sample::RawSample;
 
 /// Gain of the position loop, 1/s: a time constant of 0.1 s, twenty sample intervals at 200 Hz.
 const POSITION_GAIN: f64 = 10.0;
 /// Sample intervals from a sample's time, the middle of its interval, to the end of the next interval, by when the drive
 /// reaches the commanded rate.
 const LEAD_INTERVALS: f64 = 1.5;
+/// Commands in a row that a drive may fail to take.
+const DRIVE_FAILURES: u8 = 10;
+/// Time without samples after which the axes are brought to rest, us.
+const LONGEST_SILENCE_US: u64 = 100_000;
 /// Longest time between commands without samples, s: that between ticks of the main loop.
 const LONGEST_COMMAND_INTERVAL_S: f64 = 0.1;
 
@@ -135,14 +141,14 @@ impl<T: Real> Axis<T> {
         self.commanded_rad_s
     }
 
+    /// Angle counted over whole turns, rad; zero before the first reading.
+    pub fn angle_rad(&self) -> f64 {
+        ticks_to_rad(self.angle_ticks.unwrap_or(0))
+    }
+
     /// Whether the drive has been told to stand.
     pub fn is_at_rest(&self) -> bool {
         self.commanded_rad_s == T::zero()
-    }
-
-    /// The rate commanded last, rad/s.
-    pub fn last_command(&self) -> T {
-        self.commanded_rad_s
     }
 
     /// Whether the profile is over and the encoder within the tolerance of its end.
@@ -184,6 +190,120 @@ impl<T: Real> Axis<T> {
 impl<T: Real> Motion<T> {
     fn elapsed_s(&self, now_us: u64) -> T {
         real(now_us.saturating_sub(self.start_us) as f64 * 1e-6)
+    }
+}
+
+/// Both axes on drives that take rates: what [`crate::gimbal`] is to motors.
+#[derive(Clone, Debug)]
+pub struct RateGimbal<T: Real> {
+    axes: [Axis<T>; 2],
+    interval_us: u64,
+    /// Time of the last sample, us.
+    sample_us: Option<u64>,
+    /// The same on a clock that does not go back, us.
+    now_us: u64,
+    /// When the board saw which time, us.
+    heard: Option<(u64, u64)>,
+    move_us: u64,
+    failures: [u8; 2],
+    released: bool,
+    fault: Option<Fault>,
+}
+
+impl<T: Real> RateGimbal<T> {
+    /// Axes whose encoders have not been read yet, commanded `rate_hz` times a second.
+    pub fn new(limits: &[AxisLimits; 2], rate_hz: f64) -> Self {
+        Self {
+            axes: limits.each_ref().map(|limits| Axis::new(limits, real(rate_hz.recip()))),
+            interval_us: (1e6 / rate_hz) as u64,
+            sample_us: None,
+            now_us: 0,
+            heard: None,
+            move_us: 0,
+            failures: [0; 2],
+            released: false,
+            fault: None,
+        }
+    }
+
+    /// Takes in the angles of a sample.
+    pub fn measure(&mut self, sample: &RawSample<T>) {
+        let last_us = self.sample_us.replace(sample.time_us).unwrap_or(sample.time_us);
+        self.now_us += sample.time_us.checked_sub(last_us).unwrap_or(self.interval_us);
+        for (axis, angle) in self.axes.iter_mut().zip([sample.outer, sample.inner]) {
+            axis.measure(angle);
+        }
+        self.watch();
+    }
+
+    fn watch(&mut self) {
+        for (index, (axis, failures)) in (0_u8..).zip(self.axes.iter_mut().zip(self.failures)) {
+            let following = axis.following_error_rad(self.now_us).map(|error_rad| FaultKind::Following { error_rad });
+            let silent = failures >= DRIVE_FAILURES && !self.released;
+            let kind = if silent { Some(FaultKind::Bridge(BridgeFault::Silent)) } else { following };
+            if let (Some(kind), None) = (kind, self.fault) {
+                self.fault = Some(Fault { axis: index, angle_rad: axis.angle_rad(), kind });
+            }
+        }
+        if self.fault.is_some() {
+            self.axes.iter_mut().for_each(Axis::release);
+        }
+    }
+
+    /// Takes a command. It ends what was under way, and forgets the fault.
+    pub fn command(&mut self, command: MotionCommand) {
+        (self.fault, self.failures) = (None, [0; 2]);
+        self.released = command == MotionCommand::Release;
+        match command {
+            MotionCommand::Hold => self.axes.iter_mut().for_each(Axis::hold),
+            MotionCommand::Release => self.axes.iter_mut().for_each(Axis::release),
+            MotionCommand::MoveTo { angles_rad, rate_rad_s, acceleration_rad_s2 } => {
+                for (axis, target_rad) in self.axes.iter_mut().zip(angles_rad) {
+                    axis.move_to(target_rad, rate_rad_s, acceleration_rad_s2, self.now_us);
+                }
+                self.move_us = self.axes.iter().map(Axis::move_us).max().unwrap_or(0);
+            }
+        }
+    }
+
+    /// Rates that the outer and the inner drive shall reach by the next sample, rad/s.
+    pub fn rates_rad_s(&mut self) -> [T; 2] {
+        let now_us = self.now_us;
+        self.axes.each_mut().map(|axis| axis.rate_command(now_us))
+    }
+
+    /// Looks at the board's clock, us. Where samples fail to come, the axes are brought to rest by the rates returned.
+    pub fn tick(&mut self, board_us: u64) -> Option<[T; 2]> {
+        let (heard_us, now_us) = *self.heard.get_or_insert((board_us, self.now_us));
+        if now_us != self.now_us {
+            self.heard = Some((board_us, self.now_us));
+            return None;
+        }
+        let silent_us = board_us.saturating_sub(heard_us);
+        if silent_us <= LONGEST_SILENCE_US {
+            return None;
+        }
+        self.axes.iter_mut().for_each(Axis::hold);
+        Some(self.axes.each_mut().map(|axis| axis.late_rate_command(now_us.saturating_add(silent_us))))
+    }
+
+    /// Tells whether the outer and the inner drive took their last rates.
+    pub fn drives_answered(&mut self, answered: [bool; 2]) {
+        for (failures, answered) in self.failures.iter_mut().zip(answered) {
+            *failures = if answered { 0 } else { failures.saturating_add(1) };
+        }
+    }
+
+    /// How the axes are.
+    pub fn status(&self) -> GimbalStatus {
+        GimbalStatus {
+            time_us: self.now_us,
+            arrived: self.axes.iter().all(|axis| axis.has_arrived(self.now_us)),
+            at_rest: self.axes.iter().all(Axis::is_at_rest),
+            move_us: self.move_us,
+            following_rad: self.axes.each_ref().map(|axis| axis.following_error_rad(self.now_us).unwrap_or(0.0)),
+            fault: self.fault,
+        }
     }
 }
 

@@ -1,22 +1,23 @@
 //! Self-calibration of a running instrument: the assembly of all rooms.
 //!
-//! One sample in; rate commands, a corrected sample, messages out. Whoever owns the hardware calls [`SelfCalibration::step`]
-//! for every sample and [`SelfCalibration::tick`] on every turn of the main loop, passes the rates to the drives, tells
-//! whether they were taken, and stores [`SelfCalibration::record`] when asked to.
+//! One sample and how the gimbal is in; motion commands, a corrected sample, messages out. Whoever owns the hardware calls
+//! [`SelfCalibration::step`] for every sample and [`SelfCalibration::tick`] on every turn of the main loop, passes the
+//! commands to the gimbal, and stores [`SelfCalibration::record`] when asked to.
 
 use crate::angle::{Angle, ticks_to_rad};
-use crate::axis::AxisLimits;
+use crate::axis::{AxisLimits, ROUNDING_RAD};
 use crate::calibrator::{Calibrator, CalibratorConfig};
 use crate::error_model::{Calibration, PARAMETER_INFO};
 use crate::estimator::{BASIC_STATES, Estimate, FULL_STATES, HeadingSource, MAX_SEGMENTS, Solution};
+use crate::gimbal::{Fault, GimbalStatus, MotionCommand};
 use crate::linear::{Real, real};
 use crate::policy::{Cause, Decision, Moment, PowerUpPolicy};
-use crate::rate_axis::Axis;
 use crate::rehearsal::SHORTEST_STOP_S;
 use crate::sample::{CorrectedSample, RawSample};
 use crate::scheme::{Scheme, SchemeError};
 use crate::segment::LONGEST_GAP_US;
-use crate::sequencer::{AbortReason, Command, Input, Pace, Sequencer, State};
+use crate::sequencer::{Abort, AbortReason, Command, Input, Pace, Sequencer, State};
+use crate::servo::MotorAndLoad;
 use crate::store::{StoredCalibration, StoredVerdict};
 use crate::telemetry::Message;
 use crate::units::DEG;
@@ -33,10 +34,6 @@ const STILL_RAD_S: f64 = 0.2 * DEG;
 const SAMPLE_LOSS_US: u64 = 1_000_000;
 /// The same while an axis turns: nobody sees where, and the move is lost.
 const TURNING_LOSS_US: u64 = LONGEST_GAP_US;
-/// Commands in a row that a drive may fail to take.
-const DRIVE_FAILURES: u8 = 10;
-/// What angles of a scheme and limits of the travel may differ by where they are meant to be the same, rad.
-const ROUNDING_RAD: f64 = 1e-9;
 /// Corrected samples are reported once in this time, us.
 const CORRECTED_REPORT_US: u64 = 1_000_000;
 
@@ -49,6 +46,8 @@ pub struct SelfCalibrationConfig {
     pub scheme: Scheme,
     /// Limits of the outer and the inner axis.
     pub axes: [AxisLimits; 2],
+    /// Motors, loads and encoders of the outer and the inner axis.
+    pub motors: [MotorAndLoad; 2],
     /// What a result must fulfil.
     pub limits: VerdictLimits,
     /// How long a run takes.
@@ -74,6 +73,8 @@ pub enum ConfigError {
     Stillness,
     /// A limit of this axis (0 outer, 1 inner) is not positive and finite, or its travel is empty.
     Axis(u8),
+    /// A number of this axis' motor and load (0 outer, 1 inner) makes no sense, or it cannot overcome its friction.
+    Motor(u8),
     /// The longest run is not finite and positive.
     Pace,
     /// A limit of the power-up policy is not finite, or negative.
@@ -116,6 +117,11 @@ impl fmt::Display for ConfigError {
             Self::Axis(axis) => {
                 write!(f, "the limits of the {} axis must be finite and positive, and its travel not empty", name(axis))
             }
+            Self::Motor(axis) => write!(
+                f,
+                "motor and load of the {} axis must be finite and positive, and the torque above the friction",
+                name(axis)
+            ),
             Self::Pace => f.write_str("the longest run must be finite and positive"),
             Self::Policy => f.write_str("the temperature limit of the policy must be finite and not negative"),
             Self::Limits => f.write_str("every limit of the verdict must be finite and positive"),
@@ -193,7 +199,12 @@ impl SelfCalibrationConfig {
         if 2 * self.scheme.moves() + 1 > MAX_SEGMENTS {
             return Err(ConfigError::Segments);
         }
-        Ok(())
+        self.check_motors()
+    }
+
+    fn check_motors(&self) -> Result<(), ConfigError> {
+        let wrong = (0_u8..).zip(&self.motors).find(|(_, motor)| !motor.is_valid());
+        wrong.map_or(Ok(()), |(axis, _)| Err(ConfigError::Motor(axis)))
     }
 
     /// What the calibrator must know for a run of the scheme.
@@ -236,8 +247,8 @@ pub fn check_motion(scheme: &Scheme, axes: &[AxisLimits; 2]) -> Result<(), Confi
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[must_use]
 pub struct Step<T: Real> {
-    /// Rates that the outer and the inner drive shall reach by the next sample, rad/s.
-    pub rates_rad_s: [T; 2],
+    /// What the gimbal shall do from now on, if that changes.
+    pub motion: Option<MotionCommand>,
     /// The sample with the instrument's errors taken out, once there is a calibration.
     pub corrected: Option<CorrectedSample<T>>,
     /// The record shall be stored now; answer with [`SelfCalibration::saved`].
@@ -263,12 +274,12 @@ pub struct SelfCalibration<'c, T: Real, const STATES: usize = BASIC_STATES> {
     sequencer: Sequencer,
     calibrator: &'c mut Calibrator<T, MAX_SEGMENTS, STATES>,
     measuring: bool,
-    axes: [Axis<T>; 2],
     previous: Option<RawSample<T>>,
     heard: Option<Heard>,
     /// Where the outer and the inner axis were when they were last seen to move.
     standing: Option<[Angle; 2]>,
-    drive_failures: [u8; 2],
+    /// The fault of the gimbal that was told last.
+    told: Option<Fault>,
     enough: Option<bool>,
     solution: Option<Solution>,
     accepted: Option<bool>,
@@ -296,11 +307,10 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             sequencer: Sequencer::new(config.scheme.clone(), config.pace),
             calibrator,
             measuring: false,
-            axes: axes(&config),
             previous: None,
             heard: None,
             standing: None,
-            drive_failures: [0; 2],
+            told: None,
             enough: None,
             solution: None,
             accepted: None,
@@ -316,34 +326,38 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         })
     }
 
-    /// Takes in one sample. `report` is called with whatever there is to tell. A sample that cannot be used, repeated, out
-    /// of order or not finite, changes nothing but its count.
+    /// Takes in one sample, and how the gimbal is. `report` is called with whatever there is to tell. A sample that cannot
+    /// be used, repeated, out of order or not finite, changes nothing but its count.
     #[inline(never)]
-    pub fn step(&mut self, sample: &RawSample<T>, report: &mut impl FnMut(&Message)) -> Step<T> {
+    pub fn step(&mut self, sample: &RawSample<T>, gimbal: &GimbalStatus, report: &mut impl FnMut(&Message)) -> Step<T> {
         if !self.calibrator.admit(sample) {
-            let rates_rad_s = self.axes.each_ref().map(Axis::last_command);
-            return Step { rates_rad_s, corrected: None, save: false };
+            return Step { motion: None, corrected: None, save: false };
         }
         let previous = self.previous.replace(*sample);
-        self.axes[0].measure(sample.outer);
-        self.axes[1].measure(sample.inner);
+        self.tell_fault(gimbal, report);
         if self.measuring
             && let Some(progress) = self.calibrator.measure(sample)
         {
             report(&Message::Segment(progress));
         }
         let state = self.sequencer.state();
-        let input = self.input(sample, previous.as_ref());
+        let input = self.input(sample, previous.as_ref(), gimbal);
         let command = self.sequencer.step(&input);
-        let save = self.act(command, sample.time_us, report);
+        let motion = self.act(command, state, report);
         self.report_state(state, sample.time_us, report);
-        Step { rates_rad_s: self.rate_commands(sample.time_us), corrected: self.correct(sample, report), save }
+        Step { motion, corrected: self.correct(sample, report), save: command == Command::Save }
     }
 
     /// Looks at the board's clock, us: call it on every turn of the main loop, after the samples, and at least ten times a
-    /// second. Where usable samples have failed to come for too long, the run ends and the axes are brought to rest, by
-    /// the rates returned, in rad/s. They are parked when samples come again.
-    pub fn tick(&mut self, board_us: u64, report: &mut impl FnMut(&Message)) -> Option<[T; 2]> {
+    /// second. Where usable samples have failed to come for too long, the run ends and the axes are brought to rest by
+    /// the command returned. They are parked when samples come again.
+    pub fn tick(
+        &mut self,
+        board_us: u64,
+        gimbal: &GimbalStatus,
+        report: &mut impl FnMut(&Message),
+    ) -> Option<MotionCommand> {
+        self.tell_fault(gimbal, report);
         let sample_us = self.previous.map_or(0, |sample| sample.time_us);
         let heard = *self.heard.get_or_insert(Heard { board_us, sample_us });
         if heard.sample_us != sample_us {
@@ -356,18 +370,21 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         }
         let (state, now_us) = (self.sequencer.state(), sample_us.saturating_add(silent_us));
         self.calibrator.resume();
-        let command = self.sequencer.abort(now_us, AbortReason::SampleLoss);
-        self.act(command, now_us, report);
+        // An axis that has failed is the better reason.
+        let reason = gimbal.fault.map_or(AbortReason::SampleLoss, AbortReason::Gimbal);
+        let command = self.sequencer.abort(now_us, reason);
+        let motion = self.act(command, state, report);
         self.report_state(state, now_us, report);
-        self.axes.iter_mut().for_each(Axis::hold);
-        Some(self.axes.each_mut().map(|axis| axis.late_rate_command(now_us)))
+        motion
     }
 
-    /// Tells whether the outer and the inner drive took their last rates. A drive is commanded again with the next
-    /// sample; one that fails time after time ends the run.
-    pub fn drives_answered(&mut self, answered: [bool; 2]) {
-        for (failures, answered) in self.drive_failures.iter_mut().zip(answered) {
-            *failures = if answered { 0 } else { failures.saturating_add(1) };
+    /// Says what stopped the axes, once.
+    fn tell_fault(&mut self, gimbal: &GimbalStatus, report: &mut impl FnMut(&Message)) {
+        if self.told != gimbal.fault {
+            self.told = gimbal.fault;
+            if let Some(fault) = gimbal.fault {
+                report(&Message::Fault(fault));
+            }
         }
     }
 
@@ -394,14 +411,6 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     #[inline(never)]
     pub fn reconfigure(&mut self, config: SelfCalibrationConfig) -> Result<(), ConfigError> {
         prepare(&config, self.calibrator)?;
-        if config.axes != self.config.axes || config.calibrator.rate_hz != self.config.calibrator.rate_hz {
-            self.axes = axes(&config);
-            if let Some(sample) = self.previous {
-                self.axes[0].measure(sample.outer);
-                self.axes[1].measure(sample.inner);
-                self.axes.iter_mut().for_each(Axis::hold);
-            }
-        }
         self.sequencer.reconfigure(config.scheme.clone(), config.pace);
         self.config = config;
         Ok(())
@@ -466,29 +475,21 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         })
     }
 
-    fn input(&mut self, sample: &RawSample<T>, previous: Option<&RawSample<T>>) -> Input {
+    fn input(&mut self, sample: &RawSample<T>, previous: Option<&RawSample<T>>, gimbal: &GimbalStatus) -> Input {
         let now_us = sample.time_us;
         let last_us = previous.map_or(now_us, |previous| previous.time_us);
         let lost = now_us.saturating_sub(last_us) > self.longest_silence_us();
-        let following = |axis: &Axis<T>| axis.following_error_rad(now_us).is_some();
-        let ([outer, inner], [outer_failures, inner_failures]) = (&self.axes, self.drive_failures);
-        let faults = [
-            (lost, AbortReason::SampleLoss),
-            (outer_failures >= DRIVE_FAILURES, AbortReason::OuterDrive),
-            (inner_failures >= DRIVE_FAILURES, AbortReason::InnerDrive),
-            (following(outer), AbortReason::OuterFollowing),
-            (following(inner), AbortReason::InnerFollowing),
-        ];
-        let fault = faults.into_iter().find_map(|(holds, reason)| holds.then_some(reason));
+        let loss = lost.then_some(AbortReason::SampleLoss);
+        let fault = loss.or(gimbal.fault.map(AbortReason::Gimbal));
         let abort = self.abort.take().or(fault);
         Input {
             now_us,
             decision: self.decision,
             start: mem::take(&mut self.start),
             still: self.sequencer.state() == State::AwaitStill && self.is_still(sample),
-            arrived: self.axes.iter().all(|axis| axis.has_arrived(now_us)),
-            at_rest: self.axes.iter().all(Axis::is_at_rest),
-            move_us: self.axes.iter().map(Axis::move_us).max().unwrap_or(0),
+            arrived: gimbal.arrived,
+            at_rest: gimbal.at_rest,
+            move_us: gimbal.move_us,
             disturbed: self.is_disturbed(),
             abort,
             extension: self.extension(),
@@ -502,10 +503,6 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     /// Longest time without usable samples that the run bears, us.
     fn longest_silence_us(&self) -> u64 {
         if self.sequencer.state().is_turning() { TURNING_LOSS_US } else { SAMPLE_LOSS_US }
-    }
-
-    fn rate_commands(&mut self, now_us: u64) -> [T; 2] {
-        self.axes.each_mut().map(|axis| axis.rate_command(now_us))
     }
 
     fn report_state(&self, before: State, time_us: u64, report: &mut impl FnMut(&Message)) {
@@ -552,23 +549,14 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         self.is_dwell_over() && (self.calibrator.longest_interval_us() > LONGEST_GAP_US || unrest(self.calibrator))
     }
 
-    /// Carries out a command. Returns whether the record shall be stored.
-    fn act(&mut self, command: Command, now_us: u64, report: &mut impl FnMut(&Message)) -> bool {
+    /// Carries out a command that was given in the state `during`. Returns what the gimbal shall do, if that changes.
+    fn act(&mut self, command: Command, during: State, report: &mut impl FnMut(&Message)) -> Option<MotionCommand> {
         match command {
-            Command::Continue => {}
+            Command::Continue | Command::Save => {}
             Command::Decide => self.decide(report),
             Command::Begin => self.begin(report),
-            Command::Release => {
-                self.axes.iter_mut().for_each(Axis::release);
-                report(&Message::Released);
-            }
-            Command::Hold => self.axes.iter_mut().for_each(Axis::hold),
-            Command::MoveTo { outer_rad, inner_rad } => {
-                let Scheme { rate_rad_s, acceleration_rad_s2, .. } = *self.sequencer.scheme();
-                for (axis, target_rad) in self.axes.iter_mut().zip([outer_rad, inner_rad]) {
-                    axis.move_to(target_rad, rate_rad_s, acceleration_rad_s2, now_us);
-                }
-            }
+            Command::Release => report(&Message::Released),
+            Command::Hold | Command::MoveTo { .. } => {}
             Command::Measure => {
                 self.calibrator.restart_counts();
                 self.measuring = true;
@@ -577,7 +565,6 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             Command::Weigh => self.enough = self.calibrator.weigh_piece(&self.config.limits, report),
             Command::Solve => self.solve(report),
             Command::Judge => self.judge(report),
-            Command::Save => return true,
             Command::Correct => {
                 if let Some(record) = self.record() {
                     self.stored = Some((record.estimate(), record.moment()));
@@ -585,13 +572,27 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             }
             Command::GiveUp(reason) => {
                 self.measuring = false;
-                self.axes.iter_mut().for_each(Axis::release);
                 if let Some(reason) = reason {
-                    report(&Message::Aborted(reason));
+                    report(&Message::Aborted(Abort { reason, during }));
                 }
             }
         }
-        false
+        self.motion(command)
+    }
+
+    /// What a command means for the gimbal. One that has stopped for a fault of its own does so in its own way.
+    fn motion(&self, command: Command) -> Option<MotionCommand> {
+        match command {
+            Command::GiveUp(Some(AbortReason::Gimbal(_))) => None,
+            Command::Decide | Command::Begin | Command::Hold | Command::GiveUp(_) => Some(MotionCommand::Hold),
+            Command::Release => Some(MotionCommand::Release),
+            Command::MoveTo { outer_rad, inner_rad } => {
+                let Scheme { rate_rad_s, acceleration_rad_s2, .. } = *self.sequencer.scheme();
+                let angles_rad = [outer_rad, inner_rad];
+                Some(MotionCommand::MoveTo { angles_rad, rate_rad_s, acceleration_rad_s2 })
+            }
+            _ => None,
+        }
     }
 
     fn decide(&mut self, report: &mut impl FnMut(&Message)) {
@@ -610,7 +611,6 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         self.calibrator.restart(&self.config.run());
         (self.measuring, self.enough, self.solution) = (false, None, None);
         (self.accepted, self.saved) = (None, false);
-        self.axes.iter_mut().for_each(Axis::hold);
     }
 
     /// One piece of it: the next samples do not wait for the whole. Not inlined: what it needs on the stack, most samples
@@ -671,11 +671,6 @@ fn prepare<T: Real, const STATES: usize>(
     Ok(())
 }
 
-fn axes<T: Real>(config: &SelfCalibrationConfig) -> [Axis<T>; 2] {
-    let interval_s = real(config.calibrator.rate_hz.recip());
-    config.axes.each_ref().map(|limits| Axis::new(limits, interval_s))
-}
-
 fn calibration<T: Real>(estimate: &Estimate) -> Calibration<T> {
     let errors = estimate.errors.to_vector().map(real);
     Calibration::new(&crate::error_model::InstrumentErrors::from_vector(&errors))
@@ -697,7 +692,8 @@ mod tests {
     #[test]
     fn every_wrong_number_of_a_configuration_is_refused() {
         type Spoil = fn(&mut SelfCalibrationConfig);
-        let wrong: [(Spoil, ConfigError); 28] = [
+        let wrong: [(Spoil, ConfigError); 29] = [
+            (|config| config.motors[1].inertia_kg_m2 = 0.0, ConfigError::Motor(1)),
             (|config| config.scheme.first_stop_s = 0.49, ConfigError::ShortStop(0)),
             (|config| config.scheme.legs[6].stop_s = 0.49, ConfigError::ShortStop(7)),
             (|config| config.calibrator.estimator.noise.margin = 0.5, ConfigError::Noise),

@@ -14,17 +14,20 @@
 //!                  +----(next leg)------+                         rejected|
 //!                                                                        v
 //!  any state before Store --(abort)------------------> Stopping --> Parking --> Parked
-//!                                                                     |
-//!                                                                     +--(fails)--> Stranded
+//!                                                            |        |
+//!                                                            |        +--(fails)--> Stranded
+//!                                                            +--(not safe)-------------^
 //! ```
 //! Time is an argument, in microseconds. Leg 0 is the way to the scheme's start at (0, 0) and the first stop there; leg
 //! k > 0 is the scheme's k-th move and the stop after it. A rejected or aborted run parks the gimbals at (0, 0) and
 //! leaves the stored calibration as it was. Where they cannot be parked, the gimbals stand where they came to rest. From
 //! Correcting, StandBy, Parked and Stranded a command starts a run: AwaitStill.
 
+mod abort;
+
 use crate::policy::Decision;
 use crate::scheme::{Leg, SETTLING_S, Scheme};
-use core::fmt;
+pub use abort::{Abort, AbortReason};
 use serde::{Deserialize, Serialize};
 
 /// Base and axes must have been still for this long before anything moves, us.
@@ -60,49 +63,6 @@ impl Pace {
     /// Whether every number makes sense.
     pub fn is_valid(&self) -> bool {
         self.longest_s.is_none_or(|longest_s| longest_s.is_finite() && longest_s > 0.0)
-    }
-}
-
-/// Why a run was given up.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum AbortReason {
-    /// The operator or the navigation software asked for it.
-    Commanded,
-    /// The base was not still for a second within a minute of the run's start.
-    NotStill,
-    /// The move of this leg did not end in time.
-    TurnTimeout(u16),
-    /// The outer axis did not follow its profile.
-    OuterFollowing,
-    /// The inner axis did not follow its profile.
-    InnerFollowing,
-    /// Samples were missing or unusable for too long.
-    SampleLoss,
-    /// The drive of the outer axis did not take commands.
-    OuterDrive,
-    /// The drive of the inner axis did not take commands.
-    InnerDrive,
-}
-
-impl AbortReason {
-    /// Whether something failed, rather than somebody asked.
-    fn is_fault(self) -> bool {
-        self != Self::Commanded
-    }
-}
-
-impl fmt::Display for AbortReason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Commanded => write!(f, "given up on command"),
-            Self::NotStill => write!(f, "the base was not still for 1 s within 60 s of the start of the run"),
-            Self::TurnTimeout(leg) => write!(f, "leg {leg}: the axes did not arrive in time"),
-            Self::OuterFollowing => write!(f, "the outer axis did not follow its profile"),
-            Self::InnerFollowing => write!(f, "the inner axis did not follow its profile"),
-            Self::SampleLoss => write!(f, "no usable samples for 1 s, or for 0.1 s while the axes turned"),
-            Self::OuterDrive => write!(f, "the drive of the outer axis does not take commands"),
-            Self::InnerDrive => write!(f, "the drive of the inner axis does not take commands"),
-        }
     }
 }
 
@@ -180,7 +140,7 @@ pub struct Input {
     pub still: bool,
     /// Both axes have arrived where they were sent.
     pub arrived: bool,
-    /// Both drives have been told to stand.
+    /// Neither axis turns.
     pub at_rest: bool,
     /// Nominal duration of the move under way, us.
     pub move_us: u64,
@@ -206,7 +166,7 @@ pub struct Input {
 pub enum Command {
     /// Nothing new.
     Continue,
-    /// Both drives shall come to rest and stay there, whatever the encoders say.
+    /// Both axes shall come to rest, and be controlled no longer.
     Release,
     /// Decide what to do after power-up.
     Decide,
@@ -252,6 +212,8 @@ pub struct Sequencer {
     repeats_left: u8,
     /// The leg after which the time for measuring was over, if legs were left.
     cut_after: Option<u16>,
+    /// Nothing has happened after which the axes should not be turned.
+    may_park: bool,
 }
 
 impl Sequencer {
@@ -266,6 +228,7 @@ impl Sequencer {
             pace,
             repeats_left: pace.stop_repeats,
             cut_after: None,
+            may_park: true,
         }
     }
 
@@ -342,9 +305,7 @@ impl Sequencer {
                 None => Command::Continue,
             },
             State::Store if input.saved => self.enter(input, State::Correcting, Command::Correct),
-            State::Stopping if input.at_rest && self.elapsed_us(input) >= STOP_US => {
-                self.enter(input, State::Parking, Command::MoveTo { outer_rad: 0.0, inner_rad: 0.0 })
-            }
+            State::Stopping if input.at_rest && self.elapsed_us(input) >= STOP_US => self.park(input),
             State::Parking if self.is_overdue(input) => self.enter(input, State::Stranded, Command::Release),
             State::Parking if input.arrived => self.enter(input, State::Parked, Command::Hold),
             State::Correcting | State::StandBy | State::Parked | State::Stranded if input.start => self.begin(input),
@@ -374,18 +335,18 @@ impl Sequencer {
             | State::Compute
             | State::Verdict => self.give_up(&input, Some(reason)),
             State::Parking if reason.is_fault() => self.enter(&input, State::Stranded, Command::Release),
+            State::Stopping => {
+                self.may_park &= reason.lets_park();
+                Command::Continue
+            }
             State::Store | State::Correcting | State::StandBy | State::Parked | State::Stranded
-                if matches!(reason, AbortReason::OuterFollowing | AbortReason::InnerFollowing) =>
+                if matches!(reason, AbortReason::Gimbal(_)) =>
             {
                 Command::Release
             }
-            State::Store
-            | State::Correcting
-            | State::StandBy
-            | State::Stopping
-            | State::Parking
-            | State::Parked
-            | State::Stranded => Command::Continue,
+            State::Store | State::Correcting | State::StandBy | State::Parking | State::Parked | State::Stranded => {
+                Command::Continue
+            }
         }
     }
 
@@ -399,7 +360,16 @@ impl Sequencer {
         input.now_us.saturating_sub(self.since_us)
     }
 
+    fn park(&mut self, input: &Input) -> Command {
+        if self.may_park {
+            self.enter(input, State::Parking, Command::MoveTo { outer_rad: 0.0, inner_rad: 0.0 })
+        } else {
+            self.enter(input, State::Stranded, Command::Release)
+        }
+    }
+
     fn give_up(&mut self, input: &Input, reason: Option<AbortReason>) -> Command {
+        self.may_park = reason.is_none_or(AbortReason::lets_park);
         self.enter(input, State::Stopping, Command::GiveUp(reason))
     }
 
@@ -438,7 +408,7 @@ impl Sequencer {
 
     fn turn(&mut self, input: &Input, leg: u16) -> Command {
         if self.is_overdue(input) {
-            self.give_up(input, Some(AbortReason::TurnTimeout(leg)))
+            self.give_up(input, Some(AbortReason::TurnTimeout))
         } else if input.arrived {
             self.enter(input, State::Settle(leg), Command::Continue)
         } else {
@@ -514,6 +484,7 @@ impl Sequencer {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::gimbal::{BridgeFault, EncoderFault, Fault, FaultKind};
     use crate::policy::Cause;
     use std::vec::Vec;
 
@@ -527,6 +498,12 @@ mod tests {
             }
         }
         trace
+    }
+
+    const FOLLOWING: AbortReason = gimbal(FaultKind::Following { error_rad: 0.02 });
+
+    const fn gimbal(kind: FaultKind) -> AbortReason {
+        AbortReason::Gimbal(Fault { axis: 1, angle_rad: 0.5, kind })
     }
 
     fn cooperative(now_us: u64, state: State) -> Input {
@@ -661,7 +638,7 @@ mod tests {
     #[test]
     fn abort_from_every_state_before_storing_parks_the_gimbals() {
         for state in ABORTABLE {
-            for reason in [AbortReason::Commanded, AbortReason::OuterFollowing] {
+            for reason in [AbortReason::Commanded, FOLLOWING] {
                 let (sequencer, trace) = aborted_in(state, reason);
                 assert_eq!(sequencer.state(), State::Parked, "from {state:?}");
                 let end = [
@@ -679,11 +656,11 @@ mod tests {
         for state in LATE.into_iter().filter(|state| *state != State::Parking) {
             let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
             sequencer.state = state;
-            for reason in [AbortReason::Commanded, AbortReason::SampleLoss, AbortReason::OuterDrive] {
+            for reason in [AbortReason::Commanded, AbortReason::SampleLoss, AbortReason::TurnTimeout] {
                 assert_eq!((sequencer.abort(0, reason), sequencer.state()), (Command::Continue, state));
             }
             // Axes at rest that do not follow are let go.
-            let following = sequencer.abort(0, AbortReason::InnerFollowing);
+            let following = sequencer.abort(0, FOLLOWING);
             let expected = if state == State::Stopping { Command::Continue } else { Command::Release };
             assert_eq!((following, sequencer.state()), (expected, state));
         }
@@ -697,6 +674,33 @@ mod tests {
         assert_eq!(sequencer.step(&after(STOP_US, false)), Command::Continue);
         assert_eq!(sequencer.step(&after(STOP_US - 1, true)), Command::Continue);
         assert!(matches!(sequencer.step(&after(STOP_US, true)), Command::MoveTo { .. }));
+    }
+
+    #[test]
+    fn axes_that_cannot_be_trusted_are_not_parked() {
+        let kinds = [
+            FaultKind::Encoder(EncoderFault::Crc),
+            FaultKind::Bridge(BridgeFault::Overcurrent),
+            FaultKind::Stall { rate_rad_s: 0.0, wanted_rad_s: 0.3 },
+            FaultKind::Runaway { rate_rad_s: 1.0, wanted_rad_s: 0.3 },
+        ];
+        for kind in kinds {
+            let (sequencer, trace) = aborted_in(State::Turn(3), gimbal(kind));
+            assert_eq!(sequencer.state(), State::Stranded);
+            let end = [(State::Stopping, Command::GiveUp(Some(gimbal(kind)))), (State::Stranded, Command::Release)];
+            assert_eq!(trace[trace.len() - 2..], end);
+            // Also where it comes to light while they are being stopped for something else.
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+            let trace = run(&mut sequencer, |now_us, state| Input {
+                abort: match state {
+                    State::Turn(3) => Some(AbortReason::Commanded),
+                    State::Stopping => Some(gimbal(kind)),
+                    _ => None,
+                },
+                ..cooperative(now_us, state)
+            });
+            assert_eq!(trace.last(), Some(&(State::Stranded, Command::Release)));
+        }
     }
 
     #[test]
@@ -743,7 +747,7 @@ mod tests {
     fn gimbals_that_cannot_be_parked_are_left_where_they_stand() {
         let rejected = |now_us, state| Input { accepted: Some(false), ..cooperative(now_us, state) };
         let faulty = |now_us, state: State| Input {
-            abort: (state == State::Parking).then_some(AbortReason::InnerFollowing),
+            abort: (state == State::Parking).then_some(FOLLOWING),
             ..rejected(now_us, state)
         };
         let slow = |now_us, state: State| Input { arrived: state != State::Parking, ..rejected(now_us, state) };
@@ -803,7 +807,7 @@ mod tests {
         let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         let stuck = |now_us, state| Input { arrived: state != State::Turn(3), ..cooperative(now_us, state) };
         let trace = run(&mut sequencer, stuck);
-        assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(Some(AbortReason::TurnTimeout(3)))));
+        assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(Some(AbortReason::TurnTimeout))));
         assert_eq!(sequencer.state(), State::Parked);
     }
 }

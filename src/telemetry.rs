@@ -3,11 +3,12 @@
 use crate::calibrator::Progress;
 use crate::error_model::PARAMETERS;
 use crate::estimator::{SegmentInnovations, Solution};
+use crate::gimbal::Fault;
 use crate::intake::IntakeCounts;
 use crate::policy::Decision;
 use crate::queue::Losses;
 use crate::self_calibration::ConfigError;
-use crate::sequencer::{AbortReason, State};
+use crate::sequencer::{Abort, State};
 use crate::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 
@@ -25,7 +26,7 @@ pub enum Message {
     },
     /// What is done at power-up or on command, and why.
     Decided(Decision),
-    /// The axes did not follow where they should stand: their drives are told to rest, and the encoders not believed.
+    /// The axes are brought to rest, and controlled no longer.
     Released,
     /// The configuration is refused.
     Refused(ConfigError),
@@ -59,7 +60,7 @@ pub enum Message {
     /// The solution is judged.
     Judged(Verdict),
     /// The run was given up.
-    Aborted(AbortReason),
+    Aborted(Abort),
     /// Storing has ended; whether it went well.
     Saved(bool),
     /// A corrected sample, once a second.
@@ -78,4 +79,6 @@ pub enum Message {
         /// Samples missing.
         losses: Losses,
     },
+    /// Something is wrong with an axis, and both are stopped for it.
+    Fault(Fault),
 }

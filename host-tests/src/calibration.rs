@@ -16,7 +16,7 @@ use rins_selfcal::queue::Losses;
 use rins_selfcal::sample::RawSample;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::SegmentKind;
-use rins_selfcal::sequencer::AbortReason;
+use rins_selfcal::sequencer::Abort;
 use rins_selfcal::site::Site;
 use rins_selfcal::telemetry::Message;
 use rins_selfcal::units::DEG;
@@ -243,7 +243,7 @@ pub struct Record {
     covariance: Matrix<f64, PARAMETERS, PARAMETERS>,
     verdict: Option<Verdict>,
     stored: Option<bool>,
-    aborted: Option<AbortReason>,
+    aborted: Option<Abort>,
     losses: Option<Losses>,
     stops: usize,
     moves: usize,
@@ -266,7 +266,7 @@ impl Record {
             }
             Message::Judged(verdict) => self.verdict = Some(verdict.clone()),
             Message::Saved(stored) => self.stored = Some(*stored),
-            Message::Aborted(reason) => self.aborted = Some(*reason),
+            Message::Aborted(abort) => self.aborted = Some(*abort),
             Message::Queue { losses, .. } => self.losses = Some(*losses),
             _ => {}
         }
@@ -280,7 +280,7 @@ impl Record {
     }
 
     /// Why the run was given up, if it was.
-    pub fn aborted(&self) -> Option<AbortReason> {
+    pub fn aborted(&self) -> Option<Abort> {
         self.aborted
     }
 

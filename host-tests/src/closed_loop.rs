@@ -18,7 +18,7 @@ use rins_selfcal::error_model::InstrumentErrors;
 use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES};
 use rins_selfcal::policy::{Decision, PowerUpPolicy};
 use rins_selfcal::self_calibration::{ConfigError, SelfCalibrationConfig};
-use rins_selfcal::sequencer::{AbortReason, Pace, State};
+use rins_selfcal::sequencer::{Abort, Pace, State};
 use rins_selfcal::telemetry::Message;
 use rins_selfcal::verdict::VerdictLimits;
 use std::cell::{Cell, RefCell};
@@ -36,7 +36,7 @@ pub enum Ended {
     /// No run was due: correcting with the stored calibration, or standing by without one.
     NoRun(Decision),
     /// Without a result.
-    Aborted(AbortReason),
+    Aborted(Abort),
 }
 
 /// When a run begins and ends, and what it must reach.
@@ -207,7 +207,7 @@ impl<F: FnMut(&Message)> Watch<F> {
             return Err(refused(error, &power_up.run.scheme, &power_up.terms.axes));
         }
         match (self.record.aborted(), self.record.outcome(setup), self.decision) {
-            (Some(reason), ..) => Ok(Ended::Aborted(reason)),
+            (Some(abort), ..) => Ok(Ended::Aborted(abort)),
             (None, Some(outcome), _) => Ok(Ended::Judged(Box::new(Outcome { truth: Some(self.truth), ..outcome }))),
             (None, None, Some(decision @ (Decision::UseStored(_) | Decision::StandBy(_)))) => {
                 Ok(Ended::NoRun(decision))

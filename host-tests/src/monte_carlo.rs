@@ -173,7 +173,7 @@ impl MonteCarlo {
             let ended = PowerUp::new(&run, &setup).on_terms(terms).in_process(|_| ())?;
             Ok(match ended {
                 Ended::Judged(outcome) => RunResult::new(&outcome, bounds, &run.unit),
-                Ended::Aborted(reason) => RunResult::none(reason.to_string()),
+                Ended::Aborted(abort) => RunResult::none(abort.to_string()),
                 Ended::NoRun(decision) => RunResult::none(decision.to_string()),
             })
         };

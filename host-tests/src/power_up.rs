@@ -15,6 +15,7 @@ use rins_selfcal::estimator::MAX_SEGMENTS;
 use rins_selfcal::linear::Real;
 use rins_selfcal::link::{Archive, Hello, Link, MAX_FRAME_BYTES, Moment, Refusal};
 use rins_selfcal::queue::SampleQueue;
+use rins_selfcal::rate_axis::RateGimbal;
 use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
 use rins_selfcal::store::StoredCalibration;
 use rins_selfcal::telemetry::Message;
@@ -95,6 +96,7 @@ pub fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
     let refused = |error| refused(error, &config.scheme, &config.axes);
     let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::UNCONFIGURED);
     let mut run = SelfCalibration::new(config.clone(), memory.stored.as_ref(), &mut calibrator).map_err(refused)?;
+    let mut gimbal = RateGimbal::<T>::new(&config.axes, config.calibrator.rate_hz);
     let mut samples = 0;
     let (mut board_s, interval_s) = (0.0, config.calibrator.rate_hz.recip());
     while let Some(edge_us) = next_edge(bench) {
@@ -102,8 +104,11 @@ pub fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
         let _ = acquisition.on_data_ready(edge_us);
         while let Some(sample) = consumer.pop() {
             samples += 1;
-            let step = run.step(&sample, &mut |message| tell(&mut link, message));
-            run.drives_answered(command_rates(&mut drives, step.rates_rad_s));
+            gimbal.measure(&sample);
+            let step = run.step(&sample, &gimbal.status(), &mut |message| tell(&mut link, message));
+            step.motion.into_iter().for_each(|motion| gimbal.command(motion));
+            let answered = command_rates(&mut drives, gimbal.rates_rad_s());
+            gimbal.drives_answered(answered);
             if step.save {
                 let record = run.record();
                 tell(&mut link, &Message::Saved(record.is_some()));
@@ -115,10 +120,16 @@ pub fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
         // The edges are the clock, whether they gave a sample or not.
         board_s += interval_s;
         let moment = Moment { now_us: (board_s * 1e6) as u64, missing: consumer.losses().total() };
-        if let Some(rates_rad_s) = run.tick(moment.now_us, &mut |message| tell(&mut link, message)) {
+        let motion = run.tick(moment.now_us, &gimbal.status(), &mut |message| tell(&mut link, message));
+        motion.into_iter().for_each(|motion| gimbal.command(motion));
+        if let Some(rates_rad_s) = gimbal.tick(moment.now_us) {
             command_rates(&mut drives, rates_rad_s);
         }
+        let axes = run.config().axes;
         link.serve(std::iter::from_fn(|| line.receive()), moment, &mut run, memory);
+        if run.config().axes != axes {
+            gimbal = RateGimbal::new(&run.config().axes, config.calibrator.rate_hz);
+        }
         link.tell_status(moment, &run);
         line.transmit(&mut || link.transmit());
     }

@@ -17,7 +17,7 @@ use rins_selfcal::method::Method;
 use rins_selfcal::policy::PowerUpPolicy;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::self_calibration::{ConfigError, SelfCalibrationConfig};
-use rins_selfcal::sequencer::{AbortReason, Pace, State};
+use rins_selfcal::sequencer::{Abort, AbortReason, Pace, State};
 use rins_selfcal::telemetry::Message;
 use rins_selfcal::verdict::VerdictLimits;
 use std::collections::VecDeque;
@@ -197,7 +197,8 @@ fn idle_instruments_start_on_command_are_not_aborted_and_can_be_given_up_once_th
     // The first two came before the first sample decided what to do, or just after it.
     let answers: Vec<_> = answers(&all).into_iter().filter(|(number, _)| *number > 2).collect();
     assert_eq!(answers, [(3, &standing_by), (4, &done), (5, &done), (6, &parking)]);
-    assert!(all.contains(&Told::Message(Message::Aborted(AbortReason::Commanded))));
+    let aborted = Abort { reason: AbortReason::Commanded, during: State::Turn(2) };
+    assert!(all.contains(&Told::Message(Message::Aborted(aborted))));
     assert!(memory.stored.is_none());
 }
 

@@ -117,8 +117,8 @@ fn conclude(
             Decision::StandBy(_) => Ending::NotAccepted,
             Decision::UseStored(_) | Decision::Calibrate(_) => Ending::Done,
         }),
-        Ended::Aborted(reason) => {
-            sayln!("verdict: aborted\n  - {reason}");
+        Ended::Aborted(abort) => {
+            sayln!("verdict: aborted\n  - {abort}");
             Ok(Ending::NotAccepted)
         }
     }

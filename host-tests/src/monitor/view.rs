@@ -6,7 +6,7 @@ use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS, block};
 use rins_selfcal::estimator::Estimate;
 use rins_selfcal::link::{Answer, Dropped, Hello, Status};
 use rins_selfcal::policy::Decision;
-use rins_selfcal::sequencer::{AbortReason, State};
+use rins_selfcal::sequencer::{Abort, State};
 use rins_selfcal::telemetry::Message;
 use rins_selfcal::units::DEG;
 use rins_selfcal::verdict::Verdict;
@@ -26,7 +26,7 @@ pub struct View {
     estimate: Option<(u16, Estimate)>,
     decision: Option<Decision>,
     verdict: Option<Verdict>,
-    aborted: Option<AbortReason>,
+    aborted: Option<Abort>,
     stored: Option<bool>,
     corrected: Option<[[f64; 3]; 2]>,
     under_way: bool,
@@ -76,7 +76,7 @@ impl View {
             Message::Segment(progress) => self.estimate = Some((progress.segments, progress.estimate)),
             Message::Decided(decision) => self.decision = Some(*decision),
             Message::Judged(verdict) => self.verdict = Some(verdict.clone()),
-            Message::Aborted(reason) => self.aborted = Some(*reason),
+            Message::Aborted(abort) => self.aborted = Some(*abort),
             Message::Saved(saved) => self.stored = Some(*saved),
             Message::Corrected { force_s, omega_is_s, .. } => self.corrected = Some([*force_s, *omega_is_s]),
             message => self.warnings.extend(warning(message)),
@@ -227,8 +227,8 @@ fn verdict_lines(verdict: &Verdict) -> Vec<String> {
     std::iter::once(format!("verdict  {name}")).chain(reasons).chain(changes).collect()
 }
 
-fn aborted(reason: AbortReason) -> String {
-    format!("verdict  aborted: {reason}")
+fn aborted(abort: Abort) -> String {
+    format!("verdict  aborted: {abort}")
 }
 
 fn stored(stored: bool) -> String {
@@ -243,7 +243,8 @@ fn warning(message: &Message) -> Option<String> {
             let rest = if *found { "an older calibration is used" } else { "there is no good calibration" };
             Some(format!("a stored calibration is damaged; {rest}"))
         }
-        Message::Released => Some("the axes did not follow; their drives are told to rest".into()),
+        Message::Released => Some("the axes are brought to rest, and controlled no longer".into()),
+        Message::Fault(fault) => Some(fault.to_string()),
         Message::Refused(error) => Some(format!("the configuration is refused: {error}")),
         _ => None,
     }
@@ -263,7 +264,7 @@ pub fn lines(event: &Event) -> Vec<String> {
         Message::Segment(progress) => format!("segment {}: worst {}", progress.segments, worst(&progress.estimate)),
         Message::Decided(decision) => format!("decision: {decision}"),
         Message::Judged(verdict) => return verdict_lines(verdict),
-        Message::Aborted(reason) => aborted(*reason),
+        Message::Aborted(abort) => aborted(*abort),
         Message::Saved(saved) => stored(*saved),
         message => return warning(message).map(|warning| format!("warning  {warning}")).into_iter().collect(),
     };

@@ -22,6 +22,7 @@ use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::estimator::{FULL_STATES, MAX_SEGMENTS};
 use rins_selfcal::link::{MAX_FRAME_BYTES, encode};
 use rins_selfcal::policy::Decision;
+use rins_selfcal::rate_axis::RateGimbal;
 use rins_selfcal::self_calibration::{ConfigError, SelfCalibration, SelfCalibrationConfig};
 use rins_selfcal::sequencer::State;
 use rins_selfcal::store::{Loaded, StoredCalibration};
@@ -85,6 +86,7 @@ fn self_calibrate(
     calibrator: &mut ImageCalibrator,
 ) -> Result<(), ()> {
     let (stored, scheme) = (load(board), config.scheme.name.clone());
+    let mut gimbal = RateGimbal::<Scalar>::new(&config.axes, config.calibrator.rate_hz);
     // Borrowed where it is: moved out, it would be on the stack twice.
     let mut made = SelfCalibration::new(config, stored.as_ref(), calibrator);
     let run = match &mut made {
@@ -99,11 +101,14 @@ fn self_calibrate(
         while let Some(sample) = board.samples().pop() {
             samples += 1;
             let (span, mut work) = (Span::start(), work_in(run.state()));
-            let step = run.step(&sample, &mut |message| {
+            gimbal.measure(&sample);
+            let step = run.step(&sample, &gimbal.status(), &mut |message| {
                 work = if matches!(message, Message::Segment(_)) { Work::Segment } else { Work::Other };
                 send(board, message);
             });
-            run.drives_answered(board.command_rates(step.rates_rad_s));
+            step.motion.into_iter().for_each(|motion| gimbal.command(motion));
+            let answered = board.command_rates(gimbal.rates_rad_s());
+            gimbal.drives_answered(answered);
             count(work, &span);
             if step.save {
                 let saved = save(board, run);
@@ -111,7 +116,10 @@ fn self_calibrate(
                 send(board, &Message::Saved(saved));
             }
         }
-        if let Some(rates_rad_s) = run.tick(board.now_us(), &mut |message| send(board, message)) {
+        let board_us = board.now_us();
+        let motion = run.tick(board_us, &gimbal.status(), &mut |message| send(board, message));
+        motion.into_iter().for_each(|motion| gimbal.command(motion));
+        if let Some(rates_rad_s) = gimbal.tick(board_us) {
             board.command_rates(rates_rad_s);
         }
         board.wait();
