@@ -6,7 +6,9 @@ use crate::unit::{Noise, UnitConfig};
 use rins_selfcal::angle::Angle;
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig, Progress};
 use rins_selfcal::error_model::{InstrumentErrors, PARAMETERS, ParameterInfo, block};
-use rins_selfcal::estimator::{BASIC_STATES, Estimate, FULL_STATES, HeadingSource, SegmentInnovations, Solution};
+use rins_selfcal::estimator::{
+    BASIC_STATES, Estimate, Estimator, FULL_STATES, HeadingSource, SegmentInnovations, Solution,
+};
 use rins_selfcal::intake::IntakeCounts;
 use rins_selfcal::linear::{Matrix, Real, Vector3, real};
 use rins_selfcal::measurement::ENCODER_ERRORS;
@@ -194,15 +196,21 @@ impl<T: Real, const FILTER_STATES: usize> Chain for CoreChain<T, FILTER_STATES> 
     }
 
     fn covariance(&self) -> Matrix<f64, STATES, STATES> {
-        let filter = self.calibrator.estimator().filter();
-        let mut covariance = Matrix::<f64, STATES, STATES>::zeros();
-        for state in 0..FILTER_STATES - ENCODER_ERRORS {
-            let of_filter = filter.covariance_row(ENCODER_ERRORS + state);
-            let row = of_filter.iter().skip(ENCODER_ERRORS).map(|entry| entry.widened());
-            covariance.row_mut(state).iter_mut().zip(row).for_each(|(entry, widened)| *entry = widened);
-        }
-        covariance
+        covariance(self.calibrator.estimator())
     }
+}
+
+/// Covariance of an estimator's parameters and optional states now, SI; zero where one is not estimated.
+pub fn covariance<T: Real, const SEGMENTS: usize, const FILTER_STATES: usize>(
+    estimator: &Estimator<T, SEGMENTS, FILTER_STATES>,
+) -> Matrix<f64, STATES, STATES> {
+    let mut covariance = Matrix::<f64, STATES, STATES>::zeros();
+    for state in 0..FILTER_STATES - ENCODER_ERRORS {
+        let of_filter = estimator.filter().covariance_row(ENCODER_ERRORS + state);
+        let row = of_filter.iter().skip(ENCODER_ERRORS).map(|entry| entry.widened());
+        covariance.row_mut(state).iter_mut().zip(row).for_each(|(entry, widened)| *entry = widened);
+    }
+    covariance
 }
 
 /// What came out, and of what.

@@ -5,6 +5,7 @@ mod arguments;
 mod calibrate;
 mod compare;
 mod files;
+mod inspect;
 mod manual;
 mod monitor;
 mod monte_carlo;
@@ -48,6 +49,7 @@ fn run(arguments: Arguments) -> anyhow::Result<Ending> {
         Command::Calibrate(arguments) => calibrate::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Replay(arguments) => replay::run(&arguments),
+        Command::Inspect(arguments) => inspect::run(&arguments),
         Command::Apply(arguments) => apply::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Observability(arguments) => observability::run(&arguments),

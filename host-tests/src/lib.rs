@@ -8,6 +8,7 @@
 //! virtual_run, replay -> calibration, signals -> report, table, page -> cli
 //! refusal: what the core has against a scheme
 //! closed_loop, prediction -> plot, monte_carlo -^
+//! inspect: what a log of any columns is
 //! saved: a result read back -> comparison
 //! monitor: the other end of the instrument's serial line, `line` the instrument's own end in this process
 //! plan: finds schemes; prediction then says what the core makes of them
@@ -28,6 +29,7 @@ pub mod encoder;
 pub mod fault_campaign;
 pub mod faults;
 pub mod gimbal_plant;
+pub mod inspect;
 pub mod kinematics;
 pub mod line;
 pub mod log;

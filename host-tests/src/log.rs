@@ -23,7 +23,8 @@ mod writer;
 
 pub use error::{Fault, LogError};
 pub use layout::{FIELDS, Fields, Format, Layout};
-pub use mapping::{Column, EncoderTable, Mapping, Moment, TemperatureTable, TextTable, TimeTable, TriadTable};
+pub use mapping::{Column, EncoderTable, Mapping, Moment, TemperatureTable, TextTable, TimeTable, TriadTable, Wrong};
+pub use parquet::parquet_columns;
 pub use player::LogPlayer;
 pub use reader::{LogReader, LogRow, RawRows};
 pub use text::{header, lines};

@@ -108,29 +108,68 @@ pub struct Prediction {
     software: Software,
 }
 
+/// What is observed, and how well.
+#[derive(Clone, Debug, Serialize)]
+pub struct Observed {
+    /// Directions of the space of the states that the data determine.
+    pub rank: usize,
+    /// States that are estimated.
+    pub states: usize,
+    /// Of the correlation matrix' square root.
+    pub condition_number: f64,
+    /// The largest sigma of Bai's twelve, arcsec.
+    pub worst_arcsec: f64,
+    /// States that are not observed.
+    pub unobserved: Vec<&'static str>,
+    /// The direction that is known least, in words.
+    pub weakest_direction: String,
+    /// Sigmas by name.
+    pub parameters: Named<PredictedSigma>,
+}
+
+impl Observed {
+    /// By the covariance of all states, SI.
+    pub fn new(setup: &Setup, covariance: &Matrix<f64, STATES, STATES>) -> Self {
+        let prior_sigmas = estimated_priors(setup);
+        let covariance = estimated_only(covariance, &prior_sigmas);
+        let (rank, condition_number) = of_covariance(&covariance, &prior_sigmas);
+        let unobserved = unobserved(&covariance, &prior_sigmas);
+        let parameters = predicted(&covariance, &prior_sigmas, 0..PARAMETERS);
+        let twelve = parameters.0.iter().take(INSTALLATION_STATES);
+        Self {
+            rank,
+            states: prior_sigmas.iter().filter(|sigma| **sigma > 0.0).count(),
+            condition_number,
+            worst_arcsec: twelve.fold(0.0, |worst, (_, predicted)| f64::max(worst, predicted.sigma)),
+            weakest_direction: weakest_direction(&covariance, &prior_sigmas, !unobserved.is_empty()),
+            unobserved,
+            parameters,
+        }
+    }
+}
+
 impl Prediction {
     /// Of a unit without errors, level and facing north.
     pub fn new(setup: &Setup, scheme: &Scheme) -> Self {
         let (run, prior_sigmas) = (silent_run(setup, scheme), estimated_priors(setup));
         let foreseen = Foreseen::new(setup, &run);
+        let observed = Observed::new(setup, &foreseen.covariance);
         let covariance = estimated_only(&foreseen.covariance, &prior_sigmas);
-        let (rank, condition_number) = of_covariance(&covariance, &prior_sigmas);
-        let unobserved = unobserved(&covariance, &prior_sigmas);
         let segments = gains(&prior_sigmas, &foreseen.live);
         let below = |gain: &&SegmentGain| gain.worst_arcsec() <= 1.0;
         Self {
             scheme: scheme.name.as_str().into(),
             method: crate::calibration::method_name(setup.method),
             duration_s: run.duration_s(),
-            rank,
-            states: prior_sigmas.iter().filter(|sigma| **sigma > 0.0).count(),
-            condition_number,
+            rank: observed.rank,
+            states: observed.states,
+            condition_number: observed.condition_number,
             worst_arcsec: segments.last().map_or(f64::INFINITY, SegmentGain::worst_arcsec),
             least_possible_arcsec: None,
             time_to_1_arcsec_s: segments.iter().find(below).map(|gain| gain.time_s),
-            weakest_direction: weakest_direction(&covariance, &prior_sigmas, !unobserved.is_empty()),
-            unobserved,
-            parameters: predicted(&covariance, &prior_sigmas, 0..PARAMETERS),
+            weakest_direction: observed.weakest_direction,
+            unobserved: observed.unobserved,
+            parameters: observed.parameters,
             optional_states: predicted(&covariance, &prior_sigmas, PARAMETERS..STATES),
             installation_rank: installation_rank(setup, scheme),
             segments,

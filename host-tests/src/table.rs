@@ -74,12 +74,21 @@ fn state_row(info: &ParameterInfo, cells: Vec<String>) -> Vec<Cell> {
 
 /// A plain table of numbers below their titles.
 pub fn of_numbers(columns: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
-    let right = |text: String| Cell::new(text).set_alignment(CellAlignment::Right);
+    aligned(columns, rows, CellAlignment::Right)
+}
+
+/// A plain table of words below their titles.
+pub fn of_words(columns: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
+    aligned(columns, rows, CellAlignment::Left)
+}
+
+fn aligned(columns: &[&str], rows: impl IntoIterator<Item = Vec<String>>, alignment: CellAlignment) -> String {
+    let cell = |text: String| Cell::new(text).set_alignment(alignment);
     let mut table = Table::new();
     table.load_style(presets::NOTHING);
-    table.set_header(columns.iter().map(|text| right((*text).into())));
+    table.set_header(columns.iter().map(|text| cell((*text).into())));
     for row in rows {
-        table.add_row(row.into_iter().map(right));
+        table.add_row(row.into_iter().map(cell));
     }
     trimmed(&table)
 }

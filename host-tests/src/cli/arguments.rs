@@ -51,6 +51,14 @@ pub enum Command {
         after_help = "Examples:\n  rins replay log.csv.gz --config unit.toml --json cal.json\n  rins replay flight.parquet --mapping map.toml --config unit.toml"
     )]
     Replay(ReplayArguments),
+    /// Say what a log is: columns, rate, gaps, noise, stops and moves, scheme, what is observable
+    ///
+    /// Columns of any names and units are recognized by what they show while the axes turn; the mapping that is proposed
+    /// is good for `replay` and `apply`.
+    #[command(
+        after_help = "Examples:\n  rins inspect log.csv\n  rins inspect foreign.csv --write-mapping map.toml --write-config unit.toml\n  rins replay foreign.csv --mapping map.toml --config unit.toml"
+    )]
+    Inspect(InspectArguments),
     /// Correct a log by a result
     #[command(after_help = "Example: rins apply log.csv --calibration cal.json --out corrected.csv")]
     Apply(ApplyArguments),
@@ -239,6 +247,31 @@ pub struct ReplayArguments {
     /// Write the live estimate after every segment
     #[arg(long, value_name = "OUT.csv")]
     pub csv_estimates: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct InspectArguments {
+    /// The log, of any columns and units: CSV, Parquet or a raw matrix; all but Parquet also compressed with gzip
+    #[arg(value_name = "LOG")]
+    pub log: PathBuf,
+    /// What the log has in which columns and units [default: as it shows]
+    #[arg(long, value_name = "MAP.toml")]
+    pub mapping: Option<PathBuf>,
+    /// Site of the unit, and noise where none is seen [default: Bai's site, noise "navigation"]
+    #[arg(long, value_name = "UNIT.toml")]
+    pub config: Option<PathBuf>,
+    /// Write the mapping that is proposed
+    #[arg(long, value_name = "MAP.toml", conflicts_with = "mapping")]
+    pub write_mapping: Option<PathBuf>,
+    /// Write the unit description, with the noise that is seen
+    #[arg(long, value_name = "UNIT.toml")]
+    pub write_config: Option<PathBuf>,
+    /// Write the scheme that the log follows
+    #[arg(long, value_name = "SCHEME.toml")]
+    pub write_scheme: Option<PathBuf>,
+    /// Write all that is seen
+    #[arg(long, value_name = "OUT.json")]
+    pub json: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]

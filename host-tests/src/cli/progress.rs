@@ -12,7 +12,7 @@ pub fn bar(length: u64, unit: &str) -> ProgressBar {
 
 /// For work of unknown length.
 pub fn counter(unit: &str) -> ProgressBar {
-    let template = format!("{{spinner}} {{human_pos}} {unit}");
+    let template = format!("{{spinner}} {{human_pos}} {unit}  {{msg}}");
     ProgressBar::new_spinner().with_style(style(ProgressStyle::with_template(&template)))
 }
 

@@ -101,6 +101,28 @@ impl Layout {
         Mapping::default().layout(log).expect("the default mapping is right")
     }
 
+    /// The file that a mapping describes, with these columns, ten at most, in place of its fields.
+    ///
+    /// # Errors
+    /// What is wrong in the mapping.
+    pub fn of_columns(mapping: &Mapping, log: &Path, columns: &[Column]) -> Result<Self, Wrong> {
+        let wanted = |field: usize| columns.get(field).map(|column| Wanted { column: column.clone(), required: false });
+        Ok(Self {
+            delimiter: mapping.delimiter()?,
+            decimal_comma: mapping.text.decimal_comma,
+            skip_rows: mapping.text.skip_rows,
+            has_header: mapping.text.header,
+            matrix_columns: mapping.matrix.columns,
+            wanted: std::array::from_fn(wanted),
+            ..Self::standard(log)
+        })
+    }
+
+    /// Whether every row must have a finite number in a field.
+    pub(super) fn must_be_finite(&self, field: usize) -> bool {
+        field != TEMPERATURE && self.wanted[field].as_ref().is_some_and(|wanted| wanted.required)
+    }
+
     /// The sample rate that the mapping gives, Hz.
     pub fn rate_hz(&self) -> Option<f64> {
         self.rate_hz

@@ -1,7 +1,7 @@
 //! Raw little-endian matrices, row by row.
 
 use super::error::{Fault, LogError};
-use super::layout::{FIELDS, Fields, Format, Layout, TEMPERATURE};
+use super::layout::{FIELDS, Fields, Format, Layout};
 use super::mapping::Column;
 use super::reader::{RawRows, open_input};
 use std::io::{BufRead, ErrorKind};
@@ -66,7 +66,7 @@ impl MatrixRows {
     fn parse(&self, fields: &mut Fields) -> Result<(), Fault> {
         for (field, (value, position)) in fields.iter_mut().zip(&self.positions).enumerate() {
             *value = position.map_or(f64::NAN, |position| self.number(position));
-            if position.is_some() && field != TEMPERATURE && !value.is_finite() {
+            if self.layout.must_be_finite(field) && !value.is_finite() {
                 return Err(Fault::NotFinite { column: self.layout.column_name(field), text: value.to_string() });
             }
         }

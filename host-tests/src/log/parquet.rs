@@ -1,7 +1,7 @@
 //! Apache Parquet: columns of numbers, read in batches.
 
 use super::error::{Fault, LogError};
-use super::layout::{FIELDS, Fields, Layout, TEMPERATURE, Wanted};
+use super::layout::{FIELDS, Fields, Layout, Wanted};
 use super::mapping::Column;
 use super::reader::{RawRows, open_file};
 use parquet::basic::Type as PhysicalType;
@@ -95,8 +95,7 @@ impl ParquetRows {
     fn take(&mut self, fields: &mut Fields) -> Result<(), Fault> {
         for (field, (value, values)) in fields.iter_mut().zip(&self.batch).enumerate() {
             *value = values.get(self.next_in_batch).copied().unwrap_or(f64::NAN);
-            let there = self.columns[field].is_some() && field != TEMPERATURE;
-            if there && !value.is_finite() {
+            if self.layout.must_be_finite(field) && !value.is_finite() {
                 let column = self.layout.column_name(field);
                 let text = value.to_string();
                 return Err(if is_null(*value) { Fault::Null { column } } else { Fault::NotFinite { column, text } });
@@ -141,13 +140,28 @@ fn find(columns: &[ColumnDescPtr], wanted: Option<&Wanted>) -> Result<Option<(us
         return if *required { Err(Fault::MissingColumn(column.to_string())) } else { Ok(None) };
     };
     let description = &columns[position];
-    let numbers = [PhysicalType::INT32, PhysicalType::INT64, PhysicalType::FLOAT, PhysicalType::DOUBLE];
-    if description.max_rep_level() > 0 || !numbers.contains(&description.physical_type()) {
+    if !holds_numbers(description) {
         let kind = if description.max_rep_level() > 0 { "lists" } else { "values of type" };
         let found = format!("{kind} {}", description.physical_type());
         return Err(Fault::NotNumbers { column: column.to_string(), found });
     }
     Ok(Some((position, description.clone())))
+}
+
+fn holds_numbers(column: &ColumnDescPtr) -> bool {
+    let numbers = [PhysicalType::INT32, PhysicalType::INT64, PhysicalType::FLOAT, PhysicalType::DOUBLE];
+    column.max_rep_level() == 0 && numbers.contains(&column.physical_type())
+}
+
+/// Names of the columns of numbers.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn parquet_columns(path: &Path) -> Result<Vec<String>, LogError> {
+    let file = SerializedFileReader::new(open_file(path)?).map_err(|error| LogError::at(path, 1, of(&error)))?;
+    let columns = file.metadata().file_metadata().schema_descr().columns();
+    let numbers = columns.iter().filter(|column| holds_numbers(column));
+    Ok(numbers.map(|column| column.path().string()).collect())
 }
 
 fn read_values(reader: &mut ColumnReader, description: &ColumnDescPtr, values: &mut Vec<f64>) -> Result<(), Fault> {

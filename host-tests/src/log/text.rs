@@ -154,8 +154,8 @@ impl TextRows {
     }
 
     fn value(&self, field: usize, text: &[u8]) -> Result<f64, Fault> {
-        let required = self.layout.wanted[field].as_ref().is_some_and(|wanted| wanted.required);
-        if text.is_empty() && field == super::layout::TEMPERATURE {
+        let required = self.layout.must_be_finite(field);
+        if text.is_empty() && !required {
             return Ok(f64::NAN);
         }
         let column = || self.layout.column_name(field);
@@ -163,7 +163,7 @@ impl TextRows {
             Ok(text) => Fault::NotANumber { column: column(), text: text.into() },
             Err(_) => Fault::NotUtf8 { column: column() },
         })?;
-        if required && !number.is_finite() && field != super::layout::TEMPERATURE {
+        if required && !number.is_finite() {
             return Err(Fault::NotFinite { column: column(), text: String::from_utf8_lossy(text).into() });
         }
         Ok(number)

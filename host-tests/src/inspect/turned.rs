@@ -1,0 +1,100 @@
+//! The scheme that a log's stops and moves follow.
+
+use rins_selfcal::angle::ticks_to_rad;
+use rins_selfcal::scheme::library::LIBRARY;
+use rins_selfcal::scheme::{Leg, MAX_LEGS, Scheme};
+use rins_selfcal::segment::{GUARD_S, Segment, SegmentKind};
+use rins_selfcal::units::DEG;
+use serde::Serialize;
+
+/// Angles that are this near belong to one scheme, rad.
+const SAME_RAD: f64 = 0.5 * DEG;
+/// Most periods of a library scheme that are recognized.
+const PERIODS: u8 = 4;
+/// Decimals of a stop's time.
+const TENTHS: f64 = 10.0;
+
+/// A scheme of the library beside the log's.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Likeness {
+    /// Its name.
+    pub name: &'static str,
+    /// How often it is run.
+    pub periods: u8,
+    /// Largest difference of an angle at a stop, deg.
+    pub apart_deg: f64,
+    /// Mean time of the log's stops, and of its own, s.
+    pub stops_s: [f64; 2],
+}
+
+/// Angles of every stop after the first, rad, and its time, s.
+fn stops(segments: &[Segment<f64>]) -> Vec<Leg> {
+    let mut at = [0.0; 2];
+    let mut stops = Vec::new();
+    for segment in segments {
+        match segment.kind {
+            SegmentKind::Move => at = [at[0] + segment.gimbals.outer, at[1] + segment.gimbals.inner],
+            SegmentKind::Stop => {
+                if stops.is_empty() {
+                    at = [segment.outer, segment.inner].map(|angle| ticks_to_rad(i64::from(angle.ticks() as i32)));
+                }
+                let stop_s = ((segment.duration_s() + GUARD_S) * TENTHS).round() / TENTHS;
+                stops.push(Leg { outer_rad: rounded(at[0]), inner_rad: rounded(at[1]), stop_s });
+            }
+        }
+    }
+    stops
+}
+
+/// Whole degrees where that is meant.
+fn rounded(angle_rad: f64) -> f64 {
+    let degrees = angle_rad / DEG;
+    let near = if (degrees - degrees.round()).abs() < 0.05 { degrees.round() } else { (degrees * 1e3).round() / 1e3 };
+    near * DEG
+}
+
+/// The scheme, by its stops and the pace of its moves; `None` where it does not start at (0, 0), is too long, or does not
+/// move.
+pub fn scheme(segments: &[Segment<f64>], pace: [f64; 2]) -> Option<Scheme> {
+    let stops = stops(segments);
+    let first = stops.first().filter(|first| (first.outer_rad, first.inner_rad) == (0.0, 0.0))?;
+    if stops.len() > MAX_LEGS + 1 {
+        return None;
+    }
+    let two_digits = |rate: f64| format!("{:.1e}", rate / DEG).parse().unwrap_or(rate / DEG) * DEG;
+    let mut scheme = Scheme {
+        name: "seen".try_into().ok()?,
+        rate_rad_s: two_digits(pace[0]),
+        acceleration_rad_s2: two_digits(pace[1]),
+        first_stop_s: first.stop_s,
+        legs: stops[1..].iter().copied().collect(),
+        periods: 1,
+    };
+    if let Some(likeness) = nearest(segments).filter(|likeness| likeness.apart_deg * DEG < SAME_RAD) {
+        scheme.name = likeness.name.try_into().ok()?;
+    }
+    scheme.check().is_ok().then_some(scheme)
+}
+
+/// The scheme of the library with as many moves whose angles differ least.
+pub fn nearest(segments: &[Segment<f64>]) -> Option<Likeness> {
+    let found = stops(segments);
+    let first = *found.first()?;
+    let likeness = |name: &'static str, periods: u8| {
+        let scheme = Scheme { periods, ..Scheme::named(name)? };
+        let legs: Vec<Leg> = (0..).map_while(|index| scheme.leg(index)).collect();
+        if legs.len() + 1 != found.len() || scheme.check().is_err() {
+            return None;
+        }
+        let apart = |(leg, stop): (&Leg, &Leg)| {
+            let turns =
+                [stop.outer_rad - first.outer_rad - leg.outer_rad, stop.inner_rad - first.inner_rad - leg.inner_rad];
+            turns[0].abs().max(turns[1].abs())
+        };
+        let apart_rad = legs.iter().zip(&found[1..]).map(apart).fold(0.0, f64::max);
+        let mean = |legs: &[Leg]| legs.iter().map(|leg| leg.stop_s).sum::<f64>() / legs.len() as f64;
+        Some(Likeness { name, periods, apart_deg: apart_rad / DEG, stops_s: [mean(&found[1..]), mean(&legs)] })
+    };
+    let all = LIBRARY.iter().flat_map(|entry| (1..=PERIODS).filter_map(move |periods| likeness(entry.name, periods)));
+    all.min_by(|a, b| a.apart_deg.total_cmp(&b.apart_deg))
+}
