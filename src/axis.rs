@@ -24,8 +24,8 @@ use serde::{Deserialize, Serialize};
 
 /// What angles of a scheme and limits of the travel may differ by where they are meant to be the same, rad.
 pub const ROUNDING_RAD: f64 = 1e-9;
-/// Highest rate that a drive can be told, rad/s: nanoradians per second in 32 bits.
-const HIGHEST_RATE_RAD_S: f64 = i32::MAX as f64 * 1e-9;
+/// Highest rate that an axis may have, rad/s: the range of the IMU's gyros.
+const HIGHEST_RATE_RAD_S: f64 = 125.0 * DEG;
 /// Periods without a believable reading that are bridged.
 const BRIDGED_PERIODS: u8 = 2;
 /// Rate, of the highest, at which an axis is taken to go at most between two readings.
@@ -63,8 +63,7 @@ pub struct AxisLimits {
 }
 
 impl AxisLimits {
-    /// Whether every number is finite, every limit positive, the rate one that a drive can be told, and the travel not
-    /// empty.
+    /// Whether every number is finite, every limit positive, the rate within the gyros' range, and the travel not empty.
     pub fn are_valid(&self) -> bool {
         let positive = [
             self.rate_rad_s,

@@ -60,14 +60,14 @@ pub struct Sensed {
 pub struct GimbalStatus {
     /// Time of the last control period, us.
     pub time_us: u64,
+    /// Commands that the control has taken since the start; wraps.
+    pub commands: u16,
     /// Both stand where they were told to go.
     pub arrived: bool,
     /// Neither turns, as far as can be known.
     pub at_rest: bool,
     /// Nominal duration of the move under way, us.
     pub move_us: u64,
-    /// Distance of the outer and the inner axis from where they should be, rad.
-    pub following_rad: [f64; 2],
     /// What stopped them.
     pub fault: Option<Fault>,
 }
@@ -151,7 +151,7 @@ impl<T: Real> Gimbal<T> {
             arrived: !waits && self.axes.iter().all(|axis| axis.has_arrived(now_us)),
             at_rest: !waits && self.axes.iter().all(|axis| axis.is_at_rest(now_us)),
             move_us: self.move_us,
-            following_rad: self.axes.each_ref().map(|axis| axis.off_rad(now_us)),
+            commands: 0,
             fault,
         }
     }

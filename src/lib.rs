@@ -4,13 +4,14 @@
 //! data-ready interrupt                                main loop
 //! drivers -> acquisition -> queue->| intake -> segment -> measurement -> kalman -> estimator -> verdict -> store
 //!                                  |    '------------- calibrator -------------'
-//!                                  | sequencer -> axis -> device
+//!                                  | sequencer -> motion commands
 //!                                  '---------------- self_calibration ------------------------> telemetry
 //! ```
 //! Rooms decide and return values; only drivers touch pins. Time is an argument. Dictionaries, which every room may use:
 //! `units`, `angle`, `linear`, `site`, `sample`, `error_model`, `profile`, `scheme`, `method`, `policy`.
 //!
-//! The control interrupt, once a millisecond: encoders -> gimbal (both axes, faults) -> axis (profile) -> servo -> bridges.
+//! The control interrupt, once a millisecond, is `control`: encoders -> gimbal (both axes, faults) -> axis (profile) -> servo
+//! -> bridges. Its angles go through `angle_history` into the samples.
 //!
 //! Beside the estimator: `options` (further states), `scatter` and `white_noise` (what a stop shows of it), `weighting`
 //! (gains of the two-stage method), `constancy` (tests for change), `observability`, and `rehearsal`, which before anything
@@ -34,7 +35,7 @@ pub mod assignment;
 pub mod axis;
 pub mod calibrator;
 pub mod constancy;
-pub mod device;
+pub mod control;
 pub mod drivers;
 pub mod error_model;
 pub mod estimator;
@@ -51,7 +52,6 @@ pub mod options;
 pub mod policy;
 pub mod profile;
 pub mod queue;
-pub mod rate_axis;
 pub mod rehearsal;
 pub mod sample;
 pub mod scatter;

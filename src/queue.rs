@@ -3,6 +3,7 @@
 //! Its two ends are types of their own: one producer, one consumer. Every sample that does not get through is counted by
 //! its reason; the producer counts, the consumer reads.
 
+use crate::gimbal::GimbalStatus;
 use crate::linear::Real;
 use crate::sample::RawSample;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -22,6 +23,15 @@ pub enum Loss {
     Status,
     /// The IMU's sample number says that it was not read in time.
     Unread,
+}
+
+/// A sample, and how the gimbal was when it came.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Observed<T: Real> {
+    /// The sample.
+    pub sample: RawSample<T>,
+    /// The gimbal.
+    pub gimbal: GimbalStatus,
 }
 
 /// How many samples are missing since the start, by reason. Each counter stops at its greatest value.
@@ -58,7 +68,7 @@ struct Counters {
 
 /// Memory of the queue; holds `N - 1` samples.
 pub struct SampleQueue<T: Real, const N: usize> {
-    samples: spsc::Queue<RawSample<T>, N>,
+    samples: spsc::Queue<Observed<T>, N>,
     counters: Counters,
 }
 
@@ -98,7 +108,7 @@ fn has_memory(capacity: usize) -> bool {
 
 /// The interrupt's end.
 pub struct SampleProducer<'q, T: Real> {
-    samples: spsc::Producer<'q, RawSample<T>>,
+    samples: spsc::Producer<'q, Observed<T>>,
     counters: &'q Counters,
 }
 
@@ -107,7 +117,7 @@ impl<T: Real> SampleProducer<'_, T> {
     ///
     /// # Errors
     /// [`Loss::Overrun`], already counted.
-    pub fn push(&mut self, sample: RawSample<T>) -> Result<(), Loss> {
+    pub fn push(&mut self, sample: Observed<T>) -> Result<(), Loss> {
         if has_memory(self.samples.capacity()) && self.samples.enqueue(sample).is_ok() {
             let deepest = &self.counters.deepest;
             deepest.store(deepest.load(Ordering::Relaxed).max(self.samples.len() as u32), Ordering::Relaxed);
@@ -133,13 +143,13 @@ impl<T: Real> SampleProducer<'_, T> {
 
 /// The main loop's end.
 pub struct SampleConsumer<'q, T: Real> {
-    samples: spsc::Consumer<'q, RawSample<T>>,
+    samples: spsc::Consumer<'q, Observed<T>>,
     counters: &'q Counters,
 }
 
 impl<T: Real> SampleConsumer<'_, T> {
     /// The oldest sample.
-    pub fn pop(&mut self) -> Option<RawSample<T>> {
+    pub fn pop(&mut self) -> Option<Observed<T>> {
         if has_memory(self.samples.capacity()) { self.samples.dequeue() } else { None }
     }
 
@@ -170,8 +180,8 @@ impl<T: Real> SampleConsumer<'_, T> {
 mod tests {
     use super::*;
 
-    fn sample(time_us: u64) -> RawSample<f32> {
-        RawSample { time_us, ..RawSample::default() }
+    fn sample(time_us: u64) -> Observed<f32> {
+        Observed { sample: RawSample { time_us, ..RawSample::default() }, ..Observed::default() }
     }
 
     #[test]
@@ -189,7 +199,7 @@ mod tests {
             let popped = core::iter::from_fn(|| {
                 loop {
                     match consumer.pop() {
-                        Some(sample) => return Some(sample.time_us),
+                        Some(observed) => return Some(observed.sample.time_us),
                         None => std::thread::yield_now(),
                     }
                 }
@@ -206,7 +216,7 @@ mod tests {
         assert_eq!(pushed, [true, true, true, false, false]);
         assert_eq!(consumer.losses(), Losses { overrun: 2, ..Losses::default() });
         assert_eq!(consumer.deepest(), 3);
-        assert!((0..3).all(|time_us| consumer.pop().map(|sample| sample.time_us) == Some(time_us)));
+        assert!((0..3).all(|time_us| consumer.pop().map(|observed| observed.sample.time_us) == Some(time_us)));
         assert!(consumer.is_empty());
     }
 

@@ -278,6 +278,8 @@ pub struct SelfCalibration<'c, T: Real, const STATES: usize = BASIC_STATES> {
     heard: Option<Heard>,
     /// Where the outer and the inner axis were when they were last seen to move.
     standing: Option<[Angle; 2]>,
+    /// Commands given to the gimbal; wraps.
+    commands: u16,
     /// The fault of the gimbal that was told last.
     told: Option<Fault>,
     enough: Option<bool>,
@@ -310,6 +312,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             previous: None,
             heard: None,
             standing: None,
+            commands: 0,
             told: None,
             enough: None,
             solution: None,
@@ -334,6 +337,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             return Step { motion: None, corrected: None, save: false };
         }
         let previous = self.previous.replace(*sample);
+        let gimbal = &self.as_commanded(gimbal);
         self.tell_fault(gimbal, report);
         if self.measuring
             && let Some(progress) = self.calibrator.measure(sample)
@@ -357,7 +361,6 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         gimbal: &GimbalStatus,
         report: &mut impl FnMut(&Message),
     ) -> Option<MotionCommand> {
-        self.tell_fault(gimbal, report);
         let sample_us = self.previous.map_or(0, |sample| sample.time_us);
         let heard = *self.heard.get_or_insert(Heard { board_us, sample_us });
         if heard.sample_us != sample_us {
@@ -369,6 +372,8 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             return None;
         }
         let (state, now_us) = (self.sequencer.state(), sample_us.saturating_add(silent_us));
+        let gimbal = &self.as_commanded(gimbal);
+        self.tell_fault(gimbal, report);
         self.calibrator.resume();
         // An axis that has failed is the better reason.
         let reason = gimbal.fault.map_or(AbortReason::SampleLoss, AbortReason::Gimbal);
@@ -378,13 +383,16 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         motion
     }
 
+    /// How the gimbal is; where it has not taken the last command yet, it is on its way.
+    fn as_commanded(&self, gimbal: &GimbalStatus) -> GimbalStatus {
+        if gimbal.commands == self.commands { *gimbal } else { GimbalStatus::default() }
+    }
+
     /// Says what stopped the axes, once.
     fn tell_fault(&mut self, gimbal: &GimbalStatus, report: &mut impl FnMut(&Message)) {
         if self.told != gimbal.fault {
             self.told = gimbal.fault;
-            if let Some(fault) = gimbal.fault {
-                report(&Message::Fault(fault));
-            }
+            gimbal.fault.into_iter().for_each(|fault| report(&Message::Fault(fault)));
         }
     }
 
@@ -577,7 +585,9 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
                 }
             }
         }
-        self.motion(command)
+        let motion = self.motion(command);
+        self.commands = self.commands.wrapping_add(motion.is_some().into());
+        motion
     }
 
     /// What a command means for the gimbal. One that has stopped for a fault of its own does so in its own way.

@@ -1,7 +1,6 @@
 //! Time per sample of the virtual RINS, at rest and turning, and per row of a log written and read: `cargo bench --bench plant_speed`.
 
 use host_tests::log::{LogError, LogReader, LogWriter};
-use host_tests::plant::Plant;
 use host_tests::presets::real;
 use host_tests::unit::Noise;
 use host_tests::virtual_rins::{Effects, VirtualRins, VirtualUnit};

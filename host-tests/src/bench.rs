@@ -1,20 +1,26 @@
-//! The instrument's devices around a [`Plant`]: an ADIS16495-1, two BiSS-C encoders of 32 bits and two rate drives.
+//! The instrument's devices around a [`Plant`]: an ADIS16495-1, two BiSS-C encoders of 26 bits and two motor bridges, and what
+//! may fail of them.
 //!
-//! The encoders hold the angles at the stamp of the IMU's last sample. The IMU samples as often as the plant does, whatever
-//! its decimation has been set to.
+//! Time goes by in control periods. The IMU samples as often as the plant does, whatever its decimation has been set to.
 
 use crate::chips::adis16495::{Adis16495Chip, Model, flag};
 use crate::chips::biss::BissChip;
+use crate::chips::bridge::{BridgeChip, DUTY_STEPS, Output};
 use crate::chips::exchange;
-use crate::plant::{Plant, Reading};
+use crate::plant::{Plant, Tick};
 use embedded_hal::delay::DelayNs;
-use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
+use embedded_hal::digital::{self, InputPin, OutputPin};
+use embedded_hal::pwm::{self, SetDutyCycle};
+use embedded_hal::spi::{self, Operation, SpiDevice};
 use rins_selfcal::acquisition::Acquisition;
-use rins_selfcal::device::{COMMAND_RATE, CRC_SHORT, DRIVE_FRAME_BYTES, RateDrive, STATUS_OK, STATUS_REFUSED};
-use rins_selfcal::drivers::adis16495::{Adis16495, BURST_BYTES, Settings};
-use rins_selfcal::drivers::biss::{BissEncoder, Mounting, Resolution};
+use rins_selfcal::control::Control;
+use rins_selfcal::drivers::adis16495::{Adis16495, BURST_BYTES, Clock, Settings};
+use rins_selfcal::drivers::biss::{BissEncoder, CAPTURE_BYTES, Mounting, Resolution};
+use rins_selfcal::drivers::bridge::Bridge;
+use rins_selfcal::gimbal::Gimbal;
 use rins_selfcal::linear::Real;
 use rins_selfcal::queue::SampleProducer;
+use rins_selfcal::servo::PERIOD_US;
 use std::cell::RefCell;
 use std::convert::Infallible;
 use std::rc::Rc;
@@ -28,51 +34,162 @@ pub enum Chip {
     OuterEncoder,
     /// Encoder of the inner axis.
     InnerEncoder,
-    /// Drive of the outer axis.
-    OuterDrive,
-    /// Drive of the inner axis.
-    InnerDrive,
-    /// The data-ready line of the IMU: high at the edge, low if the instrument is switched off and none will come.
-    DataReady,
+    /// Not a chip, but a control period with all that the emulated control interrupt exchanges, in one transfer: see
+    /// [`PERIOD_BYTES`].
+    Period,
 }
+
+/// Length of the transfer of a period. Sent: the pins of the outer and the inner bridge for the period that begins, three
+/// bytes each: duty, low byte first, then direction (1) and enable (2). Received: at its end bits of [`input`], and what the
+/// outer and the inner encoder say.
+pub const PERIOD_BYTES: usize = 1 + 2 * CAPTURE_BYTES;
 
 impl Chip {
     /// The chips in the order of their numbers on the emulator's bus.
-    pub const ALL: [Self; 6] =
-        [Self::Imu, Self::OuterEncoder, Self::InnerEncoder, Self::OuterDrive, Self::InnerDrive, Self::DataReady];
+    pub const ALL: [Self; 4] = [Self::Imu, Self::OuterEncoder, Self::InnerEncoder, Self::Period];
+}
+
+/// Bits of the inputs.
+pub mod input {
+    /// The instrument is switched on.
+    pub const POWERED: u8 = 1;
+    /// The data-ready line had an edge.
+    pub const DATA_READY: u8 = 2;
+    /// The fault lines of the outer and the inner bridge, high if there is none.
+    pub const FAULT: [u8; 2] = [4, 8];
+}
+
+/// What fails of an encoder or a bridge.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Trouble {
+    /// The encoder does not answer.
+    EncoderSilent,
+    /// Every so many frames of the encoder one is damaged.
+    EncoderCrc(u32),
+    /// The encoder reports an error.
+    EncoderAlarm,
+    /// The encoder repeats its last angle, in good frames.
+    EncoderFrozen,
+    /// The encoder is off by this much, deg.
+    EncoderSlip(f64),
+    /// The encoder counts the other way.
+    EncoderReversed,
+    /// The bridge gives this part of its duty.
+    Weak(f64),
+    /// The motor turns the other way.
+    MotorReversed,
+    /// The bridge keeps its last duty, while it is not switched off.
+    BridgeStuck,
+    /// The bridge gives all it has, whatever it is told, while it is not switched off.
+    BridgeFull,
+    /// The bridge finds too much current.
+    Overcurrent,
+    /// The bridge is dead and does not say so.
+    BridgeDead,
 }
 
 /// Spoils the bytes of a transfer, after the chip has answered.
 pub type Damage = Box<dyn FnMut(Chip, &mut [u8])>;
 
+/// The devices of one axis.
+struct AxisChips {
+    encoder: BissChip,
+    bridge: BridgeChip,
+    trouble: Option<Trouble>,
+    /// What the encoder sees, rad.
+    seen_rad: f64,
+    /// Where it froze, rad.
+    frozen_rad: f64,
+    frames: u32,
+    output: Output,
+}
+
+impl AxisChips {
+    fn new() -> Self {
+        Self {
+            encoder: BissChip::new(26),
+            bridge: BridgeChip::default(),
+            trouble: None,
+            seen_rad: 0.0,
+            frozen_rad: 0.0,
+            frames: 0,
+            output: Output::Open,
+        }
+    }
+
+    fn set_trouble(&mut self, trouble: Option<Trouble>) {
+        self.trouble = trouble;
+        self.frozen_rad = self.seen_rad;
+        self.encoder.dead = trouble == Some(Trouble::EncoderSilent);
+        self.encoder.error = trouble == Some(Trouble::EncoderAlarm);
+    }
+
+    fn clock_encoder(&mut self, frame: &mut [u8]) {
+        self.frames = self.frames.wrapping_add(1);
+        let angle_rad = match self.trouble {
+            Some(Trouble::EncoderFrozen) => self.frozen_rad,
+            Some(Trouble::EncoderSlip(slip_deg)) => self.seen_rad + slip_deg.to_radians(),
+            Some(Trouble::EncoderReversed) => -self.seen_rad,
+            _ => self.seen_rad,
+        };
+        self.encoder.clock(angle_rad, frame);
+        if let Some(Trouble::EncoderCrc(every)) = self.trouble
+            && self.frames.is_multiple_of(every)
+        {
+            frame[4] ^= 1;
+        }
+    }
+
+    /// What the winding gets in the period to come.
+    fn drive(&mut self) -> Output {
+        self.bridge.overcurrent |= self.trouble == Some(Trouble::Overcurrent) && self.bridge.enabled;
+        let told = self.bridge.output();
+        let on = told != Output::Open;
+        self.output = match (self.trouble, told) {
+            (Some(Trouble::BridgeStuck), _) if on => self.output,
+            (Some(Trouble::BridgeFull), _) if on => Output::Driven(1.0),
+            (Some(Trouble::BridgeDead), _) => Output::Open,
+            (Some(Trouble::Weak(part)), Output::Driven(duty)) => Output::Driven(part * duty),
+            (Some(Trouble::MotorReversed), Output::Driven(duty)) => Output::Driven(-duty),
+            _ => told,
+        };
+        self.output
+    }
+}
+
 /// The chips and the plant they measure and drive.
 pub struct Bench<P> {
     plant: P,
-    reading: Option<Reading>,
+    periods: u64,
+    data_ready: bool,
     samples: u32,
     imu: Adis16495Chip,
-    encoder: BissChip,
-    rates_nrad_s: [i32; 2],
+    axes: [AxisChips; 2],
     damage: Option<Damage>,
 }
 
 impl<P: Plant> Bench<P> {
-    /// The bench around `plant`; the axes are at rest.
+    /// The bench around `plant`; the bridges are off.
     pub fn new(plant: P) -> Self {
         Self {
             plant,
-            reading: None,
+            periods: 0,
+            data_ready: false,
             samples: 0,
             imu: Adis16495Chip::new(Model::ADIS16495_1),
-            encoder: BissChip::new(32),
-            rates_nrad_s: [0; 2],
+            axes: [AxisChips::new(), AxisChips::new()],
             damage: None,
         }
     }
 
-    /// Lets `damage` spoil all measurements and commands from here on; setting up the IMU is left alone.
+    /// Lets `damage` spoil all measurements from here on; setting up the IMU is left alone.
     pub fn damage(&mut self, damage: impl FnMut(Chip, &mut [u8]) + 'static) {
         self.damage = Some(Box::new(damage));
+    }
+
+    /// Lets something fail of an axis, or mends it.
+    pub fn set_trouble(&mut self, axis: usize, trouble: Option<Trouble>) {
+        self.axes[axis].set_trouble(trouble);
     }
 
     /// Samples the IMU has given.
@@ -80,9 +197,29 @@ impl<P: Plant> Bench<P> {
         self.samples
     }
 
+    /// Time, us.
+    pub fn now_us(&self) -> u64 {
+        self.periods * PERIOD_US
+    }
+
+    /// What the windings of the outer and the inner motor got in the last period.
+    pub fn outputs(&self) -> [Output; 2] {
+        self.axes.each_ref().map(|axis| axis.output)
+    }
+
+    /// Times that a direction changed while its PWM was on.
+    pub fn hard_turns(&self) -> u32 {
+        self.axes.iter().map(|axis| axis.bridge.hard_turns).sum()
+    }
+
     /// The plant.
     pub fn plant(&self) -> &P {
         &self.plant
+    }
+
+    /// The plant.
+    pub fn plant_mut(&mut self) -> &mut P {
+        &mut self.plant
     }
 
     /// Gives the plant back.
@@ -90,48 +227,66 @@ impl<P: Plant> Bench<P> {
         self.plant
     }
 
-    /// The next data-ready edge, if the instrument is still switched on: its time, us.
-    pub fn next_edge(&mut self) -> Option<u64> {
-        self.reading = self.plant.next_reading();
-        let reading = self.reading.as_ref()?;
-        if !reading.omega_g.iter().chain(&reading.force_a).all(|number| number.is_finite()) {
-            self.imu.raise(flag::SENSOR);
+    /// Lets a control period go by; whether the instrument is still switched on.
+    pub fn period(&mut self) -> bool {
+        let outputs = self.axes.each_mut().map(AxisChips::drive);
+        let Some(Tick { encoders_rad, reading }) = self.plant.advance(outputs) else { return false };
+        self.periods += 1;
+        for (axis, seen_rad) in self.axes.iter_mut().zip(encoders_rad) {
+            axis.seen_rad = seen_rad;
         }
-        self.imu.sample(reading.omega_g, reading.force_a, reading.temperature_c.into());
-        self.samples = self.samples.wrapping_add(1);
-        Some(reading.time_us + Settings::default().lag_us())
+        self.data_ready = reading.is_some();
+        if let Some(reading) = reading {
+            if !reading.omega_g.iter().chain(&reading.force_a).all(|number| number.is_finite()) {
+                self.imu.raise(flag::SENSOR);
+            }
+            self.imu.sample(reading.omega_g, reading.force_a, reading.temperature_c.into());
+            self.samples = self.samples.wrapping_add(1);
+        }
+        true
+    }
+
+    /// Whether the data-ready line had an edge in the last period.
+    pub fn data_ready(&self) -> bool {
+        self.data_ready
     }
 
     /// One transfer: `frame` holds what the master sends, and after it what the chip does.
     pub fn transfer(&mut self, chip: Chip, frame: &mut [u8]) {
-        let is_spared = chip == Chip::DataReady || chip == Chip::Imu && frame.len() != BURST_BYTES;
-        let angle_rad = |of: fn(&Reading) -> f64| self.reading.as_ref().map_or(0.0, of);
+        let is_spared = chip == Chip::Imu && frame.len() != BURST_BYTES;
         match chip {
             Chip::Imu => self.imu.transfer(frame),
-            Chip::OuterEncoder => self.encoder.clock(angle_rad(|reading| reading.outer_rad), frame),
-            Chip::InnerEncoder => self.encoder.clock(angle_rad(|reading| reading.inner_rad), frame),
-            Chip::OuterDrive => self.command(0, frame),
-            Chip::InnerDrive => self.command(1, frame),
-            Chip::DataReady => frame.fill(self.next_edge().is_some().into()),
+            Chip::OuterEncoder => self.axes[0].clock_encoder(frame),
+            Chip::InnerEncoder => self.axes[1].clock_encoder(frame),
+            Chip::Period => return self.exchange(frame),
         }
         if let Some(damage) = self.damage.as_mut().filter(|_| !is_spared) {
             damage(chip, frame);
         }
     }
 
-    fn command(&mut self, axis: usize, frame: &mut [u8]) {
-        let Ok(frame) = <&mut [u8; DRIVE_FRAME_BYTES]>::try_from(&mut *frame) else { return frame.fill(0xff) };
-        if frame[0] != COMMAND_RATE {
-            return frame.fill(0xff);
+    fn exchange(&mut self, frame: &mut [u8]) {
+        let Ok(frame) = <&mut [u8; PERIOD_BYTES]>::try_from(frame) else { return };
+        for (axis, pins) in self.axes.iter_mut().zip(frame.as_chunks::<3>().0) {
+            let [low, high, pins] = *pins;
+            axis.bridge.set(u16::from_le_bytes([low, high]), pins & 1 != 0, pins & 2 != 0);
         }
-        let accepted = CRC_SHORT.checksum(&frame[..5]) == frame[5];
-        if accepted {
-            self.rates_nrad_s[axis] = i32::from_le_bytes([frame[1], frame[2], frame[3], frame[4]]);
-            self.plant.command_rates(self.rates_nrad_s.map(|rate| f64::from(rate) * 1e-9));
+        let (inputs, captures) = frame.split_first_mut().expect("its length is known");
+        *inputs = self.inputs();
+        for (chip, capture) in
+            [Chip::OuterEncoder, Chip::InnerEncoder].into_iter().zip(captures.chunks_mut(CAPTURE_BYTES))
+        {
+            self.transfer(chip, capture);
         }
-        frame.fill(0);
-        frame[6] = if accepted { STATUS_OK } else { STATUS_REFUSED };
-        frame[7] = CRC_SHORT.checksum(&frame[6..7]);
+    }
+
+    fn inputs(&mut self) -> u8 {
+        if !self.period() {
+            return 0;
+        }
+        let faults = self.axes.iter().zip(input::FAULT).filter(|(axis, _)| axis.bridge.fault_line());
+        let ready = if self.data_ready { input::DATA_READY } else { 0 };
+        faults.fold(input::POWERED | ready, |bits, (_, bit)| bits | bit)
     }
 }
 
@@ -151,7 +306,7 @@ impl<P: Plant> BenchSpi<P> {
     }
 }
 
-impl<P> ErrorType for BenchSpi<P> {
+impl<P> spi::ErrorType for BenchSpi<P> {
     type Error = Infallible;
 }
 
@@ -159,6 +314,77 @@ impl<P: Plant> SpiDevice for BenchSpi<P> {
     fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
         exchange(operations, |bytes| self.bench.borrow_mut().transfer(self.chip, bytes));
         Ok(())
+    }
+}
+
+/// Which pin of a bridge.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Role {
+    Pwm,
+    Direction,
+    Enable,
+    Fault,
+}
+
+/// A pin of a bridge on a shared bench.
+pub struct BenchPin<P> {
+    bench: SharedBench<P>,
+    axis: usize,
+    role: Role,
+}
+
+impl<P: Plant> BenchPin<P> {
+    fn change(&mut self, change: impl FnOnce(&mut BridgeChip)) {
+        let mut pins = self.bench.borrow().axes[self.axis].bridge;
+        change(&mut pins);
+        self.bench.borrow_mut().axes[self.axis].bridge.set(pins.duty, pins.forward, pins.enabled);
+    }
+
+    fn set(&mut self, high: bool) {
+        let role = self.role;
+        self.change(|pins| match role {
+            Role::Direction => pins.forward = high,
+            Role::Enable => pins.enabled = high,
+            Role::Pwm | Role::Fault => {}
+        });
+    }
+}
+
+impl<P> pwm::ErrorType for BenchPin<P> {
+    type Error = Infallible;
+}
+
+impl<P: Plant> SetDutyCycle for BenchPin<P> {
+    fn max_duty_cycle(&self) -> u16 {
+        DUTY_STEPS
+    }
+    fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
+        self.change(|pins| pins.duty = duty);
+        Ok(())
+    }
+}
+
+impl<P> digital::ErrorType for BenchPin<P> {
+    type Error = Infallible;
+}
+
+impl<P: Plant> OutputPin for BenchPin<P> {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.set(false);
+        Ok(())
+    }
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.set(true);
+        Ok(())
+    }
+}
+
+impl<P: Plant> InputPin for BenchPin<P> {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok(self.bench.borrow().axes[self.axis].bridge.fault_line())
+    }
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        self.is_high().map(|high| !high)
     }
 }
 
@@ -170,53 +396,35 @@ impl DelayNs for NoDelay {
 }
 
 /// The acquisition of a bench: what the data-ready interrupt runs on the board.
-pub type BenchAcquisition<'q, T, P> = Acquisition<'q, T, BenchSpi<P>, BenchSpi<P>, BenchSpi<P>>;
+pub type BenchAcquisition<'q, T, P> = Acquisition<'q, T, BenchSpi<P>>;
+/// A bridge of a bench.
+pub type BenchBridge<P> = Bridge<BenchPin<P>, BenchPin<P>, BenchPin<P>, BenchPin<P>>;
+/// The control of a bench: what the control interrupt runs on the board.
+pub type BenchControl<T, P> = Control<T, BenchSpi<P>, BenchBridge<P>>;
 
-/// The drivers of a bench, put together as on the board: what the interrupt has, and the drives (outer, inner).
+/// The acquisition of a bench whose plant samples `rate_hz` times a second.
 ///
 /// # Panics
 /// The IMU does not start.
-pub fn drivers<'q, T: Real, P: Plant>(
+pub fn acquisition<'q, T: Real, P: Plant>(
     bench: &SharedBench<P>,
+    rate_hz: f64,
     producer: SampleProducer<'q, T>,
-) -> (BenchAcquisition<'q, T, P>, [RateDrive<BenchSpi<P>>; 2]) {
-    let spi = |chip| BenchSpi::new(bench, chip);
-    let imu = Adis16495::start(spi(Chip::Imu), &mut NoDelay, &Settings::default()).expect("a sound IMU");
-    let encoder = |chip| BissEncoder::new(spi(chip), Resolution::Bits32, Mounting::STRAIGHT);
-    let (outer, inner) = (encoder(Chip::OuterEncoder), encoder(Chip::InnerEncoder));
-    let drives = [Chip::OuterDrive, Chip::InnerDrive].map(|chip| RateDrive::new(spi(chip)));
-    (Acquisition::new(imu, outer, inner, producer), drives)
+) -> BenchAcquisition<'q, T, P> {
+    let decimation = (4000.0 / rate_hz).round() as u16;
+    let settings = Settings { clock: Clock::External { rate_hz: 4000 }, decimation, ..Settings::default() };
+    let imu = Adis16495::start(BenchSpi::new(bench, Chip::Imu), &mut NoDelay, &settings).expect("a sound IMU");
+    Acquisition::new(imu, producer)
 }
 
-/// A plant that stands still for a number of samples at 200 Hz: level, on an Earth that does not turn.
-#[derive(Clone, Debug)]
-pub struct AtRest {
-    edges: std::ops::Range<u32>,
-    /// Rates commanded last, (outer, inner), rad/s.
-    pub rates_rad_s: [f64; 2],
-}
-
-impl AtRest {
-    /// Stands still for `samples`.
-    pub fn new(samples: u32) -> Self {
-        Self { edges: 0..samples, rates_rad_s: [f64::NAN; 2] }
-    }
-}
-
-impl Plant for AtRest {
-    fn next_reading(&mut self) -> Option<Reading> {
-        let edge = self.edges.next()?;
-        Some(Reading {
-            time_us: u64::from(edge) * 5000,
-            omega_g: [0.0; 3],
-            force_a: [0.0, 0.0, 9.8],
-            outer_rad: 0.0,
-            inner_rad: 0.0,
-            temperature_c: 20.0,
-        })
-    }
-
-    fn command_rates(&mut self, rates_rad_s: [f64; 2]) {
-        self.rates_rad_s = rates_rad_s;
-    }
+/// The control of a bench, put together as on the board.
+pub fn control<T: Real, P: Plant>(bench: &SharedBench<P>, gimbal: Gimbal<T>) -> BenchControl<T, P> {
+    let encoder = |chip| BissEncoder::new(BenchSpi::new(bench, chip), Resolution::Bits26, Mounting::STRAIGHT);
+    let pin = |axis, role| BenchPin { bench: Rc::clone(bench), axis, role };
+    let bridge = |axis| {
+        let [pwm, direction, enable, fault] =
+            [Role::Pwm, Role::Direction, Role::Enable, Role::Fault].map(|role| pin(axis, role));
+        Bridge::with_pins(pwm, direction, enable, fault)
+    };
+    Control::new([Chip::OuterEncoder, Chip::InnerEncoder].map(encoder), [0, 1].map(bridge), gimbal)
 }

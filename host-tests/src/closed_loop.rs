@@ -9,7 +9,7 @@ use crate::emulator::image::{Board, Variant, build};
 use crate::power_up::{Switched, in_emulator, in_process, shared};
 use crate::refusal::refused;
 use crate::signals::{Recorded, SharedSignals};
-use crate::virtual_rins::VirtualRins;
+use crate::virtual_rins::DrivenRins;
 use crate::virtual_run::VirtualRun;
 use anyhow::{Result, anyhow};
 use rins_selfcal::assignment::Assignment;
@@ -145,8 +145,8 @@ impl<'a> PowerUp<'a> {
 
 /// Follows the messages of a run and switches the instrument off when there is nothing more to see.
 struct Watch<F> {
-    plant: Option<Recorded<Switched<Rc<RefCell<VirtualRins>>>>>,
-    rins: Rc<RefCell<VirtualRins>>,
+    plant: Option<Recorded<Switched<Rc<RefCell<DrivenRins>>>>>,
+    rins: Rc<RefCell<DrivenRins>>,
     truth: InstrumentErrors<f64>,
     off: Rc<Cell<bool>>,
     record: Record,
@@ -159,9 +159,9 @@ struct Watch<F> {
 
 impl<F: FnMut(&Message)> Watch<F> {
     fn new(run: &VirtualRun, signals: &SharedSignals, on_message: F) -> Self {
-        let mut rins = VirtualRins::new(&run.unit, run.seed);
+        let mut rins = DrivenRins::new(&run.unit, run.seed);
         rins.expect_moves(&move_durations_s(&run.scheme, run.unit.rate_hz));
-        let truth = rins.errors_now();
+        let truth = rins.rins().errors_now();
         let rins = Rc::new(RefCell::new(rins));
         let (plant, off) = Switched::new(Rc::clone(&rins));
         Self {
@@ -179,7 +179,7 @@ impl<F: FnMut(&Message)> Watch<F> {
     }
 
     /// The instrument, to be put on a bench once.
-    fn plant(&mut self) -> Recorded<Switched<Rc<RefCell<VirtualRins>>>> {
+    fn plant(&mut self) -> Recorded<Switched<Rc<RefCell<DrivenRins>>>> {
         self.plant.take().expect("put on one bench")
     }
 
@@ -189,7 +189,7 @@ impl<F: FnMut(&Message)> Watch<F> {
             Message::State { state, .. } => self.state = *state,
             Message::Corrected { .. } => self.corrected += u32::from(self.state == State::Correcting),
             Message::Decided(decision) => self.decision = Some(*decision),
-            Message::Segment(_) => self.truth = self.rins.borrow().errors_now(),
+            Message::Segment(_) => self.truth = self.rins.borrow().rins().errors_now(),
             Message::Refused(error) => self.refused = Some(*error),
             _ => {}
         }

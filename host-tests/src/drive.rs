@@ -95,7 +95,6 @@ impl Iterator for SchemeDrive {
     type Item = Reading;
 
     fn next(&mut self) -> Option<Reading> {
-        use crate::plant::Plant;
         let rates = self.next_rates()?;
         self.rins.command_rates(rates);
         Some(self.rins.advance())

@@ -72,8 +72,14 @@ pub struct Run {
     pub stack_used_bytes: u64,
     /// Size of the stack, bytes.
     pub stack_bytes: u64,
-    /// Data-ready edges that came late because the processor was busy.
-    pub late_edges: u64,
+    /// Control periods that began after the next one's time, because the processor was busy.
+    pub late_periods: u64,
+    /// Commands to the gimbal that came too late to take effect when they should have.
+    pub late_commands: u64,
+    /// Instructions, to 20, from a control period's beginning until its interrupt runs, the most.
+    pub control_latency: f64,
+    /// The same from a data-ready edge on, which comes while the control interrupt runs.
+    pub data_ready_latency: f64,
     /// Most samples that waited in the queue at once.
     pub queue_deepest: u64,
     /// Samples that the queue holds.
@@ -83,7 +89,8 @@ pub struct Run {
 }
 
 /// Kinds of work that the firmware counts.
-pub const WORKS: [&str; 7] = [
+pub const WORKS: [&str; 8] = [
+    "control interrupt",
     "data-ready interrupt",
     "sample of a stop",
     "sample of a move",
@@ -106,10 +113,13 @@ pub struct Load {
 
 impl Load {
     fn new(&[spans, ticks, longest]: &[u64; 3]) -> Self {
-        let instructions = |ticks: u64| ticks as f64 / TICKS_PER_S / (NS_PER_INSTRUCTION * 1e-9);
         let mean_instructions = instructions(ticks) / spans.max(1) as f64;
         Self { spans, mean_instructions, most_instructions: instructions(longest) }
     }
+}
+
+fn instructions(ticks: u64) -> f64 {
+    ticks as f64 / TICKS_PER_S / (NS_PER_INSTRUCTION * 1e-9)
 }
 
 /// Runs an image on a bench until the plant is exhausted and the firmware has ended. `on_log` gets each line of its log,
@@ -159,20 +169,34 @@ pub fn run<P: Plant>(
     let status = served?;
     ensure!(unread == 0, "{unread} messages of the firmware cannot be read");
     let report = fs::read(directory.path().join("run")).ok().and_then(|bytes| words(&bytes));
-    let Some(([elapsed, idle, stack_used_bytes, stack_bytes, late_edges, queue_deepest, queue_length], loads)) = report
-    else {
+    let Some((whole, loads)) = report else {
         bail!("the firmware ended without a report, {status}: {}", host.complaints(directory.path()));
     };
+    let [
+        elapsed,
+        idle,
+        stack_used_bytes,
+        stack_bytes,
+        late_periods,
+        late_commands,
+        latencies @ ..,
+        queue_deepest,
+        queue_length,
+    ] = whole;
+    let [control_latency, data_ready_latency] = latencies.map(instructions);
     let elapsed_s = elapsed as f64 / TICKS_PER_S;
     Ok(Run {
         success: status.success(),
         transfers: host.transfers,
         wall_s: start.elapsed().as_secs_f64(),
         elapsed_s,
-        instructions: (elapsed - idle) as f64 / TICKS_PER_S / (NS_PER_INSTRUCTION * 1e-9),
+        instructions: instructions(elapsed - idle),
         stack_used_bytes,
         stack_bytes,
-        late_edges,
+        late_periods,
+        late_commands,
+        control_latency,
+        data_ready_latency,
         queue_deepest,
         queue_length,
         loads: loads.each_ref().map(Load::new),
@@ -180,7 +204,7 @@ pub fn run<P: Plant>(
 }
 
 /// The numbers of the file `run`: some of the whole run, then three for each kind of work.
-fn words(bytes: &[u8]) -> Option<([u64; 7], [[u64; 3]; WORKS.len()])> {
+fn words(bytes: &[u8]) -> Option<([u64; 10], [[u64; 3]; WORKS.len()])> {
     let (words, rest) = bytes.as_chunks::<8>();
     let words: Vec<u64> = words.iter().map(|word| u64::from_le_bytes(*word)).collect();
     let (whole, loads) = words.split_first_chunk()?;

@@ -62,12 +62,15 @@ pub struct Motor {
     current_a: f64,
     angle_rad: f64,
     rate_rad_s: f64,
+    /// What is left of a current after a usual step.
+    kept: f64,
 }
 
 impl Motor {
     /// At rest at this angle, rad.
     pub fn new(mechanics: Mechanics, angle_rad: f64) -> Self {
-        Self { mechanics, jammed: false, current_a: 0.0, angle_rad, rate_rad_s: 0.0 }
+        let kept = kept(&mechanics.data, STEP_S);
+        Self { mechanics, jammed: false, current_a: 0.0, angle_rad, rate_rad_s: 0.0, kept }
     }
 
     /// Angle, rad.
@@ -115,9 +118,7 @@ impl Motor {
             Drive::Off => return 0.0,
         };
         let end_a = (duty * data.supply_v - data.torque_constant_nm_a * self.rate_rad_s) / data.resistance_ohm;
-        let kept =
-            if data.inductance_h > 0.0 { (-step_s * data.resistance_ohm / data.inductance_h).exp() } else { 0.0 };
-        end_a + (self.current_a - end_a) * kept
+        end_a + (self.current_a - end_a) * if (step_s - STEP_S).abs() < 1e-12 { self.kept } else { kept(data, step_s) }
     }
 
     fn rate_after(&self, step_s: f64) -> f64 {
@@ -135,4 +136,9 @@ impl Motor {
         // It comes to rest before it turns the other way.
         if turning && after * direction < 0.0 { 0.0 } else { after }
     }
+}
+
+/// What a shorted winding leaves of a current after a time, s.
+fn kept(data: &MotorAndLoad, time_s: f64) -> f64 {
+    if data.inductance_h > 0.0 { (-time_s * data.resistance_ohm / data.inductance_h).exp() } else { 0.0 }
 }

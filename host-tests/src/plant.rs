@@ -1,5 +1,7 @@
-//! What an instrument is to the bench: something that yields a reading per data-ready edge and takes rate commands.
+//! What an instrument is to the bench: something that goes on by control periods, driven by two windings.
 
+use crate::chips::bridge::Output;
+use rins_selfcal::servo::PERIOD_US;
 use std::cell::RefCell;
 use std::rc::Rc;
 
@@ -20,22 +22,73 @@ pub struct Reading {
     pub temperature_c: f32,
 }
 
+/// An instrument at the end of a control period.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tick {
+    /// What the outer and the inner encoder see, rad.
+    pub encoders_rad: [f64; 2],
+    /// What the IMU has measured, if an interval of it ended in this period.
+    pub reading: Option<Reading>,
+}
+
 /// An instrument, virtual or recorded.
 pub trait Plant {
-    /// Advances to the next data-ready edge; `None` when there are no more.
-    fn next_reading(&mut self) -> Option<Reading>;
-
-    /// Rates of (outer, inner) that the drives shall reach by the next edge, rad/s. A recording ignores them.
-    fn command_rates(&mut self, rates_rad_s: [f64; 2]);
+    /// Goes on by a control period, in which the windings of the outer and the inner motor are driven so; `None` when it is
+    /// switched off. A recording ignores the windings.
+    fn advance(&mut self, outputs: [Output; 2]) -> Option<Tick>;
 }
 
 /// An instrument that others look at while it is on the bench.
 impl<P: Plant> Plant for Rc<RefCell<P>> {
-    fn next_reading(&mut self) -> Option<Reading> {
-        self.borrow_mut().next_reading()
+    fn advance(&mut self, outputs: [Output; 2]) -> Option<Tick> {
+        self.borrow_mut().advance(outputs)
+    }
+}
+
+/// Control periods to an interval of the IMU at 200 Hz.
+const PERIODS: u64 = 5000 / PERIOD_US;
+
+/// Readings at 200 Hz in place of an instrument. The encoders see their angles over the whole interval.
+#[derive(Clone, Debug)]
+pub struct Recording<I> {
+    readings: I,
+    under_way: Option<Reading>,
+    periods: u64,
+}
+
+impl<I: Iterator<Item = Reading>> Recording<I> {
+    /// Plays the readings; their times do not matter.
+    pub fn new(readings: I) -> Self {
+        Self { readings, under_way: None, periods: 0 }
     }
 
-    fn command_rates(&mut self, rates_rad_s: [f64; 2]) {
-        self.borrow_mut().command_rates(rates_rad_s);
+    /// What is left of the readings.
+    pub fn into_readings(self) -> I {
+        self.readings
     }
+}
+
+impl<I: Iterator<Item = Reading>> Plant for Recording<I> {
+    fn advance(&mut self, _outputs: [Output; 2]) -> Option<Tick> {
+        let reading = match self.under_way.take() {
+            Some(reading) => reading,
+            None => self.readings.next()?,
+        };
+        self.periods += 1;
+        let ends = self.periods.is_multiple_of(PERIODS);
+        self.under_way = (!ends).then_some(reading);
+        Some(Tick { encoders_rad: [reading.outer_rad, reading.inner_rad], reading: ends.then_some(reading) })
+    }
+}
+
+/// An instrument that stands for a number of samples at 200 Hz: level, on an Earth that does not turn.
+pub fn at_rest(samples: u32) -> Recording<impl Iterator<Item = Reading>> {
+    Recording::new((0..samples).map(|sample| Reading {
+        time_us: u64::from(sample) * 5000,
+        omega_g: [0.0; 3],
+        force_a: [0.0, 0.0, 9.8],
+        outer_rad: 0.0,
+        inner_rad: 0.0,
+        temperature_c: 20.0,
+    }))
 }

@@ -1,22 +1,24 @@
 //! Power-up of an instrument on the bench: in this process, or as the firmware image in the emulator. Both run the same
 //! drivers, queue and assembly, and tell the same messages.
 
-use crate::bench::{Bench, SharedBench, drivers};
+use crate::bench::{Bench, BenchAcquisition, BenchControl, SharedBench, acquisition, control};
+use crate::chips::bridge::Output;
 use crate::emulator::image::Image;
 use crate::emulator::{Run, Setup, run};
 use crate::line::{Line, Unconnected};
-use crate::plant::{Plant, Reading};
+use crate::plant::{Plant, Tick};
 use crate::refusal::refused;
 use anyhow::{Context, Result};
 use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
+use rins_selfcal::axis::AxisLimits;
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
-use rins_selfcal::device::command_rates;
 use rins_selfcal::estimator::MAX_SEGMENTS;
+use rins_selfcal::gimbal::Gimbal;
 use rins_selfcal::linear::Real;
 use rins_selfcal::link::{Archive, Hello, Link, MAX_FRAME_BYTES, Moment, Refusal};
-use rins_selfcal::queue::SampleQueue;
-use rins_selfcal::rate_axis::RateGimbal;
+use rins_selfcal::queue::{Observed, SampleProducer, SampleQueue};
 use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
+use rins_selfcal::servo::MotorAndLoad;
 use rins_selfcal::store::StoredCalibration;
 use rins_selfcal::telemetry::Message;
 use rins_selfcal::verdict::VerdictLimits;
@@ -26,6 +28,8 @@ use std::rc::Rc;
 
 /// Depth of the queue: here every sample is taken at once.
 const QUEUE: usize = 4;
+/// Time of a turn of the main loop, us.
+const TURN_US: u64 = 5000;
 
 /// Runs an instrument until its plant is exhausted. `stored` is the calibration in store at power-up; returns the one
 /// that the run stored.
@@ -91,24 +95,18 @@ pub fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
     };
     let mut queue = SampleQueue::<T, QUEUE>::new();
     let (producer, mut consumer) = queue.split();
-    let (mut acquisition, mut drives) = drivers(bench, producer);
+    let gimbal = Gimbal::<T>::new(&config.axes, &config.motors);
+    let mut interrupts = Interrupts::new(bench, config.calibrator.rate_hz, gimbal, producer);
     tell(&mut link, &Message::Store { found: memory.stored.is_some(), damaged: false, fault: false });
     let refused = |error| refused(error, &config.scheme, &config.axes);
     let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::UNCONFIGURED);
     let mut run = SelfCalibration::new(config.clone(), memory.stored.as_ref(), &mut calibrator).map_err(refused)?;
-    let mut gimbal = RateGimbal::<T>::new(&config.axes, config.calibrator.rate_hz);
     let mut samples = 0;
-    let (mut board_s, interval_s) = (0.0, config.calibrator.rate_hz.recip());
-    while let Some(edge_us) = next_edge(bench) {
-        // A sample that is lost has been counted.
-        let _ = acquisition.on_data_ready(edge_us);
-        while let Some(sample) = consumer.pop() {
+    while interrupts.period(bench) {
+        while let Some(Observed { sample, gimbal }) = consumer.pop() {
             samples += 1;
-            gimbal.measure(&sample);
-            let step = run.step(&sample, &gimbal.status(), &mut |message| tell(&mut link, message));
-            step.motion.into_iter().for_each(|motion| gimbal.command(motion));
-            let answered = command_rates(&mut drives, gimbal.rates_rad_s());
-            gimbal.drives_answered(answered);
+            let step = run.step(&sample, &gimbal, &mut |message| tell(&mut link, message));
+            step.motion.into_iter().for_each(|motion| interrupts.control.command(motion, gimbal.time_us));
             if step.save {
                 let record = run.record();
                 tell(&mut link, &Message::Saved(record.is_some()));
@@ -117,18 +115,18 @@ pub fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
                 run.saved();
             }
         }
-        // The edges are the clock, whether they gave a sample or not.
-        board_s += interval_s;
-        let moment = Moment { now_us: (board_s * 1e6) as u64, missing: consumer.losses().total() };
-        let motion = run.tick(moment.now_us, &gimbal.status(), &mut |message| tell(&mut link, message));
-        motion.into_iter().for_each(|motion| gimbal.command(motion));
-        if let Some(rates_rad_s) = gimbal.tick(moment.now_us) {
-            command_rates(&mut drives, rates_rad_s);
+        let moment = Moment { now_us: bench.borrow().now_us(), missing: consumer.losses().total() };
+        if !moment.now_us.is_multiple_of(TURN_US) {
+            continue;
         }
-        let axes = run.config().axes;
+        let gimbal = interrupts.control.status();
+        let motion = run.tick(moment.now_us, &gimbal, &mut |message| tell(&mut link, message));
+        motion.into_iter().for_each(|motion| interrupts.control.command(motion, gimbal.time_us));
+        let before = mechanics(run.config());
         link.serve(std::iter::from_fn(|| line.receive()), moment, &mut run, memory);
-        if run.config().axes != axes {
-            gimbal = RateGimbal::new(&run.config().axes, config.calibrator.rate_hz);
+        let (axes, motors) = mechanics(run.config());
+        if (axes, motors) != before {
+            interrupts.control.reconfigure(&axes, &motors);
         }
         link.tell_status(moment, &run);
         line.transmit(&mut || link.transmit());
@@ -144,13 +142,12 @@ fn replay<T: Real, const STATES: usize, P: Plant>(
 ) {
     let mut queue = SampleQueue::<T, QUEUE>::new();
     let (producer, mut consumer) = queue.split();
-    let (mut acquisition, _) = drivers(bench, producer);
+    let gimbal = Gimbal::<T>::new(&[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2]);
+    let mut interrupts = Interrupts::new(bench, config.rate_hz, gimbal, producer);
     let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::new(config));
     let mut samples = 0;
-    while let Some(edge_us) = next_edge(bench) {
-        // A sample that is lost has been counted.
-        let _ = acquisition.on_data_ready(edge_us);
-        while let Some(sample) = consumer.pop() {
+    while interrupts.period(bench) {
+        while let Some(Observed { sample, .. }) = consumer.pop() {
             samples += 1;
             if let Some(progress) = calibrator.step(&sample) {
                 on_message(&Message::Segment(progress));
@@ -163,8 +160,37 @@ fn replay<T: Real, const STATES: usize, P: Plant>(
     on_message(&Message::Queue { samples, losses: consumer.losses() });
 }
 
-fn next_edge<P: Plant>(bench: &SharedBench<P>) -> Option<u64> {
-    bench.borrow_mut().next_edge()
+/// What of a configuration the gimbal must know.
+fn mechanics(config: &SelfCalibrationConfig) -> ([AxisLimits; 2], [MotorAndLoad; 2]) {
+    (config.axes, config.motors)
+}
+
+/// What the interrupts of a board have.
+pub struct Interrupts<'q, T: Real, P> {
+    acquisition: BenchAcquisition<'q, T, P>,
+    /// What the control interrupt has, for the main loop.
+    pub control: BenchControl<T, P>,
+}
+
+impl<'q, T: Real, P: Plant> Interrupts<'q, T, P> {
+    /// On a bench whose plant samples `rate_hz` times a second.
+    pub fn new(bench: &SharedBench<P>, rate_hz: f64, gimbal: Gimbal<T>, producer: SampleProducer<'q, T>) -> Self {
+        Self { acquisition: acquisition(bench, rate_hz, producer), control: control(bench, gimbal) }
+    }
+
+    /// Lets a control period go by; whether the instrument is still switched on.
+    pub fn period(&mut self, bench: &SharedBench<P>) -> bool {
+        if !bench.borrow_mut().period() {
+            return false;
+        }
+        let (now_us, data_ready) = (bench.borrow().now_us(), bench.borrow().data_ready());
+        self.control.on_period(|| now_us);
+        if data_ready {
+            // A sample that is lost has been counted.
+            let _ = self.acquisition.on_data_ready(now_us, |time_us| self.control.view(time_us));
+        }
+        true
+    }
 }
 
 /// Runs an instrument as the firmware `image` in the emulator; `eeprom` is its store from boot to boot.
@@ -185,7 +211,7 @@ pub fn in_emulator<P: Plant>(
     run(&setup, bench, on_log, on_message)
 }
 
-/// A plant with a switch: turned off, it gives no more readings.
+/// A plant with a switch: turned off, it does not go on.
 pub struct Switched<P> {
     plant: P,
     off: Rc<Cell<bool>>,
@@ -200,12 +226,8 @@ impl<P> Switched<P> {
 }
 
 impl<P: Plant> Plant for Switched<P> {
-    fn next_reading(&mut self) -> Option<Reading> {
-        if self.off.get() { None } else { self.plant.next_reading() }
-    }
-
-    fn command_rates(&mut self, rates_rad_s: [f64; 2]) {
-        self.plant.command_rates(rates_rad_s);
+    fn advance(&mut self, outputs: [Output; 2]) -> Option<Tick> {
+        if self.off.get() { None } else { self.plant.advance(outputs) }
     }
 }
 

@@ -1,6 +1,7 @@
 //! What the IMU and the encoders showed during a run, thinned out for a plot.
 
-use crate::plant::{Plant, Reading};
+use crate::chips::bridge::Output;
+use crate::plant::{Plant, Reading, Tick};
 use rins_selfcal::angle::{Angle, ticks_to_rad};
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -104,14 +105,10 @@ impl<P> Recorded<P> {
 }
 
 impl<P: Plant> Plant for Recorded<P> {
-    fn next_reading(&mut self) -> Option<Reading> {
-        let reading = self.plant.next_reading();
-        reading.iter().for_each(|reading| self.signals.borrow_mut().note(reading));
-        reading
-    }
-
-    fn command_rates(&mut self, rates_rad_s: [f64; 2]) {
-        self.plant.command_rates(rates_rad_s);
+    fn advance(&mut self, outputs: [Output; 2]) -> Option<Tick> {
+        let tick = self.plant.advance(outputs)?;
+        tick.reading.iter().for_each(|reading| self.signals.borrow_mut().note(reading));
+        Some(tick)
     }
 }
 

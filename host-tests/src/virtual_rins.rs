@@ -4,11 +4,14 @@
 //! encoder angles are the angles at the stamp. Over an interval the axes' rates go linearly to the commanded ones.
 //! The first interval starts at time zero, with the axes standing at (0, 0).
 
+mod driven;
+
 use crate::encoder::{EncoderErrors, Harmonic};
 use crate::kinematics::{Line, Motion, RigidTruth, Sensed};
-use crate::plant::{Plant, Reading};
+use crate::plant::Reading;
 use crate::unit::Noise;
 use crate::vec3::{Vec3, add, scale};
+pub use driven::DrivenRins;
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
@@ -160,6 +163,11 @@ pub struct VirtualRins {
 impl VirtualRins {
     /// Puts a unit into operation; every random number comes from `seed`.
     pub fn new(unit: &VirtualUnit, seed: u64) -> Self {
+        Self::with_encoder_rate(unit, seed, unit.rate_hz)
+    }
+
+    /// Whose encoder errors go on so many times a second.
+    fn with_encoder_rate(unit: &VirtualUnit, seed: u64, encoder_rate_hz: f64) -> Self {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
         let encoder_rng = rng.clone();
         // The encoders' errors shall not depend on how many samples a stop has.
@@ -177,9 +185,9 @@ impl VirtualRins {
             walk: BiasWalk::new(effects, unit.rate_hz),
             encoder: EncoderErrors::new(
                 encoder_rng,
-                unit.rate_hz,
+                encoder_rate_hz,
                 noise.sigma_encoder_rad(),
-                noise.sigma_reference_rad(unit.rate_hz),
+                noise.sigma_reference_rad(encoder_rate_hz),
             ),
             harmonics: [0, 1].map(|axis| [effects.encoder_eccentricity[axis], effects.encoder_second_harmonic[axis]]),
             limits: Limits::new(effects, unit.rate_hz),
@@ -238,55 +246,56 @@ impl VirtualRins {
 
     /// The next reading; a virtual instrument never runs out of them.
     pub fn advance(&mut self) -> Reading {
+        let to_rad_s = self.limits.limited(self.rates_rad_s, self.commanded_rad_s);
+        let motion =
+            Motion { angles_rad: self.angles_rad, from_rad_s: self.rates_rad_s, to_rad_s, duration_s: self.interval_s };
+        let felt = self.feel(&motion, (self.samples as f64 + 0.5) * self.interval_s);
+        self.read_rad = motion.angles_at(0.5);
+        self.angles_rad = motion.angles_at(1.0);
+        self.rates_rad_s = to_rad_s;
+        self.encoder.step(self.rates_rad_s);
+        let measured = self.measured(felt);
+        let [outer_rad, inner_rad] = self.seen_rad(self.read_rad);
+        Reading { outer_rad, inner_rad, ..measured }
+    }
+
+    /// What the sensors feel on average over a motion, in its middle at this time, s; without noise.
+    fn feel(&mut self, motion: &Motion, middle_s: f64) -> Sensed<Vec3> {
+        if motion.from_rad_s != [0.0; 2] || motion.to_rad_s != [0.0; 2] {
+            self.standing = None;
+            return self.truth.mean_over(motion, middle_s);
+        }
+        let standing = self.standing.get_or_insert_with(|| self.truth.at_rest(motion.angles_rad));
+        Sensed { force_a: standing.force_a.at(middle_s), omega_g: standing.omega_g.at(middle_s) }
+    }
+
+    /// The reading of an interval that ends, with noise, but for the angles.
+    fn measured(&mut self, felt: Sensed<Vec3>) -> Reading {
         let middle_s = (self.samples as f64 + 0.5) * self.interval_s;
         self.samples += 1;
-        let sensed = self.turn_and_sense(middle_s);
-        self.encoder.step(self.rates_rad_s);
         self.walk.step(&mut self.white.rng);
-        let [outer_rad, inner_rad] = self.encoder_angles();
         Reading {
             time_us: (middle_s * 1e6).round() as u64,
-            omega_g: self.white.added(add(sensed.omega_g, self.walk.gyro_g), self.white.sigma_omega),
-            force_a: self.white.added(add(sensed.force_a, self.walk.accel_a), self.white.sigma_force),
-            outer_rad,
-            inner_rad,
+            omega_g: self.white.added(add(felt.omega_g, self.walk.gyro_g), self.white.sigma_omega),
+            force_a: self.white.added(add(felt.force_a, self.walk.accel_a), self.white.sigma_force),
+            outer_rad: 0.0,
+            inner_rad: 0.0,
             temperature_c: self.temperature.at(middle_s),
         }
     }
 
-    /// Moves the axes over one interval; the noise-free means over it.
-    fn turn_and_sense(&mut self, middle_s: f64) -> Sensed<Vec3> {
-        let to_rad_s = self.limits.limited(self.rates_rad_s, self.commanded_rad_s);
-        if self.rates_rad_s == [0.0; 2] && to_rad_s == [0.0; 2] {
-            self.read_rad = self.angles_rad;
-            let standing = self.standing.get_or_insert_with(|| self.truth.at_rest(self.angles_rad));
-            return Sensed { force_a: standing.force_a.at(middle_s), omega_g: standing.omega_g.at(middle_s) };
-        }
-        self.standing = None;
-        let motion =
-            Motion { angles_rad: self.angles_rad, from_rad_s: self.rates_rad_s, to_rad_s, duration_s: self.interval_s };
-        self.read_rad = motion.angles_at(0.5);
-        self.angles_rad = motion.angles_at(1.0);
-        self.rates_rad_s = to_rad_s;
-        self.truth.mean_over(&motion, middle_s)
-    }
-
-    fn encoder_angles(&self) -> [f64; 2] {
+    /// What the encoders see at these angles, rad.
+    fn seen_rad(&self, angles_rad: [f64; 2]) -> [f64; 2] {
         let random = self.encoder.errors_rad();
         std::array::from_fn(|axis| {
-            let angle = self.read_rad[axis];
+            let angle = angles_rad[axis];
             let [first, second] = &self.harmonics[axis];
             angle + first.error_rad(angle) + second.error_rad(2.0 * angle) + random[axis]
         })
     }
-}
 
-impl Plant for VirtualRins {
-    fn next_reading(&mut self) -> Option<Reading> {
-        Some(self.advance())
-    }
-
-    fn command_rates(&mut self, rates_rad_s: [f64; 2]) {
+    /// Rates of (outer, inner) to be reached by the end of the next interval, rad/s.
+    pub fn command_rates(&mut self, rates_rad_s: [f64; 2]) {
         self.commanded_rad_s = rates_rad_s;
     }
 }

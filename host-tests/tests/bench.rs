@@ -1,67 +1,169 @@
 //! The drivers on the bench, without the emulator.
 
-use host_tests::bench::{AtRest, Bench, Chip, drivers};
-use rins_selfcal::device::{DeviceError, STATUS_REFUSED, rate_nrad_s};
-use rins_selfcal::queue::{Losses, SampleQueue};
-use std::cell::RefCell;
-use std::rc::Rc;
+use host_tests::bench::{Bench, Chip, Trouble, acquisition, control};
+use host_tests::chips::bridge::Output;
+use host_tests::plant::{Plant, Tick, at_rest};
+use host_tests::power_up::{Interrupts, shared};
+use rins_selfcal::angle::Angle;
+use rins_selfcal::axis::AxisLimits;
+use rins_selfcal::control::COMMAND_DELAY_US;
+use rins_selfcal::gimbal::{BridgeFault, Fault, FaultKind, Gimbal, MotionCommand};
+use rins_selfcal::queue::{Loss, Losses, Observed, SampleQueue};
+use rins_selfcal::servo::{MotorAndLoad, PERIOD_US};
+use rins_selfcal::units::{ARCSEC, DEG};
+
+fn gimbal() -> Gimbal<f64> {
+    Gimbal::new(&[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2])
+}
+
+/// Axes that are turned by hand, at constant rates, rad/s.
+struct TurnedByHand([f64; 2], u64);
+
+impl Plant for TurnedByHand {
+    fn advance(&mut self, _outputs: [Output; 2]) -> Option<Tick> {
+        self.1 += PERIOD_US;
+        Some(Tick { encoders_rad: self.0.map(|rate| rate * self.1 as f64 * 1e-6), reading: None })
+    }
+}
 
 #[test]
-fn samples_and_rates_go_through_the_drivers() {
-    let bench = Rc::new(RefCell::new(Bench::new(AtRest::new(3))));
+fn samples_go_through_the_drivers() {
+    let bench = shared(at_rest(3));
     let mut queue = SampleQueue::<f64, 4>::new();
     let (producer, mut consumer) = queue.split();
-    let (mut acquisition, mut drives) = drivers(&bench, producer);
-    for time_us in [0, 5000, 10_000] {
-        let edge_us = bench.borrow_mut().next_edge().expect("an edge");
-        assert_eq!((edge_us, acquisition.on_data_ready(edge_us)), (time_us + 2500, Ok(())));
-        let sample = consumer.pop().expect("a sample");
+    let mut interrupts = Interrupts::new(&bench, 200.0, gimbal(), producer);
+    let mut edges = 0;
+    while interrupts.period(&bench) {
+        if !bench.borrow().data_ready() {
+            continue;
+        }
+        let Observed { sample, gimbal } = consumer.pop().expect("a sample");
         // Half a step of the IMU is 1.9e-8 m/s^2.
         assert!((sample.force_a.z - 9.8_f64).abs() < 2e-8);
-        assert_eq!((sample.time_us, sample.temperature_c), (time_us, 20.0));
+        assert_eq!((sample.time_us, sample.temperature_c), (edges * 5000 + 2500, 20.0));
+        edges += 1;
+        assert_eq!((gimbal.time_us, gimbal.at_rest, gimbal.fault), (edges * 5000, true, None));
     }
-    drives[0].command(rate_nrad_s(-0.349)).expect("an acknowledgement");
-    drives[1].command(rate_nrad_s(0.1)).expect("an acknowledgement");
-    let [outer, inner] = bench.borrow().plant().rates_rad_s;
-    assert!((outer + 0.349).abs() < 1e-12 && (inner - 0.1).abs() < 1e-12, "{outer} {inner}");
-    assert_eq!(bench.borrow_mut().next_edge(), None);
-    assert_eq!(consumer.losses(), Losses::default());
+    assert_eq!((edges, consumer.losses()), (3, Losses::default()));
+    assert_eq!(bench.borrow().outputs(), [Output::Shorted; 2], "nothing is driven without a command");
 }
 
 #[test]
-fn a_drive_refuses_a_damaged_command() {
-    let mut bench = Bench::new(AtRest::new(1));
-    let mut frame = [2, 1, 0, 0, 0, 0, 0, 0];
-    bench.transfer(Chip::OuterDrive, &mut frame);
-    assert_eq!(frame[6], STATUS_REFUSED);
-    assert!(bench.plant().rates_rad_s[0].is_nan());
+fn the_angles_of_a_sample_are_those_at_its_stamp() {
+    let rates = [20.0 * DEG, -3.0 * DEG];
+    let bench = shared(TurnedByHand(rates, 0));
+    let mut control = control(&bench, gimbal());
+    for _ in 0..10 {
+        assert!(bench.borrow_mut().period());
+        let now_us = bench.borrow().now_us();
+        control.on_period(|| now_us);
+    }
+    let (angles, _) = control.view(7500).expect("two readings enclose it");
+    for (angle, rate) in angles.into_iter().zip(rates) {
+        // Steps of 0.02 arcsec, and their interpolation.
+        let off = f64::from(angle.since(Angle::from_rad(rate * 0.0075)));
+        assert!((off * std::f64::consts::TAU / 2_f64.powi(32)).abs() < 0.02 * ARCSEC, "{off}");
+    }
+    assert_eq!(control.view(10_001).err(), Some(Loss::Status), "it has not been read yet");
+}
+
+/// The control of axes at rest after some periods.
+fn held(periods: u64, mut act: impl FnMut(u64, &mut Bench<TurnedByHand>, &mut dyn FnMut(MotionCommand))) -> Vec<Told> {
+    let bench = shared(TurnedByHand([0.0; 2], 0));
+    let mut control = control(&bench, gimbal());
+    let period = |period| {
+        assert!(bench.borrow_mut().period());
+        let now_us = bench.borrow().now_us();
+        control.on_period(|| now_us);
+        let seen_us = control.status().time_us;
+        act(period, &mut bench.borrow_mut(), &mut |command| control.command(command, seen_us));
+        Told { commands: control.status().commands, fault: control.status().fault, outputs: bench.borrow().outputs() }
+    };
+    (1..=periods).map(period).collect()
+}
+
+#[derive(Debug, PartialEq)]
+struct Told {
+    commands: u16,
+    fault: Option<Fault>,
+    outputs: [Output; 2],
+}
+
+const DELAY: usize = (COMMAND_DELAY_US / PERIOD_US) as usize;
+
+#[test]
+fn a_command_takes_effect_a_definite_time_after_what_it_was_computed_from() {
+    let told = held(40, |period, _, command| {
+        if [3, 5].contains(&period) {
+            command(MotionCommand::Hold);
+        }
+    });
+    let counts: Vec<u16> = told.iter().map(|told| told.commands).collect();
+    // The status of period 3 is the third of them.
+    assert_eq!(counts.iter().position(|count| *count == 1), Some(2 + DELAY));
+    assert_eq!(counts.iter().position(|count| *count == 2), Some(4 + DELAY));
 }
 
 #[test]
-fn a_damaged_acknowledgement_is_an_error() {
-    let bench = Rc::new(RefCell::new(Bench::new(AtRest::new(1))));
-    bench.borrow_mut().damage(|_, frame| frame[6] ^= 1);
-    let mut queue = SampleQueue::<f32, 4>::new();
-    let (producer, _consumer) = queue.split();
-    let (_, mut drives) = drivers(&bench, producer);
-    assert_eq!(drives[0].command(5), Err(DeviceError::Crc));
+fn an_overcurrent_opens_the_winding_and_a_command_from_before_it_is_dropped() {
+    let told = held(80, |period, bench, command| match period {
+        3 => command(MotionCommand::Hold),
+        20 => bench.set_trouble(1, Some(Trouble::Overcurrent)),
+        // Computed from a status without the fault, which comes up in the next period but one.
+        21 => command(MotionCommand::Hold),
+        40 => bench.set_trouble(1, None),
+        // Computed from one with it.
+        50 => command(MotionCommand::Hold),
+        _ => {}
+    });
+    let found = told.iter().position(|told| told.fault.is_some()).expect("it is noticed");
+    assert!((20..24).contains(&found), "{found}");
+    let overcurrent = Fault { axis: 1, angle_rad: 0.0, kind: FaultKind::Bridge(BridgeFault::Overcurrent) };
+    let before_command = &told[found..49 + DELAY];
+    assert!(before_command.iter().all(|told| told.fault == Some(overcurrent) && told.outputs[1] == Output::Open));
+    let last = told.last().expect("some");
+    assert_eq!((last.commands, last.fault, last.outputs[1]), (3, None, Output::Shorted), "the fault line is cleared");
 }
 
-/// A log of two hours goes through three reads and two writes a sample in about a second.
+#[test]
+fn a_missing_reading_is_bridged_and_two_cost_a_sample() {
+    for (bad, expected) in [(1, Ok(())), (2, Err(Loss::Crc))] {
+        let bench = shared(TurnedByHand([0.0; 2], 0));
+        let mut control = control(&bench, gimbal());
+        let mut frames = 0;
+        bench.borrow_mut().damage(move |chip, frame| {
+            frames += u32::from(chip == Chip::InnerEncoder);
+            if chip == Chip::InnerEncoder && (5..5 + bad).contains(&frames) {
+                frame[4] ^= 1;
+            }
+        });
+        for _ in 0..8 {
+            assert!(bench.borrow_mut().period());
+            let now_us = bench.borrow().now_us();
+            control.on_period(|| now_us);
+        }
+        assert_eq!(control.view(5500).map(|_| ()), expected);
+    }
+}
+
+/// A log of two hours: IMU, encoders and bridges a thousand times a second, in some seconds.
 #[test]
 fn the_bench_is_fast() {
-    let samples = 1_500_000;
-    let bench = Rc::new(RefCell::new(Bench::new(AtRest::new(samples))));
+    let samples = 100_000;
+    let bench = shared(at_rest(samples));
     let mut queue = SampleQueue::<f64, 4>::new();
     let (producer, mut consumer) = queue.split();
-    let (mut acquisition, mut drives) = drivers(&bench, producer);
+    let mut acquisition = acquisition(&bench, 200.0, producer);
+    let mut control = control(&bench, gimbal());
     let start = std::time::Instant::now();
     let mut popped = 0;
-    let next_edge = || bench.borrow_mut().next_edge();
-    while let Some(edge_us) = next_edge() {
-        acquisition.on_data_ready(edge_us).expect("a sample");
-        popped += u32::from(consumer.pop().is_some());
-        assert!(drives.iter_mut().all(|drive| drive.command(0).is_ok()));
+    while bench.borrow_mut().period() {
+        let now_us = bench.borrow().now_us();
+        control.on_period(|| now_us);
+        if bench.borrow().data_ready() {
+            acquisition.on_data_ready(now_us, |time_us| control.view(time_us)).expect("a sample");
+            popped += u32::from(consumer.pop().is_some());
+        }
     }
     println!("{samples} samples in {:.2} s", start.elapsed().as_secs_f64());
     assert_eq!(popped, samples);

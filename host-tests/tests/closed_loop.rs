@@ -1,24 +1,25 @@
-//! The core calibrates the virtual RINS in closed loop, its own rate commands turning the gimbals, and brings it to rest
-//! when something fails.
+//! The core calibrates the virtual RINS in closed loop, its servos turning the gimbals, and brings it to rest when something
+//! fails.
 
-use host_tests::bench::{Bench, Chip};
-use host_tests::calibration::raw_sample;
+use host_tests::bench::{Bench, Chip, Trouble};
+use host_tests::chips::bridge::Output;
 use host_tests::drive::move_durations_s;
-use host_tests::plant::{Plant, Reading};
-use host_tests::power_up::{in_process, shared};
+use host_tests::plant::{Plant, Tick};
+use host_tests::power_up::{Interrupts, in_process, shared};
 use host_tests::presets;
-use host_tests::virtual_rins::{VirtualRins, VirtualUnit};
+use host_tests::virtual_rins::{DrivenRins, VirtualUnit};
 use rins_selfcal::assignment::Assignment;
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
 use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS};
 use rins_selfcal::estimator::{BASIC_STATES, Solution};
-use rins_selfcal::gimbal::{BridgeFault, Fault, FaultKind};
+use rins_selfcal::gimbal::{BridgeFault, EncoderFault, Fault, FaultKind, Gimbal, MotionCommand};
 use rins_selfcal::method::Method;
 use rins_selfcal::policy::{Cause, Decision, PowerUpPolicy};
-use rins_selfcal::rate_axis::RateGimbal;
+use rins_selfcal::queue::{Observed, SampleQueue};
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
 use rins_selfcal::sequencer::{AbortReason, Pace, State};
+use rins_selfcal::servo::PERIOD_S;
 use rins_selfcal::store::StoredCalibration;
 use rins_selfcal::telemetry::Message;
 use rins_selfcal::units::{ARCSEC, DEG};
@@ -32,23 +33,27 @@ const TURNING_S: f64 = 13.5;
 /// Time into the run at which they surely stand, at the second stop.
 const STANDING_S: f64 = 20.0;
 
-/// A unit that is switched off after a time; its clock and its numbers may fail.
+/// A unit that is switched off after a time; what it measures may fail.
 struct Faulty<F> {
-    rins: VirtualRins,
+    rins: DrivenRins,
     left: u32,
+    elapsed: u32,
     fault: F,
 }
 
-impl<F: FnMut(&mut Reading)> Plant for Faulty<F> {
-    fn next_reading(&mut self) -> Option<Reading> {
-        self.left = self.left.checked_sub(1)?;
-        let mut reading = self.rins.advance();
-        (self.fault)(&mut reading);
-        Some(reading)
+impl<F: FnMut(f64, &mut Tick)> Faulty<F> {
+    fn new(rins: DrivenRins, run_s: f64, fault: F) -> Self {
+        Self { rins, left: (run_s / PERIOD_S) as u32, elapsed: 0, fault }
     }
+}
 
-    fn command_rates(&mut self, rates_rad_s: [f64; 2]) {
-        self.rins.command_rates(rates_rad_s);
+impl<F: FnMut(f64, &mut Tick)> Plant for Faulty<F> {
+    fn advance(&mut self, outputs: [Output; 2]) -> Option<Tick> {
+        self.left = self.left.checked_sub(1)?;
+        self.elapsed += 1;
+        let mut tick = self.rins.advance(outputs)?;
+        (self.fault)(f64::from(self.elapsed) * PERIOD_S, &mut tick);
+        Some(tick)
     }
 }
 
@@ -60,7 +65,7 @@ fn unit() -> VirtualUnit {
 struct Run {
     messages: Vec<Message>,
     saved: Option<StoredCalibration>,
-    rins: VirtualRins,
+    rins: DrivenRins,
 }
 
 impl Run {
@@ -102,7 +107,7 @@ fn run(
     standing_deg: [f64; 2],
     run_s: f64,
     stored: Option<&StoredCalibration>,
-    fault: impl FnMut(&mut Reading),
+    fault: impl FnMut(f64, &mut Tick),
     damage: impl FnMut(Chip, &mut [u8]) + 'static,
 ) -> Run {
     run_as(PowerUpPolicy::default(), standing_deg, run_s, stored, fault, damage)
@@ -113,14 +118,14 @@ fn run_as(
     standing_deg: [f64; 2],
     run_s: f64,
     stored: Option<&StoredCalibration>,
-    fault: impl FnMut(&mut Reading),
+    fault: impl FnMut(f64, &mut Tick),
     damage: impl FnMut(Chip, &mut [u8]) + 'static,
 ) -> Run {
     let unit = unit();
     let scheme = Scheme::bai(10.0, 1);
-    let mut rins = VirtualRins::new(&unit, 1).standing_at(standing_deg.map(|angle| angle * DEG));
+    let mut rins = DrivenRins::new(&unit, 1).standing_at(standing_deg.map(|angle| angle * DEG));
     rins.expect_moves(&move_durations_s(&scheme, unit.rate_hz));
-    let bench = shared(Faulty { rins, left: (run_s * unit.rate_hz) as u32, fault });
+    let bench = shared(Faulty::new(rins, run_s, fault));
     bench.borrow_mut().damage(damage);
     let calibrator = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
     let config = SelfCalibrationConfig { policy, ..SelfCalibrationConfig::new(calibrator, scheme) };
@@ -132,7 +137,7 @@ fn run_as(
     Run { messages, saved, rins: rins.expect("the run is over") }
 }
 
-fn sound(_: &mut Reading) {}
+fn sound(_: f64, _: &mut Tick) {}
 
 fn intact(_: Chip, _: &mut [u8]) {}
 
@@ -182,15 +187,25 @@ fn a_stored_calibration_is_used_wherever_the_gimbals_stand() {
 }
 
 #[test]
-fn an_imu_or_encoder_that_falls_silent_stops_the_gimbals() {
-    for chip in [Chip::Imu, Chip::OuterEncoder] {
-        // 0.1 s to notice, a third of a second to stop from 20 deg/s at 60 deg/s^2.
-        let run = run([0.0, 0.0], TURNING_S + 0.5, None, sound, spoiled(chip, TURNING_S, TURNING_S + 0.5));
-        assert_eq!(run.aborted(), [AbortReason::SampleLoss]);
-        assert_eq!(run.last_state(), Some(State::Stopping));
-        assert_eq!(run.rins.true_rates_rad_s(), [0.0; 2]);
-        assert!(run.rins.true_angles_rad()[0].abs() > DEG, "it turned");
-    }
+fn an_imu_that_falls_silent_stops_the_gimbals() {
+    // 0.1 s to notice, a third of a second to stop from 20 deg/s at 60 deg/s^2.
+    let run = run([0.0, 0.0], TURNING_S + 0.5, None, sound, spoiled(Chip::Imu, TURNING_S, TURNING_S + 0.5));
+    assert_eq!(run.aborted(), [AbortReason::SampleLoss]);
+    assert_eq!(run.last_state(), Some(State::Stopping));
+    assert_eq!(run.rins.true_rates_rad_s(), [0.0; 2]);
+    assert!(run.rins.true_angles_rad()[0].abs() > DEG, "it turned");
+}
+
+#[test]
+fn an_encoder_that_falls_silent_stops_the_gimbals_for_good() {
+    let run = run([0.0, 0.0], TURNING_S + 5.0, None, sound, spoiled(Chip::OuterEncoder, TURNING_S, f64::INFINITY));
+    let crc = FaultKind::Encoder(EncoderFault::Crc);
+    let reasons = run.aborted();
+    assert!(matches!(reasons[..], [AbortReason::Gimbal(Fault { axis: 0, kind, .. })] if kind == crc), "{reasons:?}");
+    // Without samples nobody knows that the axes stand.
+    assert_eq!(run.last_state(), Some(State::Stopping));
+    assert_eq!(run.rins.true_rates_rad_s(), [0.0; 2]);
+    assert!(run.rins.true_angles_rad()[0].abs() > DEG, "it turned");
 }
 
 #[test]
@@ -203,8 +218,8 @@ fn gimbals_are_parked_when_samples_come_again() {
 
 #[test]
 fn samples_that_cannot_be_used_are_as_good_as_none() {
-    let not_finite = |reading: &mut Reading| {
-        if reading.time_us as f64 > TURNING_S * 1e6 {
+    let not_finite = |time_s, tick: &mut Tick| {
+        if let Some(reading) = tick.reading.as_mut().filter(|_| time_s > TURNING_S) {
             reading.force_a[1] = f64::NAN;
         }
     };
@@ -215,11 +230,64 @@ fn samples_that_cannot_be_used_are_as_good_as_none() {
 
 #[test]
 fn a_clock_that_starts_anew_ends_the_run() {
-    let restarted = |reading: &mut Reading| reading.time_us %= (TURNING_S * 1e6) as u64;
-    let run = run([0.0, 0.0], TURNING_S + 13.0, None, restarted, intact);
-    assert_eq!(run.aborted(), [AbortReason::SampleLoss]);
-    assert_eq!(run.last_state(), Some(State::Parked));
-    assert!(run.parked());
+    let mut aborted = Vec::new();
+    let (rins, state) = by_hand(
+        SelfCalibrationConfig { policy: PowerUpPolicy::Always, ..usual(Scheme::bai(10.0, 1)) },
+        TURNING_S + 13.0,
+        |run, _, observed, told| {
+            observed.sample.time_us %= (TURNING_S * 1e6) as u64;
+            let step = run.step(&observed.sample, &observed.gimbal, &mut |message| told(message));
+            step.motion
+        },
+        |message| {
+            if let Message::Aborted(abort) = message {
+                aborted.push(abort.reason);
+            }
+        },
+    );
+    assert_eq!((aborted, state), (vec![AbortReason::SampleLoss], State::Parked));
+    assert_eq!(rins.true_rates_rad_s(), [0.0; 2]);
+}
+
+type Run64<'c> = SelfCalibration<'c, f64>;
+
+fn usual(scheme: Scheme) -> SelfCalibrationConfig {
+    let unit = unit();
+    let calibrator = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
+    SelfCalibrationConfig::new(calibrator, scheme)
+}
+
+/// A main loop by hand: `act` gets every sample with its number, and says what the gimbal shall do. The unit after it, and
+/// where the run is.
+fn by_hand(
+    config: SelfCalibrationConfig,
+    run_s: f64,
+    mut act: impl FnMut(&mut Run64<'_>, u32, &mut Observed<f64>, &mut dyn FnMut(&Message)) -> Option<MotionCommand>,
+    mut on_message: impl FnMut(&Message),
+) -> (DrivenRins, State) {
+    let mut rins = DrivenRins::new(&unit(), 1);
+    rins.expect_moves(&move_durations_s(&config.scheme, unit().rate_hz));
+    let bench = shared(Faulty::new(rins, run_s, sound));
+    let mut queue = SampleQueue::<f64, 4>::new();
+    let (producer, mut consumer) = queue.split();
+    let mut interrupts = Interrupts::new(&bench, 200.0, Gimbal::new(&config.axes, &config.motors), producer);
+    let mut calibrator = Calibrator::<f64>::UNCONFIGURED;
+    let mut run = SelfCalibration::new(config, None, &mut calibrator).expect("a good configuration");
+    let mut samples = 0;
+    while interrupts.period(&bench) {
+        while let Some(mut observed) = consumer.pop() {
+            samples += 1;
+            let motion = act(&mut run, samples, &mut observed, &mut on_message);
+            motion.into_iter().for_each(|motion| interrupts.control.command(motion, observed.gimbal.time_us));
+        }
+        let (now_us, gimbal) = (bench.borrow().now_us(), interrupts.control.status());
+        let motion = run.tick(now_us, &gimbal, &mut |message| on_message(message));
+        motion.into_iter().for_each(|motion| interrupts.control.command(motion, gimbal.time_us));
+    }
+    let state = run.state();
+    drop(interrupts);
+    let plant = std::rc::Rc::into_inner(bench).map(|bench| Bench::into_plant(bench.into_inner()));
+    (plant.expect("the run is over").rins, state)
 }
 
 #[test]
@@ -234,15 +302,23 @@ fn a_gap_at_a_stop_repeats_the_stop() {
 }
 
 #[test]
-fn a_drive_is_commanded_again_and_given_up_after_ten_failures() {
-    let briefly = run([0.0, 0.0], RUN_S, None, sound, spoiled(Chip::OuterDrive, TURNING_S, TURNING_S + 0.04));
-    assert!(briefly.aborted().is_empty() && briefly.accepted());
-    let forever = run([0.0, 0.0], TURNING_S + 5.0, None, sound, spoiled(Chip::InnerDrive, TURNING_S, f64::INFINITY));
-    let silent = FaultKind::Bridge(BridgeFault::Silent);
-    let reasons = forever.aborted();
-    assert!(matches!(reasons[..], [AbortReason::Gimbal(Fault { axis: 1, kind, .. })] if kind == silent), "{reasons:?}");
-    assert_eq!(forever.last_state(), Some(State::Stranded));
-    assert_eq!(forever.rins.true_rates_rad_s(), [0.0; 2]);
+fn axes_whose_bridge_finds_an_overcurrent_are_let_go() {
+    let plant = Faulty::new(DrivenRins::new(&unit(), 1), 10.0, sound);
+    let bench = shared(plant);
+    bench.borrow_mut().set_trouble(1, Some(Trouble::Overcurrent));
+    let mut messages = Vec::new();
+    let note = |message: &Message| messages.push(message.clone());
+    let config = SelfCalibrationConfig { policy: PowerUpPolicy::Always, ..usual(Scheme::bai(10.0, 1)) };
+    in_process::<f64, BASIC_STATES, _>(&Assignment::SelfCalibrate(config), None, &bench, note).expect("it runs");
+    let kind = FaultKind::Bridge(BridgeFault::Overcurrent);
+    let told = |reason| matches!(reason, AbortReason::Gimbal(fault) if fault.axis == 1 && fault.kind == kind);
+    let aborted = |message: &Message| matches!(message, Message::Aborted(abort) if told(abort.reason));
+    assert!(messages.iter().any(aborted), "{messages:?}");
+    let last = messages.iter().rev().find_map(|message| match message {
+        Message::State { state, .. } => Some(*state),
+        _ => None,
+    });
+    assert_eq!(last, Some(State::Stranded));
 }
 
 /// Runs a sound unit to its end with these limits and this pace.
@@ -256,9 +332,9 @@ fn configured(unit: &VirtualUnit, change: impl FnOnce(&mut SelfCalibrationConfig
     let calibrator = CalibratorConfig::new(Method::Joint, unit.site, noise, unit.rate_hz);
     let mut config = SelfCalibrationConfig::new(calibrator, Scheme::bai(10.0, 1));
     change(&mut config);
-    let mut rins = VirtualRins::new(unit, 2);
+    let mut rins = DrivenRins::new(unit, 2);
     rins.expect_moves(&move_durations_s(&config.scheme, unit.rate_hz));
-    let bench = shared(Faulty { rins, left: (2.0 * RUN_S * unit.rate_hz) as u32, fault: sound });
+    let bench = shared(Faulty::new(rins, 2.0 * RUN_S, sound));
     let mut messages = Vec::new();
     let note = |message: &Message| messages.push(message.clone());
     in_process::<f64, BASIC_STATES, _>(&Assignment::SelfCalibrate(config), None, &bench, note).expect("it runs");
@@ -334,35 +410,29 @@ fn stops_last_longer_where_there_is_more_noise() {
 
 #[test]
 fn a_run_is_started_on_command_and_judged_against_the_one_before() {
-    let unit = unit();
-    let calibrator_config = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
-    let mut config = SelfCalibrationConfig::new(calibrator_config, Scheme::bai(2.0, 1));
+    let mut config = usual(Scheme::bai(2.0, 1));
     (config.policy, config.utc_s) = (PowerUpPolicy::OnCommand, Some(1_790_000_000));
-    let mut rins = VirtualRins::new(&unit, 1);
-    rins.expect_moves(&move_durations_s(&config.scheme, unit.rate_hz));
-    let mut calibrator = Calibrator::<f64>::UNCONFIGURED;
-    let mut gimbal = RateGimbal::<f64>::new(&config.axes, unit.rate_hz);
-    let mut run = SelfCalibration::new(config, None, &mut calibrator).expect("a good configuration");
     let (mut decisions, mut verdicts, mut records) = (Vec::new(), Vec::new(), Vec::new());
-    for edge in 0..400 * 200 {
-        let reading = rins.next_reading().expect("it never ends");
-        let sample = raw_sample(&reading);
-        gimbal.measure(&sample);
-        let step = run.step(&sample, &gimbal.status(), &mut |message| match message {
+    by_hand(
+        config,
+        400.0,
+        |run, sample, observed, told| {
+            let step = run.step(&observed.sample, &observed.gimbal, &mut |message| told(message));
+            if step.save {
+                records.push(run.record().expect("a record"));
+                run.saved();
+            }
+            if sample % (200 * 200) == 200 {
+                assert!(run.start());
+            }
+            step.motion
+        },
+        |message| match message {
             Message::Decided(decision) => decisions.push(*decision),
             Message::Judged(verdict) => verdicts.push(verdict.accepted()),
             _ => {}
-        });
-        if step.save {
-            records.push(run.record().expect("a record"));
-            run.saved();
-        }
-        if edge % (200 * 200) == 200 {
-            assert!(run.start());
-        }
-        step.motion.into_iter().for_each(|motion| gimbal.command(motion));
-        rins.command_rates(gimbal.rates_rad_s());
-    }
+        },
+    );
     let commanded = Decision::Calibrate(Cause::Commanded);
     assert_eq!(decisions, [Decision::StandBy(Cause::Policy), commanded, commanded]);
     assert_eq!(verdicts, [true, true]);
@@ -371,20 +441,21 @@ fn a_run_is_started_on_command_and_judged_against_the_one_before() {
 }
 
 /// What a bad encoder makes of the true angles.
-fn run_on_bad_encoders(policy: PowerUpPolicy, bad: impl FnMut(&mut Reading)) -> Run {
+fn run_on_bad_encoders(policy: PowerUpPolicy, bad: impl FnMut(f64, &mut Tick)) -> Run {
     run_as(policy, [0.0, 0.0], 30.0, None, bad, intact)
 }
 
 #[test]
 fn gimbals_do_not_run_away_from_bad_encoders() {
     for policy in [PowerUpPolicy::Always, PowerUpPolicy::OnCommand] {
-        let reversed = run_on_bad_encoders(policy, |reading| reading.outer_rad = -reading.outer_rad - 1e-6);
-        let swapped = run_on_bad_encoders(policy, |reading| {
-            (reading.outer_rad, reading.inner_rad) = (reading.inner_rad + 1e-6, reading.outer_rad);
+        let reversed = run_on_bad_encoders(policy, |_, tick| tick.encoders_rad[0] = -tick.encoders_rad[0] - 1e-6);
+        let swapped = run_on_bad_encoders(policy, |_, tick| {
+            tick.encoders_rad.swap(0, 1);
+            tick.encoders_rad[0] += 1e-6;
         });
-        let stuck = run_on_bad_encoders(policy, |reading| {
-            if reading.time_us > 2_000_000 {
-                reading.inner_rad = 0.1;
+        let stuck = run_on_bad_encoders(policy, |time_s, tick| {
+            if time_s > 2.0 {
+                tick.encoders_rad[1] = 0.1;
             }
         });
         for (run, name) in [(reversed, "reversed"), (swapped, "swapped"), (stuck, "stuck")] {
@@ -398,34 +469,17 @@ fn gimbals_do_not_run_away_from_bad_encoders() {
 }
 
 #[test]
-fn a_data_ready_line_that_dies_stops_the_gimbals_at_ten_ticks_a_second() {
-    let unit = unit();
-    let calibrator_config = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
-    let config = SelfCalibrationConfig::new(calibrator_config, Scheme::bai(10.0, 1));
-    let mut rins = VirtualRins::new(&unit, 1);
-    let mut calibrator = Calibrator::<f64>::UNCONFIGURED;
-    let mut gimbal = RateGimbal::<f64>::new(&config.axes, unit.rate_hz);
-    let mut run = SelfCalibration::new(config, None, &mut calibrator).expect("a good configuration");
-    let last_us = (TURNING_S * 1e6) as u64;
-    for board_us in (0..last_us).step_by(5000) {
-        let reading = rins.next_reading().expect("it never ends");
-        let sample = raw_sample(&reading);
-        gimbal.measure(&sample);
-        let step = run.step(&sample, &gimbal.status(), &mut |_| ());
-        step.motion.into_iter().for_each(|motion| gimbal.command(motion));
-        rins.command_rates(gimbal.rates_rad_s());
-        assert_eq!(run.tick(board_us, &gimbal.status(), &mut |_| ()), None);
-        assert_eq!(gimbal.tick(board_us), None);
-    }
-    assert!(rins.true_rates_rad_s()[0].abs() > 19.0 * DEG);
-    let mut rates_rad_s = None;
-    for board_us in (last_us..last_us + 800_000).step_by(100_000) {
-        let motion = run.tick(board_us, &gimbal.status(), &mut |_| ());
-        motion.into_iter().for_each(|motion| gimbal.command(motion));
-        rates_rad_s = gimbal.tick(board_us);
-    }
-    // 0.2 s to notice, a third of a second to stop from 20 deg/s at 60 deg/s^2.
-    assert_eq!(rates_rad_s, Some([0.0; 2]));
+fn a_data_ready_line_that_dies_stops_the_gimbals() {
+    let dies = |time_s, tick: &mut Tick| {
+        if time_s > TURNING_S {
+            tick.reading = None;
+        }
+    };
+    // 0.1 s to notice, a third of a second to stop from 20 deg/s at 60 deg/s^2.
+    let run = run([0.0, 0.0], TURNING_S + 0.5, None, dies, intact);
+    assert_eq!((run.aborted(), run.last_state()), (vec![AbortReason::SampleLoss], Some(State::Stopping)));
+    assert_eq!(run.rins.true_rates_rad_s(), [0.0; 2]);
+    assert!(run.rins.true_angles_rad()[0].abs() > DEG, "it turned");
 }
 
 #[test]

@@ -1,16 +1,17 @@
 //! The firmware image in the emulator.
 
 use anyhow::Result;
-use host_tests::bench::{AtRest, Bench, Chip};
+use host_tests::bench::{Bench, Chip};
+use host_tests::chips::bridge::Output;
 use host_tests::drive::move_durations_s;
 use host_tests::emulator::image::{Board, Image, build};
 use host_tests::emulator::{Run, Setup, run};
 use host_tests::log::{LogPlayer, LogReader};
-use host_tests::plant::{Plant, Reading};
+use host_tests::plant::{Plant, Recording, at_rest};
 use host_tests::power_up::{MessageDigest, Switched, in_emulator, in_process, shared};
 use host_tests::presets;
 use host_tests::unit::UnitConfig;
-use host_tests::virtual_rins::{VirtualRins, VirtualUnit};
+use host_tests::virtual_rins::{DrivenRins, VirtualUnit};
 use rins_selfcal::assignment::Assignment;
 use rins_selfcal::calibrator::CalibratorConfig;
 use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS};
@@ -66,7 +67,7 @@ fn try_run<P: Plant>(setup: &Setup<'_>, bench: &mut Bench<P>) -> Result<Outcome>
     Ok(Outcome { run, log, messages })
 }
 
-fn outcome(setup: &Setup<'_>, bench: &mut Bench<AtRest>) -> Outcome {
+fn outcome(setup: &Setup<'_>, bench: &mut Bench<impl Plant>) -> Outcome {
     try_run(setup, bench).unwrap_or_else(|error| panic!("{error:#}"))
 }
 
@@ -74,28 +75,29 @@ fn outcome(setup: &Setup<'_>, bench: &mut Bench<AtRest>) -> Outcome {
 fn every_sample_is_delivered() {
     for board in [Board::Mps2An500, Board::Mps2An386] {
         let image = image(board);
-        let mut bench = Bench::new(AtRest::new(2000));
+        let mut bench = Bench::new(at_rest(2000));
         let outcome = outcome(&Setup::new(&image), &mut bench);
         assert!(outcome.run.success);
         assert_eq!(outcome.queue(), (2000, Losses::default()));
-        assert_eq!(outcome.run.late_edges, 0);
+        assert_eq!(outcome.run.late_periods, 0);
         assert!(outcome.log.iter().any(|line| line.contains("2000 samples, 0 missing")), "{:?}", outcome.log);
         assert_eq!(bench.samples(), 2000);
-        assert_eq!(bench.plant().rates_rad_s, [0.0, 0.0]);
+        assert_eq!(bench.outputs(), [Output::Shorted; 2]);
+        assert_eq!((outcome.run.late_periods, outcome.run.late_commands), (0, 0));
     }
 }
 
 #[test]
 fn edges_come_at_200_hz() {
     let image = image(Board::Mps2An500);
-    let run = |samples| outcome(&Setup::new(&image), &mut Bench::new(AtRest::new(samples))).run.elapsed_s;
+    let run = |samples| outcome(&Setup::new(&image), &mut Bench::new(at_rest(samples))).run.elapsed_s;
     assert!((run(3000) - run(1000) - 10.0).abs() < 1e-4);
 }
 
 #[test]
 fn a_run_repeats_to_the_tick() {
     let image = image(Board::Mps2An500);
-    let run = || outcome(&Setup::new(&image), &mut Bench::new(AtRest::new(1000))).run;
+    let run = || outcome(&Setup::new(&image), &mut Bench::new(at_rest(1000))).run;
     let (first, second) = (run(), run());
     assert_eq!((first.elapsed_s, first.instructions), (second.elapsed_s, second.instructions));
 }
@@ -103,12 +105,12 @@ fn a_run_repeats_to_the_tick() {
 #[test]
 fn damaged_frames_are_counted() {
     let image = image(Board::Mps2An500);
-    let mut bench = Bench::new(AtRest::new(1000));
+    let mut bench = Bench::new(at_rest(1000));
     let mut transfers = 0;
     bench.damage(move |chip, frame| {
-        transfers += u32::from(chip == Chip::OuterEncoder);
-        if chip == Chip::OuterEncoder && transfers % 100 == 0 {
-            frame[3] ^= 4;
+        transfers += u32::from(chip == Chip::Imu);
+        if chip == Chip::Imu && transfers % 100 == 0 {
+            frame[30] ^= 4;
         }
     });
     let outcome = outcome(&Setup::new(&image), &mut bench);
@@ -129,7 +131,7 @@ fn assignment(unit: &VirtualUnit, scheme: &Scheme) -> Assignment {
 /// Powers the unit up with this EEPROM, and off after three corrected samples have been told.
 fn boot(image: &Image, eeprom: &Path) -> Outcome {
     let (unit, scheme) = unit();
-    let mut rins = VirtualRins::new(&unit, 5);
+    let mut rins = DrivenRins::new(&unit, 5);
     rins.expect_moves(&move_durations_s(&scheme, unit.rate_hz));
     let (plant, off) = Switched::new(rins);
     let (mut log, mut messages, mut corrected) = (Vec::new(), Vec::new(), 0);
@@ -164,6 +166,8 @@ fn powers_up_twice(board: Board) {
     assert!(first.messages.contains(&Message::Saved(true)));
     assert_eq!(first.queue().1, Losses::default());
     within_sigmas(&first.record().expect("a solution"), &unit().0);
+    assert_eq!((first.run.late_periods, first.run.late_commands), (0, 0));
+    assert_eq!(told(&first.messages), told(&booted_in_process(board)), "every bit of every message");
     let second = boot(&image, &eeprom);
     assert_eq!(second.messages.first(), Some(&Message::Store { found: true, damaged: false, fault: false }));
     assert_eq!(second.states(), [State::Correcting]);
@@ -176,6 +180,32 @@ fn powers_up_twice(board: Board) {
     assert!(third.log.iter().any(|line| line.contains("a slot damaged: true")), "{:?}", third.log);
     assert_eq!(third.record(), first.record(), "the same unit, the same noise");
     assert!(third.messages.contains(&Message::Saved(true)));
+}
+
+/// The messages of a run until samples are corrected.
+fn told(messages: &[Message]) -> Vec<Vec<u8>> {
+    let run = messages.iter().take_while(|message| !matches!(message, Message::Corrected { .. }));
+    run.map(|message| postcard::to_stdvec(message).expect("messages serialize")).collect()
+}
+
+/// What the same unit tells in this process, its store empty.
+fn booted_in_process(board: Board) -> Vec<Message> {
+    let (unit, scheme) = unit();
+    let mut rins = DrivenRins::new(&unit, 5);
+    rins.expect_moves(&move_durations_s(&scheme, unit.rate_hz));
+    let (plant, off) = Switched::new(rins);
+    let mut messages = Vec::new();
+    let on_message = |message: &Message| {
+        off.set(matches!(message, Message::Corrected { .. }));
+        messages.push(message.clone());
+    };
+    let (assignment, bench) = (assignment(&unit, &scheme), shared(plant));
+    let ended = match board {
+        Board::Mps2An500 => in_process::<f64, BASIC_STATES, _>(&assignment, None, &bench, on_message),
+        Board::Mps2An386 => in_process::<f32, BASIC_STATES, _>(&assignment, None, &bench, on_message),
+    };
+    ended.unwrap_or_else(|error| panic!("{error:#}"));
+    messages
 }
 
 #[test]
@@ -197,7 +227,7 @@ fn a_scheme_that_cannot_be_run_is_refused_by_its_reason() {
     ];
     for (scheme, error) in cases {
         let (unit, _) = unit();
-        let mut bench = Bench::new(VirtualRins::new(&unit, 5));
+        let mut bench = Bench::new(DrivenRins::new(&unit, 5));
         let mut messages = Vec::new();
         let told = |message: &Message| messages.push(message.clone());
         // The firmware ends with an error; what it says is in the messages.
@@ -256,7 +286,7 @@ fn host_and_target_agree_to_the_last_bit() {
 
 /// Digest of the recorded log's messages.
 fn recorded(
-    run: impl FnOnce(&Assignment, &mut Bench<FromFirstEdge>, &mut MessageDigest) -> Result<()>,
+    run: impl FnOnce(&Assignment, &mut Bench<Recording<LogPlayer>>, &mut MessageDigest) -> Result<()>,
     method: Method,
 ) -> u64 {
     let (assignment, player) = recording(method);
@@ -278,25 +308,12 @@ fn recorded_in_process(board: Board, method: Method) -> u64 {
     digest.finish()
 }
 
-/// A log whose stamps are those of the board's edges: its first sample is at time zero, the board's half an interval later.
-struct FromFirstEdge(LogPlayer);
-
-impl Plant for FromFirstEdge {
-    fn next_reading(&mut self) -> Option<Reading> {
-        self.0.next_reading().map(|reading| Reading { time_us: reading.time_us + 2500, ..reading })
-    }
-
-    fn command_rates(&mut self, rates_rad_s: [f64; 2]) {
-        self.0.command_rates(rates_rad_s);
-    }
-}
-
-fn recording(method: Method) -> (Assignment, FromFirstEdge) {
+fn recording(method: Method) -> (Assignment, Recording<LogPlayer>) {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
     let unit = UnitConfig::read(&data.join("sample.toml")).expect("the unit");
     let config = CalibratorConfig::new(method, unit.site(), unit.noise.psd(), 200.0);
     let log = LogReader::open(&data.join("sample.csv.gz")).expect("the log");
-    (Assignment::Replay(config), FromFirstEdge(LogPlayer::new(log)))
+    (Assignment::Replay(config), Recording::new(LogPlayer::new(log)))
 }
 
 fn flip(path: &Path, offset: usize) {
@@ -310,7 +327,7 @@ fn a_hang_is_an_error() {
     let image = image(Board::Mps2An500);
     let setup = Setup { patience: Duration::ZERO, ..Setup::new(&image) };
     // Over so many samples the host waits for the firmware at least once, however busy the machine is.
-    let error = try_run(&setup, &mut Bench::new(AtRest::new(1_000_000))).err().expect("an error");
+    let error = try_run(&setup, &mut Bench::new(at_rest(1_000_000))).err().expect("an error");
     assert!(error.to_string().contains("hangs"), "{error:#}");
 }
 
@@ -318,5 +335,5 @@ fn a_hang_is_an_error() {
 fn an_image_that_is_none_is_an_error() {
     let image = Image { path: "/dev/null".into(), board: Board::Mps2An500 };
     let setup = Setup::new(&image);
-    assert!(try_run(&setup, &mut Bench::new(AtRest::new(10))).is_err());
+    assert!(try_run(&setup, &mut Bench::new(at_rest(10))).is_err());
 }

@@ -4,7 +4,7 @@ use host_tests::drive::move_durations_s;
 use host_tests::line::Line;
 use host_tests::power_up::{Memory, Switched, self_calibrate, shared};
 use host_tests::presets;
-use host_tests::virtual_rins::{VirtualRins, VirtualUnit};
+use host_tests::virtual_rins::{DrivenRins, VirtualUnit};
 use proptest::collection::vec;
 use proptest::prelude::*;
 use rins_selfcal::calibrator::CalibratorConfig;
@@ -89,7 +89,7 @@ fn power_up(
     mut on_told: impl FnMut(&Told, &mut Sender) -> bool,
 ) -> Vec<Told> {
     let config = config(policy);
-    let mut rins = VirtualRins::new(&unit(), 5);
+    let mut rins = DrivenRins::new(&unit(), 5);
     rins.expect_moves(&move_durations_s(&config.scheme, unit().rate_hz));
     let (plant, off) = Switched::new(rins);
     let mut all = Vec::new();

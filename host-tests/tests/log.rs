@@ -1,7 +1,7 @@
 //! Logs and configuration files: what is right passes, and what is wrong is named in one line.
 
 use host_tests::log::{COLUMNS, LogPlayer, LogReader, LogWriter};
-use host_tests::plant::{Plant, Reading};
+use host_tests::plant::Reading;
 use host_tests::presets::{errors_named, noise_named, real};
 use host_tests::scheme_file::{read_scheme, scheme_named, write_scheme};
 use host_tests::truth::Truth;
@@ -165,8 +165,7 @@ fn repeated_times_and_gaps_pass() {
     let path = written("repeated.csv", (header() + "\n" + &rows.concat()).as_bytes());
     let mut player = LogPlayer::new(LogReader::open(&path).unwrap());
     let mut times = Vec::new();
-    while let Some(reading) = player.next_reading() {
-        player.command_rates([1.0, 1.0]);
+    for reading in &mut player {
         times.push(reading.time_us);
     }
     assert_eq!(times, [0, 5000, 5000, 10_000, 500_000, 505_000]);
@@ -179,12 +178,8 @@ fn a_player_ends_at_the_first_wrong_row() {
     let rows: String = (0..5000).map(|index| format!("{}{ROW}\n", f64::from(index) * 0.005)).collect();
     let path = written("late.csv", format!("{}\n{rows}bad{ROW}\n", header()).as_bytes());
     let mut player = LogPlayer::new(LogReader::open(&path).unwrap());
-    let mut count = 0;
-    while player.next_reading().is_some() {
-        count += 1;
-    }
-    assert_eq!(count, 5000);
-    assert!(player.next_reading().is_none());
+    assert_eq!(player.by_ref().count(), 5000);
+    assert!(player.next().is_none());
     assert!(
         player.finish().unwrap_err().to_string().ends_with("late.csv:5002: column time_s: \"bad\" is not a number")
     );

@@ -1,11 +1,12 @@
 //! `rins monitor` at a pseudo-terminal, with an instrument in this process at the other end.
 
+use host_tests::chips::bridge;
 use host_tests::drive::move_durations_s;
 use host_tests::line::Terminal;
-use host_tests::plant::{Plant, Reading};
+use host_tests::plant::{Plant, Tick};
 use host_tests::power_up::{Memory, self_calibrate, shared};
 use host_tests::presets;
-use host_tests::virtual_rins::{VirtualRins, VirtualUnit};
+use host_tests::virtual_rins::{DrivenRins, VirtualUnit};
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::pty::openpty;
 use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
@@ -23,15 +24,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 
 /// A unit that is switched off from another thread.
-struct Unit(VirtualRins, Arc<AtomicBool>);
+struct Unit(DrivenRins, Arc<AtomicBool>);
 
 impl Plant for Unit {
-    fn next_reading(&mut self) -> Option<Reading> {
-        if self.1.load(Ordering::Relaxed) { None } else { self.0.next_reading() }
-    }
-
-    fn command_rates(&mut self, rates_rad_s: [f64; 2]) {
-        self.0.command_rates(rates_rad_s);
+    fn advance(&mut self, outputs: [bridge::Output; 2]) -> Option<Tick> {
+        if self.1.load(Ordering::Relaxed) { None } else { self.0.advance(outputs) }
     }
 }
 
@@ -41,7 +38,7 @@ fn instrument(line: File, off: &Arc<AtomicBool>) -> Memory {
     let calibrator = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
     let usual = SelfCalibrationConfig::new(calibrator, Scheme::bai(1.0, 1));
     let config = SelfCalibrationConfig { policy: PowerUpPolicy::OnCommand, ..usual };
-    let mut rins = VirtualRins::new(&unit, 5);
+    let mut rins = DrivenRins::new(&unit, 5);
     rins.expect_moves(&move_durations_s(&config.scheme, unit.rate_hz));
     let bench = shared(Unit(rins, Arc::clone(off)));
     let (mut memory, mut line) = (Memory::default(), Terminal::new(line));

@@ -6,7 +6,7 @@ use host_tests::drive::{SchemeDrive, move_durations_s};
 use host_tests::encoder::Harmonic;
 use host_tests::kinematics::{Motion, RigidTruth};
 use host_tests::log::{LogReader, LogRow};
-use host_tests::plant::{Plant, Reading};
+use host_tests::plant::Reading;
 use host_tests::presets::{RandomErrors, real};
 use host_tests::truth::Truth;
 use host_tests::unit::{Noise, UnitConfig};

@@ -10,7 +10,7 @@ use host_tests::drive::move_durations_s;
 use host_tests::emulator::image::{Board, Image, Variant, build};
 use host_tests::emulator::{Run, WORKS};
 use host_tests::power_up::{Switched, in_emulator};
-use host_tests::virtual_rins::{VirtualRins, VirtualUnit};
+use host_tests::virtual_rins::{DrivenRins, VirtualUnit};
 use object::{Object, ObjectSegment, ObjectSymbol};
 use rins_selfcal::assignment::Assignment;
 use rins_selfcal::calibrator::CalibratorConfig;
@@ -94,7 +94,7 @@ fn calibration(image: &Image) -> Result<Run> {
     let scheme = Scheme::bai(1.0, 1);
     let calibrator = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
     let assignment = Assignment::SelfCalibrate(SelfCalibrationConfig::new(calibrator, scheme.clone()));
-    let mut rins = VirtualRins::new(&unit, 1);
+    let mut rins = DrivenRins::new(&unit, 1);
     rins.expect_moves(&move_durations_s(&scheme, unit.rate_hz));
     let (plant, off) = Switched::new(rins);
     let switch = |message: &Message| {

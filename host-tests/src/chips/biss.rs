@@ -39,39 +39,41 @@ impl BissChip {
         }
     }
 
-    /// The line while the bytes are clocked, with the axis at this angle, rad.
+    /// The line while the bytes, at most 16, are clocked, with the axis at this angle, rad.
     pub fn clock(&self, angle_rad: f64, bytes: &mut [u8]) {
         bytes.fill(0xff);
-        if self.dead {
-            return;
-        }
-        for (at, bit) in self.line(angle_rad).into_iter().take(8 * bytes.len()).enumerate() {
-            if !bit {
-                bytes[at / 8] &= !(0x80 >> (at % 8));
-            }
+        if !self.dead {
+            bytes.iter_mut().zip(self.line(angle_rad).to_be_bytes()).for_each(|(byte, bits)| *byte = bits);
         }
     }
 
-    /// Idle until the second rising edge, acknowledgement, start, zero, content, timeout.
-    fn line(&self, angle_rad: f64) -> Vec<bool> {
+    /// Idle until the second rising edge, acknowledgement, start, zero, content, timeout; from the top.
+    fn line(&self, angle_rad: f64) -> u128 {
         let content = self.content(angle_rad);
-        let crc = !crc(6, 0x03, 0, content.iter().copied()) & 0x3f;
-        let repeated = |bit: bool, count: u32| std::iter::repeat_n(bit, count as usize);
-        repeated(true, 2)
-            .chain(repeated(false, self.acknowledge))
-            .chain([true, false])
-            .chain(content)
-            .chain((0..6).rev().map(|bit| crc >> bit & 1 == 1))
-            .chain(repeated(false, self.timeout))
-            .collect()
+        let bits = self.bits + 2;
+        let crc = !crc(6, 0x03, 0, (0..bits).rev().map(|bit| content >> bit & 1 == 1)) & 0x3f;
+        let fields = [
+            (0b11, 2),
+            (0, self.acknowledge),
+            (0b10, 2),
+            (content, bits),
+            (crc.into(), 6),
+            (0, self.timeout),
+            (u64::MAX, u64::BITS),
+            (u64::MAX, u64::BITS),
+        ];
+        let append = |(line, at): (u128, u32), (value, count): (u64, u32)| {
+            let top = u128::from(value) << (u128::BITS - count.max(1));
+            (line | top.checked_shr(at).unwrap_or(0), at + count)
+        };
+        fields.into_iter().fold((0, 0), append).0
     }
 
-    /// Position, high bit first, error and warning, low if there is one.
-    fn content(&self, angle_rad: f64) -> Vec<bool> {
+    /// Position, error and warning, which are low if there is one.
+    fn content(&self, angle_rad: f64) -> u64 {
         let turned_rad = if self.reversed { self.zero_rad - angle_rad } else { angle_rad - self.zero_rad };
         let steps = 2_f64.powi(self.bits as i32);
         let position = (turned_rad / TAU * steps).round().rem_euclid(steps) as u64;
-        let position = (0..self.bits).rev().map(|bit| position >> bit & 1 == 1);
-        position.chain([!self.error, !self.warning]).collect()
+        position << 2 | u64::from(!self.error) << 1 | u64::from(!self.warning)
     }
 }

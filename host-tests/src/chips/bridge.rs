@@ -1,5 +1,7 @@
 //! A motor bridge with PWM and direction: what its outputs do.
 
+use rins_selfcal::servo::Drive;
+
 /// The bridge, as its pins are.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BridgeChip {
@@ -27,6 +29,16 @@ pub enum Output {
     Shorted,
     /// Open.
     Open,
+}
+
+impl From<Output> for Drive<f64> {
+    fn from(output: Output) -> Self {
+        match output {
+            Output::Driven(part) => Self::Duty(part),
+            Output::Shorted => Self::Brake,
+            Output::Open => Self::Off,
+        }
+    }
 }
 
 impl BridgeChip {

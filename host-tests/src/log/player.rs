@@ -1,7 +1,7 @@
 //! A log in place of an instrument.
 
 use super::{LogError, LogReader};
-use crate::plant::{Plant, Reading};
+use crate::plant::Reading;
 
 /// A log in place of an instrument. It ignores commands, and ends at the log's end or at its first wrong row.
 pub struct LogPlayer {
@@ -25,8 +25,10 @@ impl LogPlayer {
     }
 }
 
-impl Plant for LogPlayer {
-    fn next_reading(&mut self) -> Option<Reading> {
+impl Iterator for LogPlayer {
+    type Item = Reading;
+
+    fn next(&mut self) -> Option<Reading> {
         if self.error.is_some() {
             return None;
         }
@@ -41,6 +43,4 @@ impl Plant for LogPlayer {
             }
         }
     }
-
-    fn command_rates(&mut self, _rates_rad_s: [f64; 2]) {}
 }

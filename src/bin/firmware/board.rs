@@ -1,6 +1,9 @@
 //! What the firmware wants of a board: one trait, fulfilled in one file for each board.
 
 use crate::Scalar;
+use embedded_hal::spi::SpiDevice;
+use rins_selfcal::control::{Control, MotorBridge};
+use rins_selfcal::gimbal::Gimbal;
 use rins_selfcal::queue::SampleConsumer;
 use rins_selfcal::store::CalibrationStore;
 use rins_selfcal::store::medium::Medium;
@@ -16,14 +19,23 @@ pub trait Board: Sized {
     /// Memory that keeps calibrations while the power is off.
     type Memory: Medium;
 
-    /// Sets the board up; data-ready edges begin. Called once.
+    /// Bus of an encoder.
+    type Spi: SpiDevice;
+
+    /// Bridge of a motor.
+    type Bridge: MotorBridge;
+
+    /// Sets the board up. Called once.
     fn start() -> Self;
+
+    /// Lets control and data-ready interrupts begin. Called once.
+    fn begin(&mut self, gimbal: Gimbal<Scalar>);
+
+    /// Does something with what the control interrupt has, in a critical section; `None` before [`Self::begin`].
+    fn with_control<R>(&mut self, act: impl FnOnce(&mut Control<Scalar, Self::Spi, Self::Bridge>) -> R) -> Option<R>;
 
     /// Samples of the data-ready interrupt.
     fn samples(&mut self) -> &mut SampleConsumer<'static, Scalar>;
-
-    /// Commands the outer and the inner drive, rad/s; which of them took it.
-    fn command_rates(&mut self, rates_rad_s: [Scalar; 2]) -> [bool; 2];
 
     /// Calibration records.
     fn store(&mut self) -> &mut CalibrationStore<Self::Memory>;

@@ -1,4 +1,4 @@
-//! The firmware: samples in, rates out, records in the store.
+//! The firmware: samples in, motion commands out, records in the store.
 #![no_std]
 #![no_main]
 #![deny(unsafe_code)]
@@ -16,15 +16,18 @@ use board::{Board, ThisBoard};
 use cortex_m::singleton;
 use cortex_m_rt::entry;
 use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
+use rins_selfcal::axis::AxisLimits;
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
 #[cfg(not(feature = "optional-states"))]
 use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::estimator::{FULL_STATES, MAX_SEGMENTS};
+use rins_selfcal::gimbal::{Gimbal, MotionCommand};
 use rins_selfcal::link::{MAX_FRAME_BYTES, encode};
 use rins_selfcal::policy::Decision;
-use rins_selfcal::rate_axis::RateGimbal;
+use rins_selfcal::queue::Observed;
 use rins_selfcal::self_calibration::{ConfigError, SelfCalibration, SelfCalibrationConfig};
 use rins_selfcal::sequencer::State;
+use rins_selfcal::servo::MotorAndLoad;
 use rins_selfcal::store::{Loaded, StoredCalibration};
 use rins_selfcal::telemetry::Message;
 use rins_selfcal::verdict::VerdictLimits;
@@ -86,7 +89,7 @@ fn self_calibrate(
     calibrator: &mut ImageCalibrator,
 ) -> Result<(), ()> {
     let (stored, scheme) = (load(board), config.scheme.name.clone());
-    let mut gimbal = RateGimbal::<Scalar>::new(&config.axes, config.calibrator.rate_hz);
+    let gimbal = Gimbal::new(&config.axes, &config.motors);
     // Borrowed where it is: moved out, it would be on the stack twice.
     let mut made = SelfCalibration::new(config, stored.as_ref(), calibrator);
     let run = match &mut made {
@@ -96,19 +99,17 @@ fn self_calibrate(
             return refuse(board, *error);
         }
     };
+    board.begin(gimbal);
     let mut samples = 0;
     while board.powered() {
-        while let Some(sample) = board.samples().pop() {
+        while let Some(Observed { sample, gimbal }) = board.samples().pop() {
             samples += 1;
             let (span, mut work) = (Span::start(), work_in(run.state()));
-            gimbal.measure(&sample);
-            let step = run.step(&sample, &gimbal.status(), &mut |message| {
+            let step = run.step(&sample, &gimbal, &mut |message| {
                 work = if matches!(message, Message::Segment(_)) { Work::Segment } else { Work::Other };
                 send(board, message);
             });
-            step.motion.into_iter().for_each(|motion| gimbal.command(motion));
-            let answered = board.command_rates(gimbal.rates_rad_s());
-            gimbal.drives_answered(answered);
+            command(board, step.motion, gimbal.time_us);
             count(work, &span);
             if step.save {
                 let saved = save(board, run);
@@ -116,16 +117,20 @@ fn self_calibrate(
                 send(board, &Message::Saved(saved));
             }
         }
-        let board_us = board.now_us();
-        let motion = run.tick(board_us, &gimbal.status(), &mut |message| send(board, message));
-        motion.into_iter().for_each(|motion| gimbal.command(motion));
-        if let Some(rates_rad_s) = gimbal.tick(board_us) {
-            board.command_rates(rates_rad_s);
-        }
+        let (now_us, gimbal) = (board.now_us(), board.with_control(|control| control.status()).unwrap_or_default());
+        let motion = run.tick(now_us, &gimbal, &mut |message| send(board, message));
+        command(board, motion, gimbal.time_us);
         board.wait();
     }
     report_queue(board, samples);
     Ok(())
+}
+
+/// Gives the gimbal a command that was computed from its status of a time, us.
+fn command(board: &mut impl Board, motion: Option<MotionCommand>, seen_us: u64) {
+    if let Some(motion) = motion {
+        board.with_control(|control| control.command(motion, seen_us));
+    }
 }
 
 fn refuse(board: &mut impl Board, error: ConfigError) -> Result<(), ()> {
@@ -151,9 +156,10 @@ fn replay(board: &mut impl Board, config: &CalibratorConfig, calibrator: &mut Im
         return refuse(board, ConfigError::States);
     }
     calibrator.restart(config);
+    board.begin(Gimbal::new(&[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2]));
     let mut samples = 0;
     while board.powered() {
-        while let Some(sample) = board.samples().pop() {
+        while let Some(Observed { sample, .. }) = board.samples().pop() {
             samples += 1;
             if let Some(progress) = calibrator.step(&sample) {
                 send(board, &Message::Segment(progress));

@@ -1,14 +1,21 @@
 //! The boards of the emulator: QEMU's `mps2-an500`, a Cortex-M7 with double precision, and `mps2-an386`, a Cortex-M4F with
 //! single precision. Their memory and peripherals are the same.
 //!
-//! The devices on SPI are played by the host. The emulator's auto-reload timers run at half rate while the processor
-//! sleeps (QEMU 7.2). Data-ready edges therefore come from a one-shot timer, armed anew in its handler against a
+//! The devices and the pins are played by the host. The emulator's auto-reload timers run at half rate while the processor
+//! sleeps (QEMU 7.2). Control periods therefore come from a one-shot timer, armed anew in its handler against a
 //! free-running one.
+//!
+//! ```text
+//! control interrupt      priority 0x00   a period goes by at the host; encoders -> gimbal -> bridges
+//! data-ready interrupt   priority 0x40   at the end of every fifth one; IMU -> sample queue
+//! SysTick                lowest          wakes the main loop
+//! ```
 #![allow(unsafe_code)]
 
 mod bit_bang_i2c;
 mod eeprom;
 mod log;
+mod pipe_pins;
 mod pipe_spi;
 mod register;
 mod semihosting;
@@ -23,43 +30,50 @@ use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{NVIC, SYST};
 use critical_section::Mutex;
 use eeprom::{Delay, Eeprom, eeprom};
+use pipe_pins::{BridgePin, EncoderSpi, input};
 use pipe_spi::{Chip, POWERED, PipeBus, PipeSpi};
 use register::Timer;
 use rins_selfcal::acquisition::Acquisition;
-use rins_selfcal::device::{RateDrive, command_rates};
+use rins_selfcal::control::Control;
 use rins_selfcal::drivers::adis16495::{Adis16495, Settings};
 use rins_selfcal::drivers::biss::{BissEncoder, Mounting, Resolution};
-use rins_selfcal::queue::{SampleConsumer, SampleQueue};
+use rins_selfcal::drivers::bridge::Bridge;
+use rins_selfcal::gimbal::Gimbal;
+use rins_selfcal::queue::{Loss, SampleConsumer, SampleQueue};
+use rins_selfcal::servo::PERIOD_US;
 use rins_selfcal::store::CalibrationStore;
 use semihosting::{File, exit};
 
 /// Ticks of the system clock per second.
 const TICKS_PER_S: u32 = 25_000_000;
-/// Ticks from one data-ready edge to the next: 200 Hz.
-const TICKS_PER_EDGE: u32 = TICKS_PER_S / 200;
-/// The same in microseconds.
-const US_PER_EDGE: u64 = TICKS_PER_EDGE as u64 * 1_000_000 / TICKS_PER_S as u64;
+/// Ticks to a control period: 1 kHz.
+const TICKS_PER_PERIOD: u32 = (TICKS_PER_S / 1_000_000) * PERIOD_US as u32;
 /// Depth of the sample queue plus one: 0.31 s at 200 Hz. The main loop is busy longest when it writes a record to the
 /// EEPROM, for 0.21 s; no more than 42 samples were seen to wait.
 const QUEUE_LENGTH: usize = 64;
 
-const EDGE_TIMER: Timer = Timer::at(0x4000_0000);
+const PERIOD_TIMER: Timer = Timer::at(0x4000_0000);
 const CLOCK_TIMER: Timer = Timer::at(0x4000_1000);
 
-/// The interrupt of `EDGE_TIMER`.
-#[derive(Clone, Copy)]
-struct DataReady;
+/// Interrupts of this board.
+#[derive(Clone, Copy, PartialEq)]
+enum Line {
+    /// That of `PERIOD_TIMER`.
+    Control = 8,
+    /// Without a source of its own: the control interrupt, which hears of the edge from the host, sets it pending.
+    DataReady = 30,
+}
 
-// Safety: 8 is the timer's line on this board.
-unsafe impl InterruptNumber for DataReady {
+// Safety: both are lines of this board.
+unsafe impl InterruptNumber for Line {
     fn number(self) -> u16 {
-        8
+        self as u16
     }
 }
 
 // --------------------------------------------------------------------------------------------------------------- time
 
-/// Time at the last look, ticks. Looked at 200 times a second, so that the 32-bit timer never wraps unseen.
+/// Time at the last look, ticks. Looked at a thousand times a second, so that the 32-bit timer never wraps unseen.
 static CLOCK: Mutex<Cell<u64>> = Mutex::new(Cell::new(0));
 
 fn timer_ticks() -> u32 {
@@ -78,73 +92,113 @@ fn ticks() -> u64 {
 
 defmt::timestamp!("{=u64:us}", ticks() / 25);
 
-// ---------------------------------------------------------------------------------------------------- data-ready edges
+// --------------------------------------------------------------------------------------------------------- interrupts
 
-type BoardAcquisition = Acquisition<'static, Scalar, PipeSpi, PipeSpi, PipeSpi>;
+type BoardAcquisition = Acquisition<'static, Scalar, PipeSpi>;
+type BoardBridge = Bridge<BridgePin, BridgePin, BridgePin, BridgePin>;
+type BoardControl = Control<Scalar, EncoderSpi, BoardBridge>;
 
-/// Filled once at power-up, used by the interrupt only.
-static ACQUISITION: Mutex<RefCell<Option<(PipeBus, BoardAcquisition)>>> = Mutex::new(RefCell::new(None));
-/// Time of the next edge on the free-running timer. Written at the start, then by the interrupt only.
-static NEXT_EDGE: AtomicU32 = AtomicU32::new(0);
-/// Edges so far, which are the clock of the samples: it does not depend on what the processor is doing.
-static EDGES: Mutex<Cell<u64>> = Mutex::new(Cell::new(0));
-/// Edges that came after their time because the processor was busy. Written by the interrupt.
-static LATE_EDGES: AtomicU32 = AtomicU32::new(0);
+/// Filled once at power-up. See [`rins_selfcal::control`] for who uses it.
+static CONTROL: Mutex<RefCell<Option<BoardControl>>> = Mutex::new(RefCell::new(None));
+/// Filled once at power-up, then used by the data-ready interrupt only, which takes it out while it does: the control
+/// interrupt may come into it.
+static ACQUISITION: Mutex<Cell<Option<BoardAcquisition>>> = Mutex::new(Cell::new(None));
+/// Written once at power-up.
+static BUS: Mutex<Cell<Option<PipeBus>>> = Mutex::new(Cell::new(None));
+/// Beginning of the next period on the free-running timer. Written at the start, then by the control interrupt only.
+static NEXT_PERIOD: AtomicU32 = AtomicU32::new(0);
+/// Periods so far, which are the clock of angles and samples: it does not depend on what the processor is doing. Written by
+/// the control interrupt.
+static PERIODS: AtomicU32 = AtomicU32::new(0);
+/// Periods that began after the next one's time, because the processor was busy. Written by the control interrupt.
+static LATE_PERIODS: AtomicU32 = AtomicU32::new(0);
+/// Period and ticks of the last data-ready edge. Written by the control interrupt, read by the data-ready interrupt.
+static EDGE: [AtomicU32; 2] = [const { AtomicU32::new(0) }; 2];
+/// Longest times from a period's beginning, or an edge, until its interrupt runs, ticks. Each written by its interrupt.
+static LATENCIES: [AtomicU32; 2] = [const { AtomicU32::new(0) }; 2];
 
-fn start_edges() {
-    EDGE_TIMER.reload.write(0);
-    EDGE_TIMER.control.write(Timer::ENABLE | Timer::ENABLE_INTERRUPT);
-    NEXT_EDGE.store(timer_ticks(), Ordering::Relaxed);
-    arm_next_edge();
-    // Safety: everything the interrupt uses is in place.
-    unsafe { NVIC::unmask(DataReady) };
+fn with_control<R>(act: impl FnOnce(&mut BoardControl) -> R) -> Option<R> {
+    critical_section::with(|cs| Some(act(CONTROL.borrow(cs).try_borrow_mut().ok()?.as_mut()?)))
 }
 
-fn arm_next_edge() {
-    let edge = NEXT_EDGE.load(Ordering::Relaxed).wrapping_add(TICKS_PER_EDGE);
-    NEXT_EDGE.store(edge, Ordering::Relaxed);
-    let remaining = edge.wrapping_sub(timer_ticks());
+fn now_us() -> u64 {
+    u64::from(PERIODS.load(Ordering::Relaxed)) * PERIOD_US
+}
+
+fn note_latency(latency: &AtomicU32, since: u32) {
+    latency.store(latency.load(Ordering::Relaxed).max(timer_ticks().wrapping_sub(since)), Ordering::Relaxed);
+}
+
+fn start_periods(nvic: &mut NVIC) {
+    PERIOD_TIMER.reload.write(0);
+    PERIOD_TIMER.control.write(Timer::ENABLE | Timer::ENABLE_INTERRUPT);
+    NEXT_PERIOD.store(timer_ticks(), Ordering::Relaxed);
+    arm_next_period();
+    // Safety: everything the interrupts use is in place.
+    unsafe {
+        nvic.set_priority(Line::Control, 0x00);
+        nvic.set_priority(Line::DataReady, 0x40);
+        NVIC::unmask(Line::Control);
+        NVIC::unmask(Line::DataReady);
+    }
+}
+
+fn arm_next_period() {
+    let next = NEXT_PERIOD.load(Ordering::Relaxed).wrapping_add(TICKS_PER_PERIOD);
+    NEXT_PERIOD.store(next, Ordering::Relaxed);
+    let remaining = next.wrapping_sub(timer_ticks());
     let late = remaining.cast_signed() <= 0;
     if late {
-        LATE_EDGES.store(LATE_EDGES.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+        LATE_PERIODS.store(LATE_PERIODS.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
     }
-    EDGE_TIMER.value.write(if late { 1 } else { remaining });
+    PERIOD_TIMER.value.write(if late { 1 } else { remaining });
 }
 
-fn on_data_ready() {
-    let span = Span::start();
-    acquire();
-    count(Work::Interrupt, &span);
-    span.put_aside();
-}
-
-fn acquire() {
-    EDGE_TIMER.interrupt_clear.write(1);
+fn on_period() {
+    PERIOD_TIMER.interrupt_clear.write(1);
     if !POWERED.load(Ordering::Relaxed) {
         return;
     }
-    arm_next_edge();
+    note_latency(&LATENCIES[0], NEXT_PERIOD.load(Ordering::Relaxed));
+    let span = Span::start();
+    arm_next_period();
     ticks();
-    critical_section::with(|cs| {
-        if let Ok(mut place) = ACQUISITION.borrow(cs).try_borrow_mut()
-            && let Some((bus, acquisition)) = place.as_mut()
-            && bus.data_ready()
-        {
-            let edges = EDGES.borrow(cs);
-            edges.set(edges.get() + 1);
-            // A sample that is lost has been counted.
-            let _ = acquisition.on_data_ready(edges.get() * US_PER_EDGE);
+    if let Some(inputs) = critical_section::with(|cs| BUS.borrow(cs).get()).and_then(pipe_pins::period) {
+        PERIODS.store(PERIODS.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+        if inputs & input::DATA_READY != 0 {
+            EDGE[0].store(PERIODS.load(Ordering::Relaxed), Ordering::Relaxed);
+            EDGE[1].store(timer_ticks(), Ordering::Relaxed);
+            NVIC::pend(Line::DataReady);
         }
-    });
+        with_control(|control| control.on_period(now_us));
+    }
+    count(Work::Control, &span);
+    span.put_aside();
 }
 
-/// Every interrupt comes here; only one is enabled.
+fn on_data_ready() {
+    note_latency(&LATENCIES[1], EDGE[1].load(Ordering::Relaxed));
+    let span = Span::start();
+    let edge_us = u64::from(EDGE[0].load(Ordering::Relaxed)) * PERIOD_US;
+    if let Some(mut acquisition) = critical_section::with(|cs| ACQUISITION.borrow(cs).take()) {
+        let view = |time_us| with_control(|control| control.view(time_us)).unwrap_or(Err(Loss::Status));
+        // A sample that is lost has been counted.
+        let _ = acquisition.on_data_ready(edge_us, view);
+        critical_section::with(|cs| ACQUISITION.borrow(cs).set(Some(acquisition)));
+    }
+    count(Work::Acquire, &span);
+    span.put_aside();
+}
+
+/// Every interrupt comes here; two are enabled.
 #[cortex_m_rt::exception]
 unsafe fn DefaultHandler(number: i16) {
-    if number == 8 {
-        on_data_ready();
-    } else {
-        Mps2::stop("unexpected interrupt", &[number as u32]);
+    const CONTROL: i16 = Line::Control as i16;
+    const DATA_READY: i16 = Line::DataReady as i16;
+    match number {
+        CONTROL => on_period(),
+        DATA_READY => on_data_ready(),
+        _ => Mps2::stop("unexpected interrupt", &[number as u32]),
     }
 }
 
@@ -166,7 +220,7 @@ fn start_waking(systick: &mut SYST) {
 /// The board.
 pub struct Mps2 {
     samples: SampleConsumer<'static, Scalar>,
-    drives: [RateDrive<PipeSpi>; 2],
+    nvic: NVIC,
     store: CalibrationStore<Eeprom>,
     telemetry: File,
     idle_ticks: u64,
@@ -185,21 +239,13 @@ impl Mps2 {
         let Ok(imu) = Adis16495::start(bus.device(Chip::Imu), &mut Delay, &Settings::default()) else {
             Self::stop("the IMU does not start", &[])
         };
-        let encoder = |chip| BissEncoder::new(bus.device(chip), Resolution::Bits32, Mounting::STRAIGHT);
-        let (outer, inner) = (encoder(Chip::OuterEncoder), encoder(Chip::InnerEncoder));
-        let acquisition = Acquisition::new(imu, outer, inner, producer);
         critical_section::with(|cs| {
-            ACQUISITION.borrow(cs).try_borrow_mut().ok().map(|mut place| *place = Some((bus, acquisition)))
-        })?;
-        start_edges();
+            ACQUISITION.borrow(cs).set(Some(Acquisition::new(imu, producer)));
+            BUS.borrow(cs).set(Some(bus));
+        });
         start_waking(&mut core.SYST);
-        Some(Self {
-            samples,
-            drives: [Chip::OuterDrive, Chip::InnerDrive].map(|chip| RateDrive::new(bus.device(chip))),
-            store: CalibrationStore::new(eeprom()),
-            telemetry,
-            idle_ticks: 0,
-        })
+        let store = CalibrationStore::new(eeprom());
+        Some(Self { samples, nvic: core.NVIC, store, telemetry, idle_ticks: 0 })
     }
 
     /// What the host's file `run` holds, in words.
@@ -209,7 +255,10 @@ impl Mps2 {
             self.idle_ticks,
             stack_used as u64,
             stack::bytes() as u64,
-            LATE_EDGES.load(Ordering::Relaxed).into(),
+            LATE_PERIODS.load(Ordering::Relaxed).into(),
+            with_control(|control| control.late_commands()).unwrap_or(0).into(),
+            LATENCIES[0].load(Ordering::Relaxed).into(),
+            LATENCIES[1].load(Ordering::Relaxed).into(),
             self.samples.deepest().into(),
             QUEUE_LENGTH as u64 - 1,
         ];
@@ -223,6 +272,8 @@ impl Mps2 {
 
 impl Board for Mps2 {
     type Memory = Eeprom;
+    type Spi = EncoderSpi;
+    type Bridge = BoardBridge;
 
     fn start() -> Self {
         match Self::new() {
@@ -235,8 +286,21 @@ impl Board for Mps2 {
         &mut self.samples
     }
 
-    fn command_rates(&mut self, rates_rad_s: [Scalar; 2]) -> [bool; 2] {
-        command_rates(&mut self.drives, rates_rad_s)
+    fn begin(&mut self, gimbal: Gimbal<Scalar>) {
+        let encoder = |axis| BissEncoder::new(EncoderSpi { axis }, Resolution::Bits26, Mounting::STRAIGHT);
+        let bridge = |axis| {
+            let [pwm, direction, enable, fault] = BridgePin::all(axis);
+            Bridge::with_pins(pwm, direction, enable, fault)
+        };
+        let control = Control::new([0, 1].map(encoder), [0, 1].map(bridge), gimbal);
+        critical_section::with(|cs| {
+            CONTROL.borrow(cs).try_borrow_mut().map(|mut place| *place = Some(control)).unwrap_or(())
+        });
+        start_periods(&mut self.nvic);
+    }
+
+    fn with_control<R>(&mut self, act: impl FnOnce(&mut BoardControl) -> R) -> Option<R> {
+        with_control(act)
     }
 
     fn store(&mut self) -> &mut CalibrationStore<Eeprom> {

@@ -1,10 +1,12 @@
 //! The board NUCLEO-H743ZI2: an STM32H743ZI at 480 MHz, a Cortex-M7 with double precision. Pins: README.
 //!
 //! ```text
-//! EXTI15 data-ready   priority 1   ADIS16495 on SPI1, encoders on SPI3 and SPI4 -> sample queue
-//! USART3              priority 2   telemetry out of its buffer
-//! SysTick             lowest       wakes the main loop
+//! TIM6 control period   priority 1   encoders on SPI3 and SPI4 -> gimbal -> bridges on TIM1
+//! TIM2 data-ready       priority 2   ADIS16495 on SPI1 -> sample queue
+//! USART3                priority 3   telemetry out of its buffer
+//! SysTick               lowest       wakes the main loop
 //! ```
+//! The time of a data-ready edge is captured by TIM2, which is the clock: how long its interrupt has to wait does not matter.
 //! The stack lies in the data TCM; both caches are on, and nothing but the processor touches memory.
 #![allow(unsafe_code)]
 
@@ -14,32 +16,35 @@ use crate::board::Board;
 use crate::work::{Span, Work, count, loads};
 use crate::{Scalar, stack};
 use clock::{CORE_HZ, Delay};
-use core::cell::RefCell;
+use core::cell::{Cell, RefCell};
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{DWT, SCB};
 use critical_section::Mutex;
 use defmt_rtt as _;
-use embassy_stm32::exti::{ExtiInput, TriggerEdge};
+use embassy_stm32::Peri;
 use embassy_stm32::flash::{self, Flash};
-use embassy_stm32::gpio::{Level, Output, OutputType, Pull, Speed};
+use embassy_stm32::gpio::{Input, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::mode::Blocking;
-use embassy_stm32::peripherals::{TIM3, USART3};
+use embassy_stm32::peripherals::{TIM1, TIM2, TIM3, TIM6, USART3};
 use embassy_stm32::spi::mode::Master;
 use embassy_stm32::spi::{self, Spi};
 use embassy_stm32::time::Hertz;
+use embassy_stm32::timer::input_capture::{CapturePin, Ch4};
 use embassy_stm32::timer::low_level::CountingMode;
-use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm};
+use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm, SimplePwmChannel};
 use embassy_stm32::usart::{self, BufferedInterruptHandler, BufferedUart};
 use embassy_stm32::{bind_interrupts, interrupt as handler, pac};
-use embedded_hal_bus::spi::{ExclusiveDevice, RefCellDevice};
+use embedded_hal_bus::spi::ExclusiveDevice;
 use embedded_io::Write;
 use rins_selfcal::acquisition::Acquisition;
-use rins_selfcal::device::{RateDrive, command_rates};
+use rins_selfcal::control::Control;
 use rins_selfcal::drivers::adis16495::{Adis16495, Settings};
 use rins_selfcal::drivers::biss::{BissEncoder, Mounting, Resolution};
-use rins_selfcal::drivers::bridge::NoPin;
-use rins_selfcal::queue::{SampleConsumer, SampleQueue};
+use rins_selfcal::drivers::bridge::{Bridge, NoPin};
+use rins_selfcal::gimbal::Gimbal;
+use rins_selfcal::queue::{Loss, SampleConsumer, SampleQueue};
+use rins_selfcal::servo::PERIOD_US;
 use rins_selfcal::store::CalibrationStore;
 use rins_selfcal::store::medium;
 
@@ -48,6 +53,8 @@ const QUEUE_LENGTH: usize = 1024;
 /// Bytes of telemetry that wait for the port: more than the results of a run.
 const TELEMETRY_BYTES: usize = 16 * 1024;
 const TELEMETRY_BAUD: u32 = 921_600;
+/// Beyond what is heard.
+const PWM_HZ: u32 = 20_000;
 
 /// The last two sectors of the flash's second bank. The program runs on from the first bank while one is erased.
 const CALIBRATIONS: core::ops::Range<u32> = (2048 - 2 * 128) * 1024..2048 * 1024;
@@ -57,36 +64,51 @@ type Bus = Spi<'static, Blocking, Master>;
 type ImuSpi = ExclusiveDevice<Bus, Output<'static>, Delay>;
 /// An encoder has no chip select.
 type EncoderSpi = ExclusiveDevice<Bus, NoPin, Delay>;
-type DriveSpi = RefCellDevice<'static, Bus, Output<'static>, Delay>;
 
 bind_interrupts!(struct Interrupts {
     USART3 => BufferedInterruptHandler<USART3>;
 });
 
-// ---------------------------------------------------------------------------------------------------- data-ready edges
+// --------------------------------------------------------------------------------------------------------- interrupts
 
-/// What the interrupt has.
-struct Sampling {
-    edge: ExtiInput<'static, Blocking>,
-    acquisition: Acquisition<'static, Scalar, ImuSpi, EncoderSpi, EncoderSpi>,
+type BoardBridge = Bridge<SimplePwmChannel<'static, TIM1>, Output<'static>, Output<'static>, Input<'static>>;
+type BoardControl = Control<Scalar, EncoderSpi, BoardBridge>;
+type BoardAcquisition = Acquisition<'static, Scalar, ImuSpi>;
+
+/// What control begins with.
+type Devices = ([BissEncoder<EncoderSpi>; 2], [BoardBridge; 2], Peri<'static, TIM6>);
+
+/// Filled once at power-up. See [`rins_selfcal::control`] for who uses it.
+static CONTROL: Mutex<RefCell<Option<BoardControl>>> = Mutex::new(RefCell::new(None));
+/// Filled once at power-up, then used by the data-ready interrupt only, which takes it out while it does: the control
+/// interrupt may come into it.
+static ACQUISITION: Mutex<Cell<Option<BoardAcquisition>>> = Mutex::new(Cell::new(None));
+
+fn with_control<R>(act: impl FnOnce(&mut BoardControl) -> R) -> Option<R> {
+    critical_section::with(|cs| Some(act(CONTROL.borrow(cs).try_borrow_mut().ok()?.as_mut()?)))
 }
 
-/// Filled once at power-up, used by the interrupt only.
-static SAMPLING: Mutex<RefCell<Option<Sampling>>> = Mutex::new(RefCell::new(None));
+#[handler]
+fn TIM6_DAC() {
+    let span = Span::start();
+    pac::TIM6.sr().write(|status| status.set_uif(false));
+    with_control(|control| control.on_period(clock::now_us));
+    count(Work::Control, &span);
+    span.put_aside();
+}
 
 #[handler]
-fn EXTI15_10() {
-    let (span, edge_us) = (Span::start(), clock::now_us());
-    critical_section::with(|cs| {
-        if let Ok(mut place) = SAMPLING.borrow(cs).try_borrow_mut()
-            && let Some(sampling) = place.as_mut()
-        {
-            sampling.edge.clear_pending();
-            // A sample that is lost has been counted.
-            let _ = sampling.acquisition.on_data_ready(edge_us);
-        }
-    });
-    count(Work::Interrupt, &span);
+fn TIM2() {
+    let span = Span::start();
+    if let Some(edge_us) = clock::captured_us()
+        && let Some(mut acquisition) = critical_section::with(|cs| ACQUISITION.borrow(cs).take())
+    {
+        let view = |time_us| with_control(|control| control.view(time_us)).unwrap_or(Err(Loss::Status));
+        // A sample that is lost has been counted.
+        let _ = acquisition.on_data_ready(edge_us, view);
+        critical_section::with(|cs| ACQUISITION.borrow(cs).set(Some(acquisition)));
+    }
+    count(Work::Acquire, &span);
     span.put_aside();
 }
 
@@ -99,11 +121,12 @@ fn SysTick() {}
 /// The board.
 pub struct Stm32h743 {
     samples: SampleConsumer<'static, Scalar>,
-    drives: [RateDrive<DriveSpi>; 2],
+    /// Encoders, bridges and the timer of the control periods, until control begins.
+    devices: Option<Devices>,
     store: CalibrationStore<CalibrationFlash>,
     telemetry: BufferedUart<'static>,
     _clock_of_imu: SimplePwm<'static, TIM3>,
-    _drives_enabled: Output<'static>,
+    _data_ready: CapturePin<'static, TIM2, Ch4>,
 }
 
 fn spi_config(mode: spi::Mode, hz: u32) -> spi::Config {
@@ -112,13 +135,27 @@ fn spi_config(mode: spi::Mode, hz: u32) -> spi::Config {
     config
 }
 
-fn chip_select(pin: embassy_stm32::Peri<'static, impl embassy_stm32::gpio::Pin>) -> Output<'static> {
+fn chip_select(pin: Peri<'static, impl embassy_stm32::gpio::Pin>) -> Output<'static> {
     Output::new(pin, Level::High, Speed::VeryHigh)
+}
+
+fn output(pin: Peri<'static, impl embassy_stm32::gpio::Pin>) -> Output<'static> {
+    Output::new(pin, Level::Low, Speed::Low)
+}
+
+fn bridge(
+    mut pwm: SimplePwmChannel<'static, TIM1>,
+    direction: Output<'static>,
+    enable: Output<'static>,
+    fault: Input<'static>,
+) -> BoardBridge {
+    pwm.enable();
+    Bridge::with_pins(pwm, direction, enable, fault)
 }
 
 fn encoder(bus: Bus) -> Option<BissEncoder<EncoderSpi>> {
     let spi = ExclusiveDevice::new(bus, NoPin, Delay).ok()?;
-    Some(BissEncoder::new(spi, Resolution::Bits32, Mounting::STRAIGHT))
+    Some(BissEncoder::new(spi, Resolution::Bits26, Mounting::STRAIGHT))
 }
 
 impl Stm32h743 {
@@ -138,22 +175,23 @@ impl Stm32h743 {
         let line = spi_config(spi::MODE_3, 3_750_000);
         let outer = encoder(Spi::new_blocking(p.SPI3, p.PC10, p.PC12, p.PC11, line))?;
         let inner = encoder(Spi::new_blocking(p.SPI4, p.PE2, p.PE6, p.PE5, line))?;
-        let acquisition = Acquisition::new(imu, outer, inner, producer);
+        critical_section::with(|cs| ACQUISITION.borrow(cs).set(Some(Acquisition::new(imu, producer))));
 
-        let bus = Spi::new_blocking(p.SPI5, p.PF7, p.PF9, p.PF8, spi_config(spi::MODE_0, 1_875_000));
-        let bus = cortex_m::singleton!(: RefCell<Bus> = RefCell::new(bus))?;
-        let outer = RefCellDevice::new(bus, chip_select(p.PG1), Delay).ok()?;
-        let inner = RefCellDevice::new(bus, chip_select(p.PG0), Delay).ok()?;
+        let (first, second) = (PwmPin::new(p.PE9, OutputType::PushPull), PwmPin::new(p.PE11, OutputType::PushPull));
+        let mode = CountingMode::EdgeAlignedUp;
+        let pwm = SimplePwm::new(p.TIM1, Some(first), Some(second), None, None, Hertz(PWM_HZ), mode).split();
+        let bridges = [
+            bridge(pwm.ch1, output(p.PE8), output(p.PE13), Input::new(p.PE14, Pull::Up)),
+            bridge(pwm.ch2, output(p.PE10), output(p.PE12), Input::new(p.PE15, Pull::Up)),
+        ];
         let telemetry = telemetry(p.USART3, p.PD9, p.PD8)?;
-        let edge = ExtiInput::new_blocking(p.PD15, p.EXTI15, Pull::Down, TriggerEdge::Rising);
-        start_edges(Sampling { edge, acquisition })?;
         Some(Self {
             samples,
-            drives: [RateDrive::new(outer), RateDrive::new(inner)],
+            devices: Some(([outer, inner], bridges, p.TIM6)),
             store: CalibrationStore::new(medium::Flash::new(Flash::new_blocking(p.FLASH), CALIBRATIONS)),
             telemetry,
             _clock_of_imu: imu_clock,
-            _drives_enabled: Output::new(p.PE13, Level::High, Speed::Low),
+            _data_ready: CapturePin::new(p.PB11, Pull::Down),
         })
     }
 }
@@ -177,8 +215,8 @@ fn start_core() -> Option<()> {
 
 /// The clock of the IMU's samples, 4000 Hz.
 fn imu_clock(
-    timer: embassy_stm32::Peri<'static, TIM3>,
-    pin: embassy_stm32::Peri<'static, embassy_stm32::peripherals::PC6>,
+    timer: Peri<'static, TIM3>,
+    pin: Peri<'static, embassy_stm32::peripherals::PC6>,
 ) -> SimplePwm<'static, TIM3> {
     let pin = PwmPin::new(pin, OutputType::PushPull);
     let mut pwm = SimplePwm::new(timer, Some(pin), None, None, None, Hertz(4000), CountingMode::EdgeAlignedUp);
@@ -188,33 +226,50 @@ fn imu_clock(
 }
 
 fn telemetry(
-    port: embassy_stm32::Peri<'static, USART3>,
-    rx: embassy_stm32::Peri<'static, embassy_stm32::peripherals::PD9>,
-    tx: embassy_stm32::Peri<'static, embassy_stm32::peripherals::PD8>,
+    port: Peri<'static, USART3>,
+    rx: Peri<'static, embassy_stm32::peripherals::PD9>,
+    tx: Peri<'static, embassy_stm32::peripherals::PD8>,
 ) -> Option<BufferedUart<'static>> {
     let out = cortex_m::singleton!(: [u8; TELEMETRY_BYTES] = [0; TELEMETRY_BYTES])?;
     let come = cortex_m::singleton!(: [u8; 256] = [0; 256])?;
     let mut config = usart::Config::default();
     config.baudrate = TELEMETRY_BAUD;
     let uart = BufferedUart::new(port, rx, tx, out, come, Interrupts, config).ok()?;
-    interrupt::USART3.set_priority(Priority::P2);
+    interrupt::USART3.set_priority(Priority::P3);
     Some(uart)
 }
 
-fn start_edges(sampling: Sampling) -> Option<()> {
-    critical_section::with(|cs| {
-        let mut place = SAMPLING.borrow(cs).try_borrow_mut().ok()?;
-        place.insert(sampling).edge.enable_interrupt();
-        Some(())
-    })?;
-    interrupt::EXTI15_10.set_priority(Priority::P1);
-    // Safety: everything the interrupt uses is in place.
-    unsafe { interrupt::EXTI15_10.enable() };
-    Some(())
+fn start_interrupts(_control_timer: Peri<'static, TIM6>) {
+    embassy_stm32::rcc::enable_and_reset::<TIM6>();
+    // A microsecond each; an update event at the end of a period.
+    pac::TIM6.psc().write_value((clock::TIMER_HZ / 1_000_000 - 1) as u16);
+    pac::TIM6.arr().write(|reload| reload.set_arr(PERIOD_US as u16 - 1));
+    pac::TIM6.egr().write(|event| event.set_ug(true));
+    pac::TIM6.sr().write(|status| status.set_uif(false));
+    pac::TIM6.dier().modify(|enabled| enabled.set_uie(true));
+    interrupt::TIM6_DAC.set_priority(Priority::P1);
+    interrupt::TIM2.set_priority(Priority::P2);
+    clock::start_capture();
+    // Safety: everything the interrupts use is in place.
+    unsafe {
+        interrupt::TIM6_DAC.enable();
+        interrupt::TIM2.enable();
+    }
+    pac::TIM6.cr1().modify(|control| control.set_cen(true));
+}
+
+/// Pulls PE13 and PE12, which enable the bridges.
+fn motors_off() {
+    pac::GPIOE.bsrr().write(|bits| {
+        bits.set_br(13, true);
+        bits.set_br(12, true);
+    });
 }
 
 impl Board for Stm32h743 {
     type Memory = CalibrationFlash;
+    type Spi = EncoderSpi;
+    type Bridge = BoardBridge;
 
     fn start() -> Self {
         match Self::new() {
@@ -227,8 +282,17 @@ impl Board for Stm32h743 {
         &mut self.samples
     }
 
-    fn command_rates(&mut self, rates_rad_s: [Scalar; 2]) -> [bool; 2] {
-        command_rates(&mut self.drives, rates_rad_s)
+    fn begin(&mut self, gimbal: Gimbal<Scalar>) {
+        let Some((encoders, bridges, timer)) = self.devices.take() else { return };
+        let control = Control::new(encoders, bridges, gimbal);
+        critical_section::with(|cs| {
+            CONTROL.borrow(cs).try_borrow_mut().map(|mut place| *place = Some(control)).unwrap_or(())
+        });
+        start_interrupts(timer);
+    }
+
+    fn with_control<R>(&mut self, act: impl FnOnce(&mut BoardControl) -> R) -> Option<R> {
+        with_control(act)
     }
 
     fn store(&mut self) -> &mut CalibrationStore<CalibrationFlash> {
@@ -268,9 +332,9 @@ impl Board for Stm32h743 {
         });
     }
 
-    fn finish(mut self, _status: Result<(), ()>) -> ! {
-        self.command_rates([0.0, 0.0]);
-        defmt::info!("at rest; stack used: {=usize} bytes of {=usize}", stack::used(), stack::bytes());
+    fn finish(self, _status: Result<(), ()>) -> ! {
+        motors_off();
+        defmt::info!("motors off; stack used: {=usize} bytes of {=usize}", stack::used(), stack::bytes());
         for load in loads() {
             defmt::info!("{=u32} spans, {=u64} cycles, {=u32} of the longest", load.spans, load.ticks, load.longest);
         }
@@ -284,8 +348,7 @@ impl Board for Stm32h743 {
     }
 
     fn stop(what: &str, numbers: &[u32]) -> ! {
-        // PE13, which enables the drives.
-        pac::GPIOE.bsrr().write(|bits| bits.set_br(13, true));
+        motors_off();
         defmt::error!("{=str} {=[?]:x}", what, numbers);
         SCB::sys_reset()
     }

@@ -5,8 +5,8 @@ use core::cell::Cell;
 use core::sync::atomic::{AtomicU32, Ordering};
 use critical_section::Mutex;
 
-/// Ticks that are nobody's own work: transfers, telemetry, and the interrupt, which may come into any other span. Written
-/// by the interrupt and the main loop; spans nest, so each knows what came into it.
+/// Ticks that are nobody's own work: transfers, telemetry, and interrupts, which may come into any other span. Written
+/// by interrupts and the main loop; spans nest, so each knows what came into it.
 static ASIDE: AtomicU32 = AtomicU32::new(0);
 
 /// Time from here on.
@@ -39,8 +39,10 @@ impl Span {
 /// What a span was for. The order is that of the emulator's file `run`.
 #[derive(Clone, Copy)]
 pub enum Work {
-    /// The interrupt.
-    Interrupt,
+    /// The control interrupt.
+    Control,
+    /// The data-ready interrupt.
+    Acquire,
     /// A sample while the axes stand.
     Stop,
     /// A sample while they turn.

@@ -2,6 +2,7 @@
 //! number, length and bytes, answered by as many bytes. A semihosting call stops the virtual processor, so host and guest go in
 //! lock step.
 
+use super::pipe_pins::{PERIOD_BYTES, input};
 use super::semihosting::File;
 use crate::work::Span;
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -18,16 +19,8 @@ pub static POWERED: AtomicBool = AtomicBool::new(true);
 pub enum Chip {
     /// The IMU.
     Imu = 0,
-    /// Encoder of the outer axis.
-    OuterEncoder = 1,
-    /// Encoder of the inner axis.
-    InnerEncoder = 2,
-    /// Drive of the outer axis.
-    OuterDrive = 3,
-    /// Drive of the inner axis.
-    InnerDrive = 4,
-    /// The data-ready line of the IMU.
-    DataReady = 5,
+    /// A control period: see [`super::pipe_pins`].
+    Period = 3,
 }
 
 /// The bus: one pipe for requests and one for answers.
@@ -66,7 +59,7 @@ impl SpiDevice for PipeSpi {
     fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), PipeFault> {
         let mut request = Request::new(self.chip);
         operations.iter().try_for_each(|operation| request.add(operation))?;
-        // The interrupt and the main loop share the bus.
+        // Interrupts and the main loop share the bus.
         critical_section::with(|_| {
             let span = Span::start();
             let done = self.bus.exchange(&mut request);
@@ -150,15 +143,13 @@ impl PipeBus {
         PipeSpi { bus: self, chip }
     }
 
-    /// Whether the data-ready line has an edge; without one the instrument is switched off.
-    pub fn data_ready(self) -> bool {
-        let mut line = [0];
-        let read = self.device(Chip::DataReady).read(&mut line);
-        let ready = read.is_ok() && line != [0];
-        if !ready {
-            POWERED.store(false, Ordering::Relaxed);
-        }
-        ready
+    /// Lets a control period go by; whether the instrument is switched on.
+    pub fn period(self, frame: &mut [u8; PERIOD_BYTES]) -> bool {
+        let done = self.device(Chip::Period).transfer_in_place(frame);
+        let [inputs, ..] = *frame;
+        let on = done.is_ok() && inputs & input::POWERED != 0;
+        POWERED.fetch_and(on, Ordering::Relaxed);
+        on
     }
 
     fn exchange(self, request: &mut Request) -> Result<(), PipeFault> {

@@ -1,0 +1,169 @@
+//! What the control interrupt has to do with the host, once a period: the pins of the motor bridges, and the encoders.
+//!
+//! The outputs of a period are latched and go to the host when the next one begins, in one transfer with which the inputs and
+//! what the encoders have to say come back: a transfer costs far more than what is in it.
+//!
+//! ```text
+//! sent      0-5    duty of the outer bridge, u16, direction (1) and enable (2); the same of the inner bridge
+//! received  0      bits of `input`
+//!           1-24   96 bits of the outer and of the inner encoder's line
+//! ```
+
+use super::pipe_spi::{PipeBus, PipeFault};
+use core::cell::Cell;
+use core::convert::Infallible;
+use critical_section::Mutex;
+use embedded_hal::digital::{self, InputPin, OutputPin};
+use embedded_hal::pwm::{self, SetDutyCycle};
+use embedded_hal::spi::{self, Operation, SpiDevice};
+use rins_selfcal::drivers::biss::CAPTURE_BYTES;
+
+/// Length of a period's transfer, bytes.
+pub const PERIOD_BYTES: usize = 1 + 2 * CAPTURE_BYTES;
+/// Duties of the PWM from 0 to 1: 20 kHz from a timer of 160 MHz.
+const DUTY_STEPS: u16 = 8000;
+
+/// Bits of the inputs.
+pub mod input {
+    /// The instrument is switched on.
+    pub const POWERED: u8 = 1;
+    /// The data-ready line had an edge.
+    pub const DATA_READY: u8 = 2;
+    /// The fault lines of the outer and the inner bridge, high if there is none.
+    pub const FAULT: [u8; 2] = [4, 8];
+}
+
+/// The pins of a bridge that are outputs.
+#[derive(Clone, Copy)]
+struct Outputs {
+    duty: u16,
+    forward: bool,
+    enabled: bool,
+}
+
+/// Written by the control interrupt, and once at power-up.
+static OUTPUTS: Mutex<Cell<[Outputs; 2]>> =
+    Mutex::new(Cell::new([Outputs { duty: 0, forward: false, enabled: false }; 2]));
+/// What the host told last. Written by the control interrupt.
+static RECEIVED: Mutex<Cell<[u8; PERIOD_BYTES]>> = Mutex::new(Cell::new([0xff; PERIOD_BYTES]));
+
+/// Lets a control period go by at the host; the inputs at its end, or `None` if the instrument is switched off.
+pub fn period(bus: PipeBus) -> Option<u8> {
+    let [outer, inner] = critical_section::with(|cs| OUTPUTS.borrow(cs).get()).map(|outputs| {
+        let [low, high] = outputs.duty.to_le_bytes();
+        [low, high, u8::from(outputs.forward) | u8::from(outputs.enabled) << 1]
+    });
+    let mut frame = [0; PERIOD_BYTES];
+    for (place, byte) in frame.iter_mut().zip(outer.into_iter().chain(inner)) {
+        *place = byte;
+    }
+    let on = bus.period(&mut frame);
+    critical_section::with(|cs| RECEIVED.borrow(cs).set(frame));
+    let [inputs, ..] = frame;
+    on.then_some(inputs)
+}
+
+/// The line of an encoder: what it says is that of the period's beginning.
+pub struct EncoderSpi {
+    /// 0 outer, 1 inner.
+    pub axis: usize,
+}
+
+impl spi::ErrorType for EncoderSpi {
+    type Error = PipeFault;
+}
+
+impl SpiDevice for EncoderSpi {
+    fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), PipeFault> {
+        let received = critical_section::with(|cs| RECEIVED.borrow(cs).get());
+        let mut line = received.into_iter().skip(1 + self.axis * CAPTURE_BYTES).take(CAPTURE_BYTES);
+        for operation in operations {
+            match operation {
+                Operation::Read(bytes) => bytes.iter_mut().for_each(|byte| *byte = line.next().unwrap_or(0xff)),
+                _ => return Err(PipeFault::TooLong),
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Which pin of a bridge.
+#[derive(Clone, Copy)]
+enum Role {
+    Pwm,
+    Direction,
+    Enable,
+    Fault,
+}
+
+/// A pin of a bridge.
+pub struct BridgePin {
+    /// 0 outer, 1 inner.
+    axis: usize,
+    role: Role,
+}
+
+impl BridgePin {
+    /// PWM, direction, enable and fault line of the bridge of an axis (0 outer, 1 inner).
+    pub fn all(axis: usize) -> [Self; 4] {
+        [Role::Pwm, Role::Direction, Role::Enable, Role::Fault].map(|role| Self { axis, role })
+    }
+
+    fn change(&mut self, change: impl FnOnce(&mut Outputs)) {
+        critical_section::with(|cs| {
+            let mut all = OUTPUTS.borrow(cs).get();
+            if let Some(outputs) = all.get_mut(self.axis) {
+                change(outputs);
+            }
+            OUTPUTS.borrow(cs).set(all);
+        });
+    }
+
+    fn set(&mut self, high: bool) {
+        let role = self.role;
+        self.change(|outputs| match role {
+            Role::Direction => outputs.forward = high,
+            Role::Enable => outputs.enabled = high,
+            Role::Pwm | Role::Fault => {}
+        });
+    }
+}
+
+impl pwm::ErrorType for BridgePin {
+    type Error = Infallible;
+}
+
+impl SetDutyCycle for BridgePin {
+    fn max_duty_cycle(&self) -> u16 {
+        DUTY_STEPS
+    }
+    fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
+        self.change(|outputs| outputs.duty = duty);
+        Ok(())
+    }
+}
+
+impl digital::ErrorType for BridgePin {
+    type Error = Infallible;
+}
+
+impl OutputPin for BridgePin {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.set(false);
+        Ok(())
+    }
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.set(true);
+        Ok(())
+    }
+}
+
+impl InputPin for BridgePin {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        let [inputs, ..] = critical_section::with(|cs| RECEIVED.borrow(cs).get());
+        Ok(input::FAULT.get(self.axis).is_some_and(|fault| inputs & fault != 0))
+    }
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        self.is_high().map(|high| !high)
+    }
+}
