@@ -15,7 +15,8 @@
 //!
 //! Beside the estimator: `options` (further states), `scatter` and `white_noise` (what a stop shows of it), `weighting`
 //! (gains of the two-stage method), `constancy` (tests for change), `observability`, and `rehearsal`, which before anything
-//! turns gives the estimator the segments that a scheme would bring. Beside the verdict: `wiring`. Beside all: `liveness`, for the watchdog. `assignment` is the configuration
+//! turns gives the estimator the segments that a scheme would bring. Beside the verdict: `wiring`. Beside all: `liveness`, for the watchdog, and `black_box`, for
+//! the next start. `assignment` is the configuration
 //! of all rooms. `telemetry` is the messages of all rooms; calibrator and self_calibration tell them to whoever calls.
 //! `link` carries them over a serial line, and commands back.
 //!
@@ -33,6 +34,7 @@ pub mod angle;
 pub mod angle_history;
 pub mod assignment;
 pub mod axis;
+pub mod black_box;
 pub mod calibrator;
 pub mod constancy;
 pub mod control;

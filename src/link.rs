@@ -29,7 +29,7 @@ pub use frame::{
 pub use lock::{Lock, UNLOCK_WORD, UNLOCKED_US};
 pub use outbox::Lane;
 pub use protocol::{Answer, Command, Hello, Item, LinkCounts, Refusal, Setting, SettingName, Status};
-pub use service::{Archive, Moment};
+pub use service::{Archive, Memories, Moment};
 
 use crate::telemetry::Message;
 use outbox::Outbox;
@@ -176,6 +176,7 @@ fn lane(message: &Message) -> Option<Lane> {
         | Message::Judged(_)
         | Message::Aborted(_)
         | Message::Fault(_)
-        | Message::Saved(_) => Some(Lane::Urgent),
+        | Message::Saved(_)
+        | Message::Restarted(_) => Some(Lane::Urgent),
     }
 }

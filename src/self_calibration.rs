@@ -253,6 +253,8 @@ pub struct Step<T: Real> {
     pub corrected: Option<CorrectedSample<T>>,
     /// The record shall be stored now; answer with [`SelfCalibration::saved`].
     pub save: bool,
+    /// The record of a rejected run may be added to the history; no answer is waited for.
+    pub note: bool,
 }
 
 /// When the last usable sample came.
@@ -334,7 +336,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     #[inline(never)]
     pub fn step(&mut self, sample: &RawSample<T>, gimbal: &GimbalStatus, report: &mut impl FnMut(&Message)) -> Step<T> {
         if !self.calibrator.admit(sample) {
-            return Step { motion: None, corrected: None, save: false };
+            return Step { motion: None, corrected: None, save: false, note: false };
         }
         let previous = self.previous.replace(*sample);
         let gimbal = &self.as_commanded(gimbal);
@@ -349,7 +351,8 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         let command = self.sequencer.step(&input);
         let motion = self.act(command, state, report);
         self.report_state(state, sample.time_us, report);
-        Step { motion, corrected: self.correct(sample, report), save: command == Command::Save }
+        let note = command == Command::GiveUp(None) && self.solution.is_some();
+        Step { motion, corrected: self.correct(sample, report), save: command == Command::Save, note }
     }
 
     /// Looks at the board's clock, us: call it on every turn of the main loop, after the samples, and at least ten times a

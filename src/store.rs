@@ -125,6 +125,19 @@ impl<M: Medium> CalibrationStore<M> {
         Ok(Loaded::Found { record, damage })
     }
 
+    /// The newest accepted calibration, as of the last look: only its slot is read.
+    ///
+    /// # Errors
+    /// The memory does not work or is too small.
+    #[inline(never)]
+    pub fn newest_record(&mut self) -> Result<Option<StoredCalibration>, StoreError<M::Error>> {
+        self.scan_once()?;
+        match self.newest_accepted() {
+            Some(newest) => Ok(self.read(newest.place)?.good().map(|(_, record)| record)),
+            None => Ok(None),
+        }
+    }
+
     /// Sequence number and record of an entry of the history, 0 the newest; `None` beyond the last, or where it has been
     /// damaged since.
     ///

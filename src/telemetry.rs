@@ -1,5 +1,6 @@
 //! What the instrument tells while it runs. How it gets to whoever listens is `link`'s business.
 
+use crate::black_box::Restart;
 use crate::calibrator::Progress;
 use crate::error_model::PARAMETERS;
 use crate::estimator::{SegmentInnovations, Solution};
@@ -81,4 +82,6 @@ pub enum Message {
     },
     /// Something is wrong with an axis, and both are stopped for it.
     Fault(Fault),
+    /// At power-up: why the software has started.
+    Restarted(Restart),
 }

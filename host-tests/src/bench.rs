@@ -37,6 +37,8 @@ pub enum Chip {
     /// Not a chip, but a control period with all that the emulated control interrupt exchanges, in one transfer: see
     /// [`PERIOD_BYTES`].
     Period,
+    /// The line that switches both bridges off until the next period. Nothing is transferred.
+    MotorsOff,
 }
 
 /// Length of the transfer of a period. Sent: the pins of the outer and the inner bridge for the period that begins, three
@@ -46,7 +48,7 @@ pub const PERIOD_BYTES: usize = 1 + 2 * CAPTURE_BYTES;
 
 impl Chip {
     /// The chips in the order of their numbers on the emulator's bus.
-    pub const ALL: [Self; 4] = [Self::Imu, Self::OuterEncoder, Self::InnerEncoder, Self::Period];
+    pub const ALL: [Self; 5] = [Self::Imu, Self::OuterEncoder, Self::InnerEncoder, Self::Period, Self::MotorsOff];
 }
 
 /// Bits of the inputs.
@@ -166,6 +168,7 @@ pub struct Bench<P> {
     imu: Adis16495Chip,
     axes: [AxisChips; 2],
     damage: Option<Damage>,
+    switched_off: u32,
 }
 
 impl<P: Plant> Bench<P> {
@@ -179,12 +182,18 @@ impl<P: Plant> Bench<P> {
             imu: Adis16495Chip::new(Model::ADIS16495_1),
             axes: [AxisChips::new(), AxisChips::new()],
             damage: None,
+            switched_off: 0,
         }
     }
 
     /// Lets `damage` spoil all measurements from here on; setting up the IMU is left alone.
     pub fn damage(&mut self, damage: impl FnMut(Chip, &mut [u8]) + 'static) {
         self.damage = Some(Box::new(damage));
+    }
+
+    /// How often the motors were switched off beside the control.
+    pub fn switched_off(&self) -> u32 {
+        self.switched_off
     }
 
     /// Lets something fail of an axis, or mends it.
@@ -259,10 +268,16 @@ impl<P: Plant> Bench<P> {
             Chip::OuterEncoder => self.axes[0].clock_encoder(frame),
             Chip::InnerEncoder => self.axes[1].clock_encoder(frame),
             Chip::Period => return self.exchange(frame),
+            Chip::MotorsOff => return self.switch_off(),
         }
         if let Some(damage) = self.damage.as_mut().filter(|_| !is_spared) {
             damage(chip, frame);
         }
+    }
+
+    fn switch_off(&mut self) {
+        self.switched_off += 1;
+        self.axes.iter_mut().for_each(|axis| axis.bridge.set(0, axis.bridge.forward, false));
     }
 
     fn exchange(&mut self, frame: &mut [u8]) {

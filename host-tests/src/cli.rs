@@ -5,6 +5,7 @@ mod arguments;
 mod calibrate;
 mod compare;
 mod files;
+mod history;
 mod inspect;
 mod manual;
 mod monitor;
@@ -56,6 +57,7 @@ fn run(arguments: Arguments) -> anyhow::Result<Ending> {
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Montecarlo(arguments) => monte_carlo::run(&arguments),
         Command::Monitor(arguments) => monitor::run(&arguments),
+        Command::History(arguments) => history::run(&arguments),
         Command::Completions(arguments) => manual::completions(&arguments),
         Command::Man => manual::page(),
     }

@@ -4,26 +4,29 @@
 use crate::bench::Bench;
 use crate::calibration::{Outcome, Precision, Record, Setup};
 use crate::drive::move_durations_s;
-use crate::emulator::Run;
 use crate::emulator::image::{Board, Variant, build};
+use crate::emulator::{self, Run};
+use crate::plant::Paced;
 use crate::power_up::{Switched, in_emulator, in_process, shared};
 use crate::refusal::refused;
 use crate::signals::{Recorded, SharedSignals};
 use crate::virtual_rins::DrivenRins;
 use crate::virtual_run::VirtualRun;
-use anyhow::{Result, anyhow};
-use rins_selfcal::assignment::Assignment;
+use anyhow::{Context, Result, anyhow};
+use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::axis::AxisLimits;
 use rins_selfcal::error_model::InstrumentErrors;
 use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES};
 use rins_selfcal::policy::{Decision, PowerUpPolicy};
 use rins_selfcal::self_calibration::{ConfigError, SelfCalibrationConfig};
 use rins_selfcal::sequencer::{Abort, Pace, State};
+use rins_selfcal::servo::PERIOD_US;
 use rins_selfcal::telemetry::Message;
 use rins_selfcal::verdict::VerdictLimits;
 use std::cell::{Cell, RefCell};
 use std::path::Path;
 use std::rc::Rc;
+use std::time::Duration;
 
 /// Corrected samples told before the instrument is switched off: one a second.
 const CORRECTED_MESSAGES: u32 = 3;
@@ -122,16 +125,38 @@ impl<'a> PowerUp<'a> {
         on_log: impl FnMut(&str),
         on_message: impl FnMut(&Message),
     ) -> Result<(Ended, Run)> {
-        let board = match self.setup.precision {
-            Precision::F64 => Board::Mps2An500,
-            Precision::F32 => Board::Mps2An386,
-        };
-        let image = build(Variant { board, optional_states: self.setup.options.needs_states() })?;
+        let image = build(self.variant())?;
         let mut watch = Watch::new(self.run, &self.signals, on_message);
         let mut bench = Bench::new(watch.plant());
         let told = |message: &Message| watch.note(message);
         let run = in_emulator(&self.assignment(), &image, Some(eeprom), &mut bench, on_log, told)?;
         Ok((watch.ended(self)?, run))
+    }
+
+    /// The firmware in the emulator, in real time, with its serial line at the Unix socket `serial`, until this program is
+    /// ended.
+    ///
+    /// # Errors
+    /// Why the emulator does not run it.
+    pub fn on_line(&self, serial: &Path, eeprom: &Path, on_log: impl FnMut(&str)) -> Result<()> {
+        let image = build(self.variant())?;
+        let mut rins = DrivenRins::new(&self.run.unit, self.run.seed);
+        rins.expect_moves(&move_durations_s(&self.run.scheme, self.run.unit.rate_hz));
+        let mut bench = Bench::new(Paced::new(rins, Duration::from_micros(PERIOD_US)));
+        let mut buffer = [0; MAX_ASSIGNMENT_BYTES];
+        let configuration = postcard::to_slice(&self.assignment(), &mut buffer).context("too long for the board")?;
+        let usual = emulator::Setup::new(&image);
+        let setup =
+            emulator::Setup { eeprom: Some(eeprom), configuration, reboots: true, serial: Some(serial), ..usual };
+        emulator::run(&setup, &mut bench, on_log, |_| ()).map(drop)
+    }
+
+    fn variant(&self) -> Variant {
+        let board = match self.setup.precision {
+            Precision::F64 => Board::Mps2An500,
+            Precision::F32 => Board::Mps2An386,
+        };
+        Variant { board, optional_states: self.setup.options.needs_states() }
     }
 
     fn assignment(&self) -> Assignment {

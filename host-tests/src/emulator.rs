@@ -4,6 +4,7 @@
 //! the transfers on SPI, `telemetry` frames of `rins_selfcal::link`, `log` defmt frames; the files are `configuration` (to the
 //! firmware), `run` and `fault` (from it).
 
+pub mod debugger;
 pub mod image;
 
 use crate::apt::ensure_installed;
@@ -17,6 +18,7 @@ use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::stat::Mode;
 use rins_selfcal::link::Decoder;
 use rins_selfcal::telemetry::Message;
+use std::cell::Cell;
 use std::fs::{self, File, OpenOptions};
 use std::io::{ErrorKind, Read, Write};
 use std::os::fd::AsFd;
@@ -46,12 +48,30 @@ pub struct Setup<'a> {
     pub configuration: &'a [u8],
     /// Longest silence of the firmware before it counts as hung.
     pub patience: Duration,
+    /// Whether the machine goes on after a reset. If not, a reset is an error that says why.
+    pub reboots: bool,
+    /// Cuts the power as soon as it is set: the emulator is killed.
+    pub cut: Option<&'a Cell<bool>>,
+    /// Unix socket at which the emulator offers the firmware's serial line.
+    pub serial: Option<&'a Path>,
+    /// Unix socket at which the emulator listens to a debugger.
+    pub debugger: Option<&'a Path>,
 }
 
 impl<'a> Setup<'a> {
     /// A run with a blank EEPROM, no configuration and a patience of a minute.
     pub fn new(image: &'a Image) -> Self {
-        Self { image, eeprom: None, configuration: &[], patience: Duration::from_secs(60) }
+        let patience = Duration::from_secs(60);
+        Self {
+            image,
+            eeprom: None,
+            configuration: &[],
+            patience,
+            reboots: false,
+            cut: None,
+            serial: None,
+            debugger: None,
+        }
     }
 }
 
@@ -161,9 +181,12 @@ pub fn run<P: Plant>(
             }
         }
     };
-    let served = host.serve(setup.patience, bench, &mut log, &mut telemetry);
+    let served = host.serve(setup, bench, &mut log, &mut telemetry);
+    if setup.cut.is_some_and(Cell::get) {
+        bail!("the power was cut");
+    }
     let fault = fs::read(directory.path().join("fault")).unwrap_or_default();
-    if !fault.is_empty() {
+    if !fault.is_empty() && !setup.reboots {
         bail!("the firmware stopped: {}", String::from_utf8_lossy(&fault));
     }
     let status = served?;
@@ -262,14 +285,14 @@ impl Host {
             log: open("log", true, false)?,
             transfers: 0,
             partial: Vec::new(),
-            child: spawn(setup.image, &eeprom, directory)?,
+            child: spawn(setup, &eeprom, directory)?,
         })
     }
 
     /// Serves the pipes until the emulator ends.
     fn serve<P: Plant>(
         &mut self,
-        patience: Duration,
+        setup: &Setup<'_>,
         bench: &mut Bench<P>,
         log: &mut dyn FnMut(&[u8]),
         telemetry: &mut dyn FnMut(&[u8]),
@@ -287,9 +310,13 @@ impl Host {
                     std::thread::yield_now();
                 }
             }
-            if !busy || self.transfers.is_multiple_of(1024) {
+            if !busy || setup.cut.is_some() || self.transfers.is_multiple_of(1024) {
                 busy |= drain(&mut self.log, log)?;
                 busy |= drain(&mut self.telemetry, telemetry)?;
+            }
+            if setup.cut.is_some_and(Cell::get) {
+                self.child.kill()?;
+                return Ok(self.child.wait()?);
             }
             if busy {
                 last_sign = Instant::now();
@@ -300,7 +327,7 @@ impl Host {
                 return Ok(status);
             }
             let silence = last_sign.elapsed();
-            ensure!(silence < patience, "the firmware hangs: no sign of it for {} s", patience.as_secs());
+            ensure!(silence < setup.patience, "the firmware hangs: no sign of it for {} s", setup.patience.as_secs());
             self.sleep()?;
         }
     }
@@ -371,22 +398,26 @@ fn drain(pipe: &mut File, sink: &mut dyn FnMut(&[u8])) -> Result<bool> {
     Ok(count > 0)
 }
 
-fn spawn(image: &Image, eeprom: &Path, directory: &Path) -> Result<Child> {
+/// How the emulator is told to listen at a Unix socket.
+fn listening(socket: &Path) -> Result<String> {
+    let socket = std::path::absolute(socket)?.display().to_string();
+    Ok(format!("unix:{},server=on,wait=off", socket.replace(',', ",,")))
+}
+
+fn spawn(setup: &Setup<'_>, eeprom: &Path, directory: &Path) -> Result<Child> {
+    let image = setup.image;
     let mut command = Command::new(EMULATOR);
+    if !setup.reboots {
+        command.arg("-no-reboot");
+    }
+    if let Some(socket) = setup.debugger {
+        command.arg("-gdb").arg(listening(socket)?);
+    }
     command
         .current_dir(directory)
-        .args([
-            "-machine",
-            image.board.name(),
-            "-display",
-            "none",
-            "-monitor",
-            "none",
-            "-serial",
-            "none",
-            "-parallel",
-            "none",
-        ])
+        .args(["-machine", image.board.name(), "-display", "none", "-monitor", "none", "-parallel", "none"])
+        .arg("-serial")
+        .arg(setup.serial.map_or_else(|| Ok("none".into()), listening)?)
         // Time is the instruction count, and sleep takes none of the host's.
         .args(["-icount", "shift=1,sleep=off", "-semihosting-config", "enable=on,target=native"])
         .args(["-device", &format!("at24c-eeprom,address=0x50,rom-size={EEPROM_BYTES},drive=ee")])

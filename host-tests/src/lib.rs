@@ -9,7 +9,7 @@
 //! refusal: what the core has against a scheme
 //! closed_loop, prediction -> plot, monte_carlo -^
 //! inspect: what a log of any columns is
-//! saved: a result read back -> comparison
+//! saved: a result read back -> comparison; history: all that an instrument keeps
 //! monitor: the other end of the instrument's serial line, `line` the instrument's own end in this process
 //! plan: finds schemes; prediction then says what the core makes of them
 //! faults -> fault_campaign: can a disturbed run be accepted with a wrong answer?
@@ -29,6 +29,7 @@ pub mod encoder;
 pub mod fault_campaign;
 pub mod faults;
 pub mod gimbal_plant;
+pub mod history;
 pub mod inspect;
 pub mod kinematics;
 pub mod line;

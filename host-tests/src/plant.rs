@@ -4,6 +4,7 @@ use crate::chips::bridge::Output;
 use rins_selfcal::servo::PERIOD_US;
 use std::cell::RefCell;
 use std::rc::Rc;
+use std::time::{Duration, Instant};
 
 /// What the IMU and the encoders report after one data-ready edge, SI.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,6 +37,30 @@ pub trait Plant {
     /// Goes on by a control period, in which the windings of the outer and the inner motor are driven so; `None` when it is
     /// switched off. A recording ignores the windings.
     fn advance(&mut self, outputs: [Output; 2]) -> Option<Tick>;
+}
+
+/// An instrument whose periods take their time.
+pub struct Paced<P> {
+    plant: P,
+    interval: Duration,
+    next: Instant,
+}
+
+impl<P> Paced<P> {
+    /// With this long from one period to the next.
+    pub fn new(plant: P, interval: Duration) -> Self {
+        Self { plant, interval, next: Instant::now() }
+    }
+}
+
+impl<P: Plant> Plant for Paced<P> {
+    fn advance(&mut self, outputs: [Output; 2]) -> Option<Tick> {
+        let now = Instant::now();
+        std::thread::sleep(self.next.saturating_duration_since(now));
+        // Time that was lost is not made up for.
+        self.next = self.next.max(now) + self.interval;
+        self.plant.advance(outputs)
+    }
 }
 
 /// An instrument that others look at while it is on the bench.

@@ -11,6 +11,7 @@ use crate::refusal::refused;
 use anyhow::{Context, Result};
 use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::axis::AxisLimits;
+use rins_selfcal::black_box::{Entry, Event, Restart};
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
 use rins_selfcal::estimator::MAX_SEGMENTS;
 use rins_selfcal::gimbal::Gimbal;
@@ -44,7 +45,7 @@ pub fn in_process<T: Real, const STATES: usize, P: Plant>(
 ) -> Result<Option<StoredCalibration>> {
     match assignment {
         Assignment::SelfCalibrate(config) => {
-            let mut memory = Memory { stored: stored.cloned(), saved: false };
+            let mut memory = Memory { stored: stored.cloned(), ..Memory::default() };
             self_calibrate::<T, STATES, P>(config, &mut memory, bench, &mut Unconnected, &mut on_message)?;
             Ok(memory.stored.filter(|_| memory.saved))
         }
@@ -62,6 +63,18 @@ pub struct Memory {
     pub stored: Option<StoredCalibration>,
     /// Whether the run has stored one.
     pub saved: bool,
+    /// All results, rejected ones included, oldest first.
+    pub history: Vec<StoredCalibration>,
+    /// All events, oldest first.
+    pub events: Vec<Entry>,
+}
+
+impl Memory {
+    fn note(&mut self, time_us: u64, message: &Message) {
+        if let Some(event) = Event::of(message) {
+            self.events.push(Entry { sequence: self.events.len() as u32, time_us, event });
+        }
+    }
 }
 
 impl Archive for Memory {
@@ -69,8 +82,16 @@ impl Archive for Memory {
         Ok(self.stored.clone())
     }
 
+    fn entry(&mut self, back: u16) -> Result<Option<StoredCalibration>, Refusal> {
+        Ok(self.history.iter().rev().nth(back.into()).cloned())
+    }
+
+    fn event(&mut self, back: u16) -> Option<Entry> {
+        self.events.iter().rev().nth(back.into()).cloned()
+    }
+
     fn erase(&mut self) -> Result<(), Refusal> {
-        self.stored = None;
+        (self.stored, self.history) = (None, Vec::new());
         Ok(())
     }
 }
@@ -89,15 +110,19 @@ pub fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
 ) -> Result<()> {
     let mut link = Link::new();
     link.greet(Hello::new::<T>(STATES));
-    let mut tell = |link: &mut Link, message: &Message| {
+    let clock_us = Cell::new(0);
+    let mut tell = |link: &mut Link, memory: &mut Memory, message: &Message| {
         on_message(message);
+        memory.note(clock_us.get(), message);
         link.tell(message, &mut [0; MAX_FRAME_BYTES]);
     };
     let mut queue = SampleQueue::<T, QUEUE>::new();
     let (producer, mut consumer) = queue.split();
     let gimbal = Gimbal::<T>::new(&config.axes, &config.motors);
     let mut interrupts = Interrupts::new(bench, config.calibrator.rate_hz, gimbal, producer);
-    tell(&mut link, &Message::Store { found: memory.stored.is_some(), damaged: false, fault: false });
+    let found = memory.stored.is_some();
+    tell(&mut link, memory, &Message::Store { found, damaged: false, fault: false });
+    tell(&mut link, memory, &Message::Restarted(Restart::PowerOn));
     let refused = |error| refused(error, &config.scheme, &config.axes);
     let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::UNCONFIGURED);
     let mut run = SelfCalibration::new(config.clone(), memory.stored.as_ref(), &mut calibrator).map_err(refused)?;
@@ -105,22 +130,27 @@ pub fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
     while interrupts.period(bench) {
         while let Some(Observed { sample, gimbal }) = consumer.pop() {
             samples += 1;
-            let step = run.step(&sample, &gimbal, &mut |message| tell(&mut link, message));
+            let step = run.step(&sample, &gimbal, &mut |message| tell(&mut link, memory, message));
             step.motion.into_iter().for_each(|motion| interrupts.control.command(motion, gimbal.time_us));
+            if step.note {
+                memory.history.extend(run.record());
+            }
             if step.save {
                 let record = run.record();
-                tell(&mut link, &Message::Saved(record.is_some()));
+                tell(&mut link, memory, &Message::Saved(record.is_some()));
                 memory.saved |= record.is_some();
+                memory.history.extend(record.clone());
                 memory.stored = record.or(memory.stored.take());
                 run.saved();
             }
         }
         let moment = Moment { now_us: bench.borrow().now_us(), missing: consumer.losses().total() };
+        clock_us.set(moment.now_us);
         if !moment.now_us.is_multiple_of(TURN_US) {
             continue;
         }
         let gimbal = interrupts.control.status();
-        let motion = run.tick(moment.now_us, &gimbal, &mut |message| tell(&mut link, message));
+        let motion = run.tick(moment.now_us, &gimbal, &mut |message| tell(&mut link, memory, message));
         motion.into_iter().for_each(|motion| interrupts.control.command(motion, gimbal.time_us));
         let before = mechanics(run.config());
         link.serve(std::iter::from_fn(|| line.receive()), moment, &mut run, memory);
@@ -131,7 +161,7 @@ pub fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
         link.tell_status(moment, &run);
         line.transmit(&mut || link.transmit());
     }
-    tell(&mut link, &Message::Queue { samples, losses: consumer.losses() });
+    tell(&mut link, memory, &Message::Queue { samples, losses: consumer.losses() });
     Ok(())
 }
 

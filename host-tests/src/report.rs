@@ -249,6 +249,8 @@ fn fit(outcome: &Outcome) -> FitReport {
 /// Contents of the JSON file of a calibration that an instrument has stored.
 #[derive(Clone, Debug, Serialize)]
 pub struct StoredReport {
+    verdict: &'static str,
+    reasons: Vec<String>,
     method: &'static str,
     scheme: String,
     chi_square: f64,
@@ -265,6 +267,8 @@ pub struct StoredReport {
 impl From<&StoredCalibration> for StoredReport {
     fn from(stored: &StoredCalibration) -> Self {
         Self {
+            verdict: if stored.verdict.accepted() { "accepted" } else { "rejected" },
+            reasons: stored.reasons().map(|reason| reason.to_string()).collect(),
             method: method_name(stored.method),
             scheme: stored.scheme.as_str().into(),
             chi_square: stored.chi_square,

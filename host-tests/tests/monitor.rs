@@ -1,15 +1,20 @@
-//! `rins monitor` at a pseudo-terminal, with an instrument in this process at the other end.
+//! `rins monitor` at a pseudo-terminal, with an instrument in this process at the other end, and at the serial port of the
+//! firmware in the emulator.
 
+use host_tests::bench::Bench;
 use host_tests::chips::bridge;
 use host_tests::drive::move_durations_s;
+use host_tests::emulator::image::{Board, build};
+use host_tests::emulator::{Run, Setup, run};
 use host_tests::line::Terminal;
-use host_tests::plant::{Plant, Tick};
+use host_tests::plant::{Paced, Plant, Tick};
 use host_tests::power_up::{Memory, self_calibrate, shared};
 use host_tests::presets;
 use host_tests::virtual_rins::{DrivenRins, VirtualUnit};
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::pty::openpty;
 use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
+use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::calibrator::CalibratorConfig;
 use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::method::Method;
@@ -22,6 +27,7 @@ use std::process::{Command, Output};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
+use std::time::Duration;
 
 /// A unit that is switched off from another thread.
 struct Unit(DrivenRins, Arc<AtomicBool>);
@@ -32,14 +38,20 @@ impl Plant for Unit {
     }
 }
 
-/// An instrument that waits for commands at its end of a line.
-fn instrument(line: File, off: &Arc<AtomicBool>) -> Memory {
+/// A configuration to wait for commands with, and its unit.
+fn assignment() -> (SelfCalibrationConfig, DrivenRins) {
     let unit = VirtualUnit { errors: presets::real(5), ..VirtualUnit::default() };
     let calibrator = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
     let usual = SelfCalibrationConfig::new(calibrator, Scheme::bai(1.0, 1));
     let config = SelfCalibrationConfig { policy: PowerUpPolicy::OnCommand, ..usual };
     let mut rins = DrivenRins::new(&unit, 5);
     rins.expect_moves(&move_durations_s(&config.scheme, unit.rate_hz));
+    (config, rins)
+}
+
+/// An instrument in this process at its end of a line.
+fn instrument(line: File, off: &Arc<AtomicBool>) -> Memory {
+    let (config, rins) = assignment();
     let bench = shared(Unit(rins, Arc::clone(off)));
     let (mut memory, mut line) = (Memory::default(), Terminal::new(line));
     self_calibrate::<f64, BASIC_STATES, _>(&config, &mut memory, &bench, &mut line, &mut |_| ()).expect("it powers up");
@@ -55,32 +67,22 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-#[test]
-fn an_instrument_is_commanded_followed_read_and_erased_over_a_line() {
-    let pair = openpty(None, None).expect("a pseudo-terminal");
-    let mut settings = tcgetattr(&pair.slave).expect("settings");
-    cfmakeraw(&mut settings);
-    tcsetattr(&pair.slave, SetArg::TCSANOW, &settings).expect("raw");
-    fcntl(&pair.master, FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).expect("not blocking");
-    let port = nix::unistd::ttyname(&pair.slave).expect("a name");
-    let off = Arc::new(AtomicBool::new(false));
-    let (line, switch) = (File::from(pair.master), Arc::clone(&off));
-    let instrument = thread::spawn(move || instrument(line, &switch));
+/// What an instrument with nothing in store is asked over its line, and what must become of it.
+fn commanded_followed_read_and_erased(port: &Path) {
     let directory = tempfile::tempdir().expect("a directory");
     let json = directory.path().join("stored.json");
     let read = ["--read", "calibration", "--json", json.to_str().expect("a name")];
 
-    let nothing = monitor(&port, &read);
-    let (abort, locked) = (monitor(&port, &["--abort"]), monitor(&port, &["--erase"]));
-    let run = monitor(&port, &["--start"]);
-    let found = monitor(&port, &read);
+    let nothing = monitor(port, &read);
+    let (abort, locked) = (monitor(port, &["--abort"]), monitor(port, &["--erase"]));
+    let run = monitor(port, &["--start"]);
+    let found = monitor(port, &read);
     let stored = std::fs::read_to_string(&json).unwrap_or_default();
-    let erased = monitor(&port, &["--unlock", "--erase"]);
-    let again = monitor(&port, &read);
-    off.store(true, Ordering::Relaxed);
-    // What the instrument still has to say must go somewhere.
-    drop(pair.slave);
-    let memory = instrument.join().expect("the instrument ends");
+    let history = monitor(port, &["--read", "history"]);
+    let configuration = monitor(port, &["--read", "configuration"]);
+    let black_box = monitor(port, &["--read", "black-box"]);
+    let erased = monitor(port, &["--unlock", "--erase"]);
+    let again = monitor(port, &read);
 
     assert!(text(&nothing.stderr).contains("there is nothing of the kind"), "{}", text(&nothing.stderr));
     assert!(text(&abort.stderr).contains("makes no sense"), "{}", text(&abort.stderr));
@@ -92,7 +94,60 @@ fn an_instrument_is_commanded_followed_read_and_erased_over_a_line() {
     }
     assert!(found.status.success(), "{}", text(&found.stderr));
     assert!(stored.contains("\"force_matrix_sa\"") && stored.contains("\"Sgxy\""), "{stored}");
+    assert!(history.status.success(), "{}", text(&history.stderr));
+    assert!(text(&history.stdout).contains("entry 1") && text(&history.stdout).contains("accepted"));
+    assert!(text(&configuration.stdout).contains("OnCommand"), "{}", text(&configuration.stdout));
+    let events = text(&black_box.stdout);
+    for part in ["started: power on", "standing by", "state Turn(18)", "accepted", "stored"] {
+        assert!(events.contains(part), "{part}: {events}");
+    }
     assert!(erased.status.success(), "{}", text(&erased.stderr));
     assert_eq!(again.status.code(), Some(1));
+}
+
+#[test]
+fn an_instrument_is_commanded_followed_read_and_erased_over_a_line() {
+    let pair = openpty(None, None).expect("a pseudo-terminal");
+    let mut settings = tcgetattr(&pair.slave).expect("settings");
+    cfmakeraw(&mut settings);
+    tcsetattr(&pair.slave, SetArg::TCSANOW, &settings).expect("raw");
+    fcntl(&pair.master, FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).expect("not blocking");
+    let port = nix::unistd::ttyname(&pair.slave).expect("a name");
+    let off = Arc::new(AtomicBool::new(false));
+    let (line, switch) = (File::from(pair.master), Arc::clone(&off));
+    let instrument = thread::spawn(move || instrument(line, &switch));
+    commanded_followed_read_and_erased(&port);
+    off.store(true, Ordering::Relaxed);
+    // What the instrument still has to say must go somewhere.
+    drop(pair.slave);
+    let memory = instrument.join().expect("the instrument ends");
     assert!(memory.saved && memory.stored.is_none());
+}
+
+/// The firmware, twenty times as fast as real time: half a minute, for which an unlock lasts, must not be over at once.
+fn firmware(serial: &Path, off: &Arc<AtomicBool>) -> Run {
+    let image = build(Board::Mps2An500).unwrap_or_else(|error| panic!("{error:#}"));
+    let (config, rins) = assignment();
+    let mut buffer = [0; MAX_ASSIGNMENT_BYTES];
+    let configuration = postcard::to_slice(&Assignment::SelfCalibrate(config), &mut buffer).expect("it fits");
+    let setup = Setup { configuration, serial: Some(serial), ..Setup::new(&image) };
+    let mut bench = Bench::new(Paced::new(Unit(rins, Arc::clone(off)), Duration::from_micros(50)));
+    run(&setup, &mut bench, |_| (), |_| ()).unwrap_or_else(|error| panic!("{error:#}"))
+}
+
+#[test]
+fn so_is_the_firmware_over_its_serial_port() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let serial = directory.path().join("serial");
+    let off = Arc::new(AtomicBool::new(false));
+    let (socket, switch) = (serial.clone(), Arc::clone(&off));
+    let instrument = thread::spawn(move || firmware(&socket, &switch));
+    while !serial.exists() && !instrument.is_finished() {
+        thread::sleep(Duration::from_millis(10));
+    }
+    commanded_followed_read_and_erased(&serial);
+    off.store(true, Ordering::Relaxed);
+    let run = instrument.join().expect("the instrument ends");
+    assert!(run.success);
+    assert_eq!(run.late_periods, 0);
 }

@@ -2,6 +2,7 @@
 
 use super::frame::{Dropped, PROTOCOL_VERSION, Payload};
 use crate::axis::AxisLimits;
+use crate::black_box::Entry;
 use crate::calibrator::CalibratorConfig;
 use crate::error_model::PARAMETERS;
 use crate::estimator::Estimate;
@@ -61,6 +62,16 @@ pub enum Item {
     },
     /// A part of the configuration.
     Setting(SettingName),
+    /// An entry of the history of calibrations, rejected ones included.
+    History {
+        /// How many are newer.
+        back: u16,
+    },
+    /// An event of the black box.
+    Event {
+        /// How many are newer.
+        back: u16,
+    },
 }
 
 /// A part of the configuration.
@@ -148,7 +159,7 @@ pub enum Answer {
     Hello(Hello),
     /// How it is; also told twice a second.
     Status(Status),
-    /// The stored calibration.
+    /// A stored calibration.
     Calibration(StoredCalibration),
     /// The live estimate.
     Estimate {
@@ -166,6 +177,8 @@ pub enum Answer {
     },
     /// A part of the configuration.
     Setting(Setting),
+    /// An event of the black box.
+    Event(Entry),
 }
 
 impl Payload for Answer {

@@ -3,20 +3,30 @@
 use super::lock::Lock;
 use super::protocol::{Answer, Command, Hello, Item, Refusal, Setting, Status};
 use super::{Link, LinkCounts};
+use crate::black_box::Entry;
 use crate::error_model::PARAMETERS;
 use crate::linear::Real;
 use crate::self_calibration::SelfCalibration;
 use crate::sequencer::State;
 use crate::store::medium::Medium;
-use crate::store::{CalibrationStore, Loaded, StoredCalibration};
+use crate::store::{CalibrationStore, StoredCalibration};
 
-/// The memory that keeps calibrations, as commands see it.
+/// The memories of an instrument, as commands see them.
 pub trait Archive {
     /// The calibration that would be used at the next power-up.
     ///
     /// # Errors
     /// [`Refusal::Memory`]: the memory does not work.
     fn newest(&mut self) -> Result<Option<StoredCalibration>, Refusal>;
+
+    /// An entry of the history of calibrations, 0 the newest, rejected ones included; `None` beyond the last.
+    ///
+    /// # Errors
+    /// [`Refusal::Memory`]: the memory does not work.
+    fn entry(&mut self, back: u16) -> Result<Option<StoredCalibration>, Refusal>;
+
+    /// An event of the black box, 0 the newest; `None` beyond the last.
+    fn event(&mut self, back: u16) -> Option<Entry>;
 
     /// Erases all that is stored.
     ///
@@ -25,17 +35,31 @@ pub trait Archive {
     fn erase(&mut self) -> Result<(), Refusal>;
 }
 
-impl<M: Medium> Archive for CalibrationStore<M> {
+/// A store and a black box, of which `event` gives an event, 0 the newest.
+#[derive(Debug)]
+pub struct Memories<'s, M, E> {
+    /// The store.
+    pub store: &'s mut CalibrationStore<M>,
+    /// The black box.
+    pub event: E,
+}
+
+impl<M: Medium, E: FnMut(u16) -> Option<Entry>> Archive for Memories<'_, M, E> {
     fn newest(&mut self) -> Result<Option<StoredCalibration>, Refusal> {
-        match self.load() {
-            Ok(Loaded::Found { record, .. }) => Ok(Some(record)),
-            Ok(Loaded::Empty | Loaded::Corrupt { .. }) => Ok(None),
-            Err(_) => Err(Refusal::Memory),
-        }
+        self.store.newest_record().map_err(|_| Refusal::Memory)
+    }
+
+    fn entry(&mut self, back: u16) -> Result<Option<StoredCalibration>, Refusal> {
+        let entry = self.store.entry(back.into()).map_err(|_| Refusal::Memory)?;
+        Ok(entry.map(|(_, record)| record))
+    }
+
+    fn event(&mut self, back: u16) -> Option<Entry> {
+        (self.event)(back)
     }
 
     fn erase(&mut self) -> Result<(), Refusal> {
-        Self::erase(self).map_err(|_| Refusal::Memory)
+        self.store.erase().map_err(|_| Refusal::Memory)
     }
 }
 
@@ -160,6 +184,8 @@ fn read<T: Real, const STATES: usize>(
     let segments = estimator.segments().len() as u16;
     match item {
         Item::Calibration => archive.newest()?.map(Answer::Calibration).ok_or(Refusal::Nothing),
+        Item::History { back } => archive.entry(back)?.map(Answer::Calibration).ok_or(Refusal::Nothing),
+        Item::Event { back } => archive.event(back).map(Answer::Event).ok_or(Refusal::Nothing),
         Item::Setting(name) => Ok(Answer::Setting(Setting::of(run.config(), name))),
         _ if segments == 0 => Err(Refusal::Nothing),
         Item::Estimate => Ok(Answer::Estimate { segments, estimate: estimator.estimate() }),

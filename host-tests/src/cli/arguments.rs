@@ -1,6 +1,7 @@
 //! The command line.
 
 use super::files::Named;
+use super::history::HistoryArguments;
 use super::monitor::MonitorArguments;
 use crate::calibration::{Precision, Setup};
 use crate::closed_loop::Terms;
@@ -73,6 +74,9 @@ pub enum Command {
     Montecarlo(MonteCarloArguments),
     /// Show an instrument on a serial line live, and command it
     Monitor(MonitorArguments),
+    /// Show the calibrations that an instrument keeps, from an image of its memory
+    #[command(after_help = "Example: rins history eeprom.bin --json history.json")]
+    History(HistoryArguments),
     /// Print the completions of a shell
     #[command(after_help = "Example: rins completions bash > ~/.local/share/bash-completion/completions/rins")]
     Completions(CompletionsArguments),
@@ -99,6 +103,9 @@ pub struct CalibrateArguments {
     /// Content of the firmware's EEPROM, kept from run to run [default: blank]
     #[arg(long, value_name = "FILE", requires = "firmware")]
     pub eeprom: Option<PathBuf>,
+    /// Run the firmware in real time until interrupted, its serial line at this Unix socket, for `rins monitor --port SOCKET`
+    #[arg(long, value_name = "SOCKET", requires = "firmware")]
+    pub serial: Option<PathBuf>,
     /// Write the result
     #[arg(long, value_name = "OUT.json")]
     pub json: Option<PathBuf>,

@@ -58,6 +58,11 @@ fn firmware(arguments: &CalibrateArguments, run: &VirtualRun, power_up: &PowerUp
     sayln!("building the ARM image");
     let blank = tempfile::tempdir()?;
     let eeprom = arguments.eeprom.clone().unwrap_or_else(|| blank.path().join("eeprom.bin"));
+    if let Some(serial) = &arguments.serial {
+        sayln!("serial line: rins monitor --port {}", serial.display());
+        power_up.on_line(serial, &eeprom, |line| sayln!("firmware: {line}"))?;
+        return Ok(Ending::Done);
+    }
     let ended = boot(1, run, power_up, &eeprom)?;
     let ending = conclude(arguments, power_up, run, &ended)?;
     if ending != Ending::Done || matches!(ended, Ended::NoRun(_)) {

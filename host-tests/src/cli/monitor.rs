@@ -1,7 +1,8 @@
 //! `rins monitor`
 
 use super::output::{say, sayln};
-use super::{Ending, files};
+use super::{Ending, files, history};
+use crate::history::History;
 use crate::monitor::{Client, Event, View, lines, open};
 use crate::report::{StoredReport, write_json};
 use crate::toml_file::TomlFile;
@@ -9,9 +10,11 @@ use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use console::{Key, Term};
 use rins_selfcal::assignment::Assignment;
-use rins_selfcal::link::{Answer, Command, Item, Setting, SettingName};
+use rins_selfcal::black_box::Entry;
+use rins_selfcal::link::{Answer, Command, Item, Refusal, Setting, SettingName};
 use rins_selfcal::self_calibration::SelfCalibrationConfig;
 use rins_selfcal::store::StoredCalibration;
+use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, channel};
 use std::thread;
@@ -61,6 +64,10 @@ pub struct MonitorArguments {
 enum ReadArgument {
     /// The stored calibration
     Calibration,
+    /// All stored calibrations, rejected ones included
+    History,
+    /// What happened last, and why the software has started
+    BlackBox,
     /// The live configuration
     Configuration,
     /// State, time left, angles, losses
@@ -112,6 +119,34 @@ fn read(client: &mut Client, item: ReadArgument, json: Option<&Path>) -> Result<
                 None => print_toml(&report),
             }
         }
+        ReadArgument::History => {
+            let entries = series(
+                client,
+                |back| Item::History { back },
+                |answer| match answer {
+                    Answer::Calibration(entry) => Some(entry),
+                    _ => None,
+                },
+            )?;
+            history::show(&History { entries, damaged: 0 }, json)
+        }
+        ReadArgument::BlackBox => {
+            let events = series(
+                client,
+                |back| Item::Event { back },
+                |answer| match answer {
+                    Answer::Event(event) => Some(event),
+                    _ => None,
+                },
+            )?;
+            match json {
+                Some(path) => write_json(path, &events.iter().map(EventReport::from).collect::<Vec<_>>()),
+                None => {
+                    events.iter().rev().for_each(|event| sayln!("{}", told(event)));
+                    Ok(())
+                }
+            }
+        }
         ReadArgument::Configuration => {
             let config = configuration(client)?;
             match json {
@@ -130,6 +165,38 @@ fn read(client: &mut Client, item: ReadArgument, json: Option<&Path>) -> Result<
 }
 
 const UNEXPECTED: &str = "the instrument answers something else than was asked";
+
+/// What an instrument has of a kind, newest first, until it has no more.
+fn series<T>(client: &mut Client, item: impl Fn(u16) -> Item, of: impl Fn(Answer) -> Option<T>) -> Result<Vec<T>> {
+    let mut all = Vec::new();
+    for back in 0.. {
+        match client.answer(&Command::Read(item(back)), |_| ())? {
+            Answer::Refused(Refusal::Nothing) => break,
+            Answer::Refused(refusal) => bail!("refused: {refusal}"),
+            answer => all.push(of(answer).context(UNEXPECTED)?),
+        }
+    }
+    Ok(all)
+}
+
+/// An event as it is written.
+#[derive(Serialize)]
+struct EventReport {
+    sequence: u32,
+    time_s: f64,
+    event: String,
+}
+
+impl From<&Entry> for EventReport {
+    fn from(entry: &Entry) -> Self {
+        Self { sequence: entry.sequence, time_s: entry.time_us as f64 * 1e-6, event: entry.event.to_string() }
+    }
+}
+
+fn told(entry: &Entry) -> String {
+    let EventReport { sequence, time_s, event } = entry.into();
+    format!("{sequence:>6}  {time_s:>12.3} s  {event}")
+}
 
 fn stored(client: &mut Client) -> Result<StoredCalibration> {
     match client.ask(&Command::Read(Item::Calibration), |_| ()).context("the stored calibration")? {
@@ -161,7 +228,7 @@ fn configure(client: &mut Client, config: &SelfCalibrationConfig) -> Result<()> 
     Ok(())
 }
 
-fn print_toml(value: &impl serde::Serialize) -> Result<()> {
+fn print_toml(value: &impl Serialize) -> Result<()> {
     say!("{}", toml::to_string(value)?);
     Ok(())
 }

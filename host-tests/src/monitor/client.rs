@@ -10,8 +10,10 @@ use std::collections::VecDeque;
 use std::io::ErrorKind;
 use std::time::{Duration, Instant};
 
-/// How long an answer may take.
-const PATIENCE: Duration = Duration::from_secs(3);
+/// How long an answer may take: an instrument may be erasing a sector of its flash, for 4 s.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// How long erasing may take: seconds for every sector of a flash, and an emulator is slow at it.
+const ERASING: Duration = Duration::from_secs(60);
 /// How often a command is sent before the instrument counts as silent. A command done twice does no harm.
 const ATTEMPTS: u32 = 3;
 
@@ -136,14 +138,23 @@ impl Client {
     ///
     /// # Errors
     /// The instrument refuses, with its reason, or does not answer, or the line is broken.
-    pub fn ask(&mut self, command: &Command, mut other: impl FnMut(&Event)) -> Result<Answer> {
+    pub fn ask(&mut self, command: &Command, other: impl FnMut(&Event)) -> Result<Answer> {
+        accepted(self.answer(command, other)?)
+    }
+
+    /// As [`Self::ask`], but a refusal is an answer too.
+    ///
+    /// # Errors
+    /// The instrument does not answer, or the line is broken.
+    pub fn answer(&mut self, command: &Command, mut other: impl FnMut(&Event)) -> Result<Answer> {
         self.number = self.number.checked_add(1).unwrap_or(1);
+        let patience = if *command == Command::Erase { ERASING } else { PATIENCE };
         for _ in 0..ATTEMPTS {
             self.send_again(command)?;
             let sent = Instant::now();
-            while sent.elapsed() < PATIENCE {
+            while sent.elapsed() < patience {
                 match self.poll()? {
-                    Some(Event::Answer(number, answer)) if number == self.number => return accepted(answer),
+                    Some(Event::Answer(number, answer)) if number == self.number => return Ok(answer),
                     Some(event) => other(&event),
                     None => {}
                 }

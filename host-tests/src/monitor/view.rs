@@ -2,6 +2,7 @@
 
 use super::client::Event;
 use crate::quantity;
+use rins_selfcal::black_box::Restart;
 use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS, block};
 use rins_selfcal::estimator::Estimate;
 use rins_selfcal::link::{Answer, Dropped, Hello, Status};
@@ -245,6 +246,7 @@ fn warning(message: &Message) -> Option<String> {
         }
         Message::Released => Some("the axes are brought to rest, and controlled no longer".into()),
         Message::Fault(fault) => Some(fault.to_string()),
+        Message::Restarted(restart) if *restart != Restart::PowerOn => Some(restart.to_string()),
         Message::Refused(error) => Some(format!("the configuration is refused: {error}")),
         _ => None,
     }

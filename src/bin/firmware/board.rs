@@ -2,8 +2,10 @@
 
 use crate::Scalar;
 use embedded_hal::spi::SpiDevice;
+use rins_selfcal::black_box::{Restart, Stop};
 use rins_selfcal::control::{Control, MotorBridge};
 use rins_selfcal::gimbal::Gimbal;
+use rins_selfcal::link::Link;
 use rins_selfcal::queue::SampleConsumer;
 use rins_selfcal::store::CalibrationStore;
 use rins_selfcal::store::medium::Medium;
@@ -25,6 +27,9 @@ pub trait Board: Sized {
     /// Bridge of a motor.
     type Bridge: MotorBridge;
 
+    /// How old the last report of (sampling, control, main loop) may become, us.
+    const DEADLINES_US: [Option<u32>; 3];
+
     /// Sets the board up. Called once.
     fn start() -> Self;
 
@@ -34,14 +39,20 @@ pub trait Board: Sized {
     /// Does something with what the control interrupt has, in a critical section; `None` before [`Self::begin`].
     fn with_control<R>(&mut self, act: impl FnOnce(&mut Control<Scalar, Self::Spi, Self::Bridge>) -> R) -> Option<R>;
 
+    /// Why the software has started.
+    fn restart(&self) -> &Restart;
+
     /// Samples of the data-ready interrupt.
     fn samples(&mut self) -> &mut SampleConsumer<'static, Scalar>;
 
     /// Calibration records.
     fn store(&mut self) -> &mut CalibrationStore<Self::Memory>;
 
-    /// Sends a frame to the host; one that cannot be sent is lost.
-    fn send(&mut self, frame: &[u8]);
+    /// Gives a frame of a message to whoever has this board on a bench.
+    fn show(&mut self, _frame: &[u8]) {}
+
+    /// Sends what the link has over the serial line, as far as there is room now. What comes in is in the inbox.
+    fn transmit(&mut self, link: &mut Link);
 
     /// The configuration, as postcard; `None` if there is none, or more than fits in `buffer`.
     fn configuration<'a>(&mut self, buffer: &'a mut [u8]) -> Option<&'a [u8]>;
@@ -61,6 +72,12 @@ pub trait Board: Sized {
     /// A clock that runs freely and wraps; readable from everywhere.
     fn ticks() -> u32;
 
-    /// Tells what happened, with some numbers, and ends the program. Called from everywhere, faults included.
-    fn stop(what: &str, numbers: &[u32]) -> !;
+    /// Starts the watchdog: unless it is fed at least once a second it resets.
+    fn start_watchdog();
+
+    /// Feeds the watchdog.
+    fn feed_watchdog();
+
+    /// Switches the motors off, records why, and resets. Called from everywhere, faults included.
+    fn stop(stop: &Stop) -> !;
 }

@@ -5,11 +5,14 @@
 
 mod board;
 mod fault;
+mod inbox;
 #[cfg(any(feature = "mps2-an500", feature = "mps2-an386"))]
 mod mps2;
+mod recorder;
 mod stack;
 #[cfg(feature = "stm32h743")]
 mod stm32h743;
+mod watchdog;
 mod work;
 
 use board::{Board, ThisBoard};
@@ -17,12 +20,14 @@ use cortex_m::singleton;
 use cortex_m_rt::entry;
 use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::axis::AxisLimits;
+use rins_selfcal::black_box::Event;
 use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
 #[cfg(not(feature = "optional-states"))]
 use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::estimator::{FULL_STATES, MAX_SEGMENTS};
 use rins_selfcal::gimbal::{Gimbal, MotionCommand};
-use rins_selfcal::link::{MAX_FRAME_BYTES, encode};
+use rins_selfcal::link::{Hello, Link, MAX_FRAME_BYTES, Memories, Moment};
+use rins_selfcal::liveness::Task;
 use rins_selfcal::policy::Decision;
 use rins_selfcal::queue::Observed;
 use rins_selfcal::self_calibration::{ConfigError, SelfCalibration, SelfCalibrationConfig};
@@ -52,17 +57,19 @@ type ImageCalibrator = Calibrator<Scalar, MAX_SEGMENTS, STATES>;
 #[entry]
 fn main() -> ! {
     let mut board = ThisBoard::start();
-    let status = match singleton!(: ImageCalibrator = Calibrator::UNCONFIGURED) {
-        Some(calibrator) => run(&mut board, calibrator),
+    let calibrator = singleton!(: ImageCalibrator = Calibrator::UNCONFIGURED);
+    let status = match calibrator.zip(singleton!(: Link = Link::new())) {
+        Some((calibrator, link)) => run(&mut board, link, calibrator),
         None => Err(()),
     };
     board.finish(status)
 }
 
-fn run(board: &mut impl Board, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
+fn run(board: &mut impl Board, link: &mut Link, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
+    link.greet(Hello::new::<Scalar>(STATES));
     match assignment(board) {
-        Assignment::SelfCalibrate(config) => self_calibrate(board, config, calibrator),
-        Assignment::Replay(config) => replay(board, &config, calibrator),
+        Assignment::SelfCalibrate(config) => self_calibrate(board, link, config, calibrator),
+        Assignment::Replay(config) => replay(board, link, &config, calibrator),
     }
 }
 
@@ -85,10 +92,13 @@ fn assignment(board: &mut impl Board) -> Assignment {
 #[inline(never)]
 fn self_calibrate(
     board: &mut impl Board,
+    link: &mut Link,
     config: SelfCalibrationConfig,
     calibrator: &mut ImageCalibrator,
 ) -> Result<(), ()> {
-    let (stored, scheme) = (load(board), config.scheme.name.clone());
+    let (stored, scheme) = (load(board, link), config.scheme.name.clone());
+    let restart = board.restart().clone();
+    send(board, link, &Message::Restarted(restart));
     let gimbal = Gimbal::new(&config.axes, &config.motors);
     // Borrowed where it is: moved out, it would be on the stack twice.
     let mut made = SelfCalibration::new(config, stored.as_ref(), calibrator);
@@ -96,33 +106,38 @@ fn self_calibrate(
         Ok(run) => run,
         Err(error) => {
             defmt::error!("scheme {=str}", scheme.as_str());
-            return refuse(board, *error);
+            return refuse(board, link, *error);
         }
     };
     board.begin(gimbal);
     let mut samples = 0;
     while board.powered() {
+        watchdog::report(Task::Main, board.now_us());
         while let Some(Observed { sample, gimbal }) = board.samples().pop() {
             samples += 1;
             let (span, mut work) = (Span::start(), work_in(run.state()));
             let step = run.step(&sample, &gimbal, &mut |message| {
                 work = if matches!(message, Message::Segment(_)) { Work::Segment } else { Work::Other };
-                send(board, message);
+                send(board, link, message);
             });
             command(board, step.motion, gimbal.time_us);
             count(work, &span);
+            if step.note && !save(board, run) {
+                defmt::warn!("the rejected run is not in the history");
+            }
             if step.save {
                 let saved = save(board, run);
                 run.saved();
-                send(board, &Message::Saved(saved));
+                send(board, link, &Message::Saved(saved));
             }
         }
         let (now_us, gimbal) = (board.now_us(), board.with_control(|control| control.status()).unwrap_or_default());
-        let motion = run.tick(now_us, &gimbal, &mut |message| send(board, message));
+        let motion = run.tick(now_us, &gimbal, &mut |message| send(board, link, message));
         command(board, motion, gimbal.time_us);
+        serve(board, link, run);
         board.wait();
     }
-    report_queue(board, samples);
+    report_queue(board, link, samples);
     Ok(())
 }
 
@@ -133,9 +148,25 @@ fn command(board: &mut impl Board, motion: Option<MotionCommand>, seen_us: u64) 
     }
 }
 
-fn refuse(board: &mut impl Board, error: ConfigError) -> Result<(), ()> {
+/// Answers the commands that have come in, and tells the status.
+#[inline(never)]
+fn serve(board: &mut impl Board, link: &mut Link, run: &mut SelfCalibration<'_, Scalar, STATES>) {
+    let moment = Moment { now_us: board.now_us(), missing: board.samples().losses().total() };
+    let before = (run.config().axes, run.config().motors);
+    link.note_overrun(inbox::lost());
+    let bytes = core::iter::from_fn(inbox::pop);
+    link.serve(bytes, moment, run, &mut Memories { store: board.store(), event: recorder::event });
+    let (axes, motors) = (run.config().axes, run.config().motors);
+    if (axes, motors) != before {
+        board.with_control(|control| control.reconfigure(&axes, &motors));
+    }
+    link.tell_status(moment, run);
+    board.transmit(link);
+}
+
+fn refuse(board: &mut impl Board, link: &mut Link, error: ConfigError) -> Result<(), ()> {
     defmt::error!("the configuration is refused: {}", defmt::Display2Format(&error));
-    send(board, &Message::Refused(error));
+    send(board, link, &Message::Refused(error));
     Err(())
 }
 
@@ -151,26 +182,32 @@ fn work_in(state: State) -> Work {
 }
 
 #[inline(never)]
-fn replay(board: &mut impl Board, config: &CalibratorConfig, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
+fn replay(
+    board: &mut impl Board,
+    link: &mut Link,
+    config: &CalibratorConfig,
+    calibrator: &mut ImageCalibrator,
+) -> Result<(), ()> {
     if config.estimator.options.needs_states() && STATES < FULL_STATES {
-        return refuse(board, ConfigError::States);
+        return refuse(board, link, ConfigError::States);
     }
     calibrator.restart(config);
     board.begin(Gimbal::new(&[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2]));
     let mut samples = 0;
     while board.powered() {
+        watchdog::report(Task::Main, board.now_us());
         while let Some(Observed { sample, .. }) = board.samples().pop() {
             samples += 1;
             if let Some(progress) = calibrator.step(&sample) {
-                send(board, &Message::Segment(progress));
+                send(board, link, &Message::Segment(progress));
             }
         }
         board.wait();
     }
-    let solution = calibrator.conclude(&mut |message| send(board, message));
+    let solution = calibrator.conclude(&mut |message| send(board, link, message));
     let verdict = calibrator.judge(&solution, None, &VerdictLimits::default());
-    send(board, &Message::Judged(verdict));
-    report_queue(board, samples);
+    send(board, link, &Message::Judged(verdict));
+    report_queue(board, link, samples);
     Ok(())
 }
 
@@ -186,7 +223,7 @@ fn save(board: &mut impl Board, run: &SelfCalibration<'_, Scalar, STATES>) -> bo
 
 /// The stored calibration, if there is a good one.
 #[inline(never)]
-fn load(board: &mut impl Board) -> Option<StoredCalibration> {
+fn load(board: &mut impl Board, link: &mut Link) -> Option<StoredCalibration> {
     let (record, damaged, fault) = match board.store().load() {
         Ok(Loaded::Empty) => (None, false, false),
         Ok(Loaded::Found { record, damage }) => (Some(record), damage.is_some(), false),
@@ -204,23 +241,27 @@ fn load(board: &mut impl Board) -> Option<StoredCalibration> {
         damaged,
         fault
     );
-    send(board, &Message::Store { found, damaged, fault });
+    send(board, link, &Message::Store { found, damaged, fault });
     record
 }
 
-fn report_queue(board: &mut impl Board, samples: u64) {
+fn report_queue(board: &mut impl Board, link: &mut Link, samples: u64) {
     let losses = board.samples().losses();
     defmt::info!("{=u64} samples, {=u32} missing", samples, losses.total());
-    send(board, &Message::Queue { samples, losses });
+    send(board, link, &Message::Queue { samples, losses });
 }
 
-fn send(board: &mut impl Board, message: &Message) {
+fn send(board: &mut impl Board, link: &mut Link, message: &Message) {
     let span = Span::start();
     log(message);
-    let mut buffer = [0; MAX_FRAME_BYTES];
-    if let Some(frame) = encode(0, message, &mut buffer) {
-        board.send(frame);
+    if let Some(event) = Event::of(message) {
+        recorder::record(board.now_us(), event);
     }
+    let mut buffer = [0; MAX_FRAME_BYTES];
+    if let Some(frame) = link.tell(message, &mut buffer) {
+        board.show(frame);
+    }
+    board.transmit(link);
     span.put_aside();
 }
 
@@ -240,6 +281,7 @@ fn log(message: &Message) {
         ),
         Message::Judged(verdict) => defmt::info!("accepted: {=bool}", verdict.accepted()),
         Message::Aborted(_) => defmt::warn!("the run is aborted"),
+        Message::Restarted(restart) => defmt::info!("{}", defmt::Display2Format(restart)),
         Message::Saved(saved) => defmt::info!("stored: {=bool}", *saved),
         _ => {}
     }

@@ -8,7 +8,8 @@
 //! ```text
 //! control interrupt      priority 0x00   a period goes by at the host; encoders -> gimbal -> bridges
 //! data-ready interrupt   priority 0x40   at the end of every fifth one; IMU -> sample queue
-//! SysTick                lowest          wakes the main loop
+//! serial line            priority 0x80   bytes -> inbox
+//! SysTick                lowest          wakes the main loop, feeds the watchdog
 //! ```
 #![allow(unsafe_code)]
 
@@ -19,26 +20,31 @@ mod pipe_pins;
 mod pipe_spi;
 mod register;
 mod semihosting;
+mod serial;
 
 use crate::board::Board;
 use crate::work::{Span, Work, count, loads};
-use crate::{Scalar, stack};
+use crate::{Scalar, recorder, stack, watchdog};
 use core::cell::{Cell, RefCell};
+use core::fmt::Write;
 use core::sync::atomic::{AtomicU32, Ordering};
 use cortex_m::interrupt::InterruptNumber;
 use cortex_m::peripheral::syst::SystClkSource;
-use cortex_m::peripheral::{NVIC, SYST};
+use cortex_m::peripheral::{NVIC, SCB, SYST};
 use critical_section::Mutex;
 use eeprom::{Delay, Eeprom, eeprom};
 use pipe_pins::{BridgePin, EncoderSpi, input};
 use pipe_spi::{Chip, POWERED, PipeBus, PipeSpi};
-use register::Timer;
+use register::{Register, Timer};
 use rins_selfcal::acquisition::Acquisition;
+use rins_selfcal::black_box::{Event, Restart, Stop};
 use rins_selfcal::control::Control;
 use rins_selfcal::drivers::adis16495::{Adis16495, Settings};
 use rins_selfcal::drivers::biss::{BissEncoder, Mounting, Resolution};
 use rins_selfcal::drivers::bridge::Bridge;
 use rins_selfcal::gimbal::Gimbal;
+use rins_selfcal::link::Link;
+use rins_selfcal::liveness::Task;
 use rins_selfcal::queue::{Loss, SampleConsumer, SampleQueue};
 use rins_selfcal::servo::PERIOD_US;
 use rins_selfcal::store::CalibrationStore;
@@ -55,16 +61,25 @@ const QUEUE_LENGTH: usize = 64;
 const PERIOD_TIMER: Timer = Timer::at(0x4000_0000);
 const CLOCK_TIMER: Timer = Timer::at(0x4000_1000);
 
+/// The CMSDK watchdog, which counts down: its interrupt is the NMI, and at the next zero it resets.
+const WATCHDOG_LOAD: Register = Register::at(0x4000_8000);
+const WATCHDOG_CONTROL: Register = Register::at(0x4000_8008);
+const WATCHDOG_CLEAR: Register = Register::at(0x4000_800c);
+const WATCHDOG_LOCK: Register = Register::at(0x4000_8c00);
+const WATCHDOG_UNLOCK: u32 = 0x1acc_e551;
+
 /// Interrupts of this board.
 #[derive(Clone, Copy, PartialEq)]
 enum Line {
+    /// A byte of the serial line.
+    Received = 0,
     /// That of `PERIOD_TIMER`.
     Control = 8,
     /// Without a source of its own: the control interrupt, which hears of the edge from the host, sets it pending.
     DataReady = 30,
 }
 
-// Safety: both are lines of this board.
+// Safety: they are lines of this board.
 unsafe impl InterruptNumber for Line {
     fn number(self) -> u16 {
         self as u16
@@ -90,7 +105,12 @@ fn ticks() -> u64 {
     })
 }
 
-defmt::timestamp!("{=u64:us}", ticks() / 25);
+/// Time since power-up, us.
+fn uptime_us() -> u64 {
+    ticks() / u64::from(TICKS_PER_S / 1_000_000)
+}
+
+defmt::timestamp!("{=u64:us}", uptime_us());
 
 // --------------------------------------------------------------------------------------------------------- interrupts
 
@@ -138,8 +158,10 @@ fn start_periods(nvic: &mut NVIC) {
     unsafe {
         nvic.set_priority(Line::Control, 0x00);
         nvic.set_priority(Line::DataReady, 0x40);
+        nvic.set_priority(Line::Received, 0x80);
         NVIC::unmask(Line::Control);
         NVIC::unmask(Line::DataReady);
+        NVIC::unmask(Line::Received);
     }
 }
 
@@ -172,6 +194,7 @@ fn on_period() {
         }
         with_control(|control| control.on_period(now_us));
     }
+    watchdog::report(Task::Control, uptime_us());
     count(Work::Control, &span);
     span.put_aside();
 }
@@ -186,25 +209,37 @@ fn on_data_ready() {
         let _ = acquisition.on_data_ready(edge_us, view);
         critical_section::with(|cs| ACQUISITION.borrow(cs).set(Some(acquisition)));
     }
+    watchdog::report(Task::Sampling, uptime_us());
     count(Work::Acquire, &span);
     span.put_aside();
 }
 
-/// Every interrupt comes here; two are enabled.
+/// Every interrupt comes here; three are enabled.
 #[cortex_m_rt::exception]
 unsafe fn DefaultHandler(number: i16) {
+    const RECEIVED: i16 = Line::Received as i16;
     const CONTROL: i16 = Line::Control as i16;
     const DATA_READY: i16 = Line::DataReady as i16;
     match number {
+        RECEIVED => serial::on_received(),
         CONTROL => on_period(),
         DATA_READY => on_data_ready(),
-        _ => Mps2::stop("unexpected interrupt", &[number as u32]),
+        _ => Mps2::stop(&Stop::Interrupt(number as u32)),
     }
 }
 
-/// Wakes the main loop where no data-ready edge does.
+/// Wakes the main loop where no data-ready edge does, and feeds the watchdog. An instrument that is switched off has
+/// nothing to watch.
 #[cortex_m_rt::exception]
-fn SysTick() {}
+fn SysTick() {
+    if POWERED.load(Ordering::Relaxed) { watchdog::check(uptime_us()) } else { Mps2::feed_watchdog() }
+}
+
+/// The watchdog was not fed.
+#[cortex_m_rt::exception]
+unsafe fn NonMaskableInt() -> ! {
+    Mps2::stop(&Stop::Unfed)
+}
 
 /// Lets [`SysTick`] come ten times a second.
 fn start_waking(systick: &mut SYST) {
@@ -223,6 +258,7 @@ pub struct Mps2 {
     nvic: NVIC,
     store: CalibrationStore<Eeprom>,
     telemetry: File,
+    restart: Restart,
     idle_ticks: u64,
 }
 
@@ -232,20 +268,22 @@ impl Mps2 {
         stack::guard(&core.MPU);
         CLOCK_TIMER.reload.write(u32::MAX);
         CLOCK_TIMER.control.write(Timer::ENABLE);
+        let restart = recorder::start(None);
         let bus = PipeBus::open()?;
         let telemetry = File::open(c"telemetry", File::WRITE)?;
         let queue = cortex_m::singleton!(: SampleQueue<Scalar, QUEUE_LENGTH> = SampleQueue::new())?;
         let (producer, samples) = queue.split();
         let Ok(imu) = Adis16495::start(bus.device(Chip::Imu), &mut Delay, &Settings::default()) else {
-            Self::stop("the IMU does not start", &[])
+            Self::stop(&Stop::board("the IMU does not start"))
         };
         critical_section::with(|cs| {
             ACQUISITION.borrow(cs).set(Some(Acquisition::new(imu, producer)));
             BUS.borrow(cs).set(Some(bus));
         });
+        serial::start();
         start_waking(&mut core.SYST);
         let store = CalibrationStore::new(eeprom());
-        Some(Self { samples, nvic: core.NVIC, store, telemetry, idle_ticks: 0 })
+        Some(Self { samples, nvic: core.NVIC, store, telemetry, restart, idle_ticks: 0 })
     }
 
     /// What the host's file `run` holds, in words.
@@ -275,11 +313,18 @@ impl Board for Mps2 {
     type Spi = EncoderSpi;
     type Bridge = BoardBridge;
 
+    /// The main loop is busy longest when it writes a record to the EEPROM.
+    const DEADLINES_US: [Option<u32>; 3] = [Some(100_000), Some(20_000), Some(1_000_000)];
+
     fn start() -> Self {
         match Self::new() {
             Some(board) => board,
-            None => Self::stop("the host offers no pipes, or the board was started twice", &[]),
+            None => Self::stop(&Stop::board("the host offers no pipes")),
         }
+    }
+
+    fn restart(&self) -> &Restart {
+        &self.restart
     }
 
     fn samples(&mut self) -> &mut SampleConsumer<'static, Scalar> {
@@ -307,7 +352,11 @@ impl Board for Mps2 {
         &mut self.store
     }
 
-    fn send(&mut self, frame: &[u8]) {
+    fn transmit(&mut self, link: &mut Link) {
+        serial::transmit(|| link.transmit());
+    }
+
+    fn show(&mut self, frame: &[u8]) {
         // The host may have closed the pipe; the run goes on without.
         let _ = self.telemetry.write(frame);
     }
@@ -325,7 +374,7 @@ impl Board for Mps2 {
     }
 
     fn now_us(&self) -> u64 {
-        ticks() / u64::from(TICKS_PER_S / 1_000_000)
+        uptime_us()
     }
 
     fn powered(&self) -> bool {
@@ -356,18 +405,27 @@ impl Board for Mps2 {
         timer_ticks()
     }
 
-    fn stop(what: &str, numbers: &[u32]) -> ! {
+    fn start_watchdog() {
+        WATCHDOG_LOCK.write(WATCHDOG_UNLOCK);
+        WATCHDOG_LOAD.write(TICKS_PER_S);
+        // Interrupt, and reset.
+        WATCHDOG_CONTROL.write(0b11);
+    }
+
+    fn feed_watchdog() {
+        WATCHDOG_CLEAR.write(1);
+    }
+
+    fn stop(stop: &Stop) -> ! {
+        pipe_spi::motors_off();
+        recorder::record(uptime_us(), Event::Stopped(stop.clone()));
+        // For the host, where it does not wait for the next start.
         if let Some(file) = File::open(c"fault", File::WRITE) {
-            file.write(what.as_bytes());
-            for number in numbers {
-                let digits = [28, 24, 20, 16, 12, 8, 4, 0].map(|shift| {
-                    let digit = (number >> shift & 0xf) as u8;
-                    digit + if digit < 10 { b'0' } else { b'a' - 10 }
-                });
-                file.write(b" 0x");
-                file.write(&digits);
-            }
+            let mut text = heapless::String::<128>::new();
+            // What does not fit is cut.
+            let _ = write!(text, "{stop}");
+            file.write(text.as_bytes());
         }
-        exit(Err(()))
+        SCB::sys_reset()
     }
 }

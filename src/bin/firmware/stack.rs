@@ -17,7 +17,8 @@ fn bottom() -> usize {
     (&raw const _stack_end).addr()
 }
 
-fn top() -> usize {
+/// The address after its top.
+pub fn top() -> usize {
     (&raw const _stack_start).addr()
 }
 

@@ -3,18 +3,19 @@
 //! ```text
 //! TIM6 control period   priority 1   encoders on SPI3 and SPI4 -> gimbal -> bridges on TIM1
 //! TIM2 data-ready       priority 2   ADIS16495 on SPI1 -> sample queue
-//! USART3                priority 3   telemetry out of its buffer
-//! SysTick               lowest       wakes the main loop
+//! USART3                priority 3   the serial line
+//! SysTick               lowest       wakes the main loop, feeds the watchdog
 //! ```
 //! The time of a data-ready edge is captured by TIM2, which is the clock: how long its interrupt has to wait does not matter.
 //! The stack lies in the data TCM; both caches are on, and nothing but the processor touches memory.
 #![allow(unsafe_code)]
 
 mod clock;
+mod serial;
 
 use crate::board::Board;
 use crate::work::{Span, Work, count, loads};
-use crate::{Scalar, stack};
+use crate::{Scalar, recorder, stack, watchdog};
 use clock::{CORE_HZ, Delay};
 use core::cell::{Cell, RefCell};
 use cortex_m::peripheral::syst::SystClkSource;
@@ -26,23 +27,26 @@ use embassy_stm32::flash::{self, Flash};
 use embassy_stm32::gpio::{Input, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::mode::Blocking;
-use embassy_stm32::peripherals::{TIM1, TIM2, TIM3, TIM6, USART3};
+use embassy_stm32::pac::iwdg::vals::{Key, Pr};
+use embassy_stm32::peripherals::{TIM1, TIM2, TIM3, TIM6};
 use embassy_stm32::spi::mode::Master;
 use embassy_stm32::spi::{self, Spi};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::input_capture::{CapturePin, Ch4};
 use embassy_stm32::timer::low_level::CountingMode;
 use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm, SimplePwmChannel};
-use embassy_stm32::usart::{self, BufferedInterruptHandler, BufferedUart};
-use embassy_stm32::{bind_interrupts, interrupt as handler, pac};
+use embassy_stm32::usart::Uart;
+use embassy_stm32::{interrupt as handler, pac};
 use embedded_hal_bus::spi::ExclusiveDevice;
-use embedded_io::Write;
 use rins_selfcal::acquisition::Acquisition;
+use rins_selfcal::black_box::{Event, Restart, Stop};
 use rins_selfcal::control::Control;
 use rins_selfcal::drivers::adis16495::{Adis16495, Settings};
 use rins_selfcal::drivers::biss::{BissEncoder, Mounting, Resolution};
 use rins_selfcal::drivers::bridge::{Bridge, NoPin};
 use rins_selfcal::gimbal::Gimbal;
+use rins_selfcal::link::Link;
+use rins_selfcal::liveness::Task;
 use rins_selfcal::queue::{Loss, SampleConsumer, SampleQueue};
 use rins_selfcal::servo::PERIOD_US;
 use rins_selfcal::store::CalibrationStore;
@@ -50,9 +54,6 @@ use rins_selfcal::store::medium;
 
 /// Depth of the sample queue plus one: 5 s at 200 Hz. Erasing a sector of the flash takes the main loop 4 s at most.
 const QUEUE_LENGTH: usize = 1024;
-/// Bytes of telemetry that wait for the port: more than the results of a run.
-const TELEMETRY_BYTES: usize = 16 * 1024;
-const TELEMETRY_BAUD: u32 = 921_600;
 /// Beyond what is heard.
 const PWM_HZ: u32 = 20_000;
 
@@ -64,10 +65,6 @@ type Bus = Spi<'static, Blocking, Master>;
 type ImuSpi = ExclusiveDevice<Bus, Output<'static>, Delay>;
 /// An encoder has no chip select.
 type EncoderSpi = ExclusiveDevice<Bus, NoPin, Delay>;
-
-bind_interrupts!(struct Interrupts {
-    USART3 => BufferedInterruptHandler<USART3>;
-});
 
 // --------------------------------------------------------------------------------------------------------- interrupts
 
@@ -93,6 +90,7 @@ fn TIM6_DAC() {
     let span = Span::start();
     pac::TIM6.sr().write(|status| status.set_uif(false));
     with_control(|control| control.on_period(clock::now_us));
+    watchdog::report(Task::Control, clock::now_us());
     count(Work::Control, &span);
     span.put_aside();
 }
@@ -108,13 +106,16 @@ fn TIM2() {
         let _ = acquisition.on_data_ready(edge_us, view);
         critical_section::with(|cs| ACQUISITION.borrow(cs).set(Some(acquisition)));
     }
+    watchdog::report(Task::Sampling, clock::now_us());
     count(Work::Acquire, &span);
     span.put_aside();
 }
 
-/// Wakes the main loop where no data-ready edge does.
+/// Wakes the main loop where no data-ready edge does, and feeds the watchdog.
 #[cortex_m_rt::exception]
-fn SysTick() {}
+fn SysTick() {
+    watchdog::check(clock::now_us());
+}
 
 // -------------------------------------------------------------------------------------------------------------- board
 
@@ -124,7 +125,8 @@ pub struct Stm32h743 {
     /// Encoders, bridges and the timer of the control periods, until control begins.
     devices: Option<Devices>,
     store: CalibrationStore<CalibrationFlash>,
-    telemetry: BufferedUart<'static>,
+    _serial: Uart<'static, Blocking>,
+    restart: Restart,
     _clock_of_imu: SimplePwm<'static, TIM3>,
     _data_ready: CapturePin<'static, TIM2, Ch4>,
 }
@@ -163,6 +165,7 @@ impl Stm32h743 {
         let p = embassy_stm32::init(clock::configuration());
         start_core()?;
         clock::start(p.TIM2);
+        let restart = recorder::start(Some(reset_flags()));
 
         let queue = cortex_m::singleton!(: SampleQueue<Scalar, QUEUE_LENGTH> = SampleQueue::new())?;
         let (producer, samples) = queue.split();
@@ -170,7 +173,7 @@ impl Stm32h743 {
         let imu = Spi::new_blocking(p.SPI1, p.PA5, p.PB5, p.PA6, spi_config(spi::MODE_3, 3_750_000));
         let imu = ExclusiveDevice::new(imu, chip_select(p.PD14), Delay).ok()?;
         let Ok(imu) = Adis16495::start(imu, &mut Delay, &Settings::default()) else {
-            Self::stop("the IMU does not start", &[])
+            Self::stop(&Stop::board("the IMU does not start"))
         };
         let line = spi_config(spi::MODE_3, 3_750_000);
         let outer = encoder(Spi::new_blocking(p.SPI3, p.PC10, p.PC12, p.PC11, line))?;
@@ -184,15 +187,28 @@ impl Stm32h743 {
             bridge(pwm.ch1, output(p.PE8), output(p.PE13), Input::new(p.PE14, Pull::Up)),
             bridge(pwm.ch2, output(p.PE10), output(p.PE12), Input::new(p.PE15, Pull::Up)),
         ];
-        let telemetry = telemetry(p.USART3, p.PD9, p.PD8)?;
+        let serial = serial::start(p.USART3, p.PD9, p.PD8)?;
         Some(Self {
             samples,
             devices: Some(([outer, inner], bridges, p.TIM6)),
             store: CalibrationStore::new(medium::Flash::new(Flash::new_blocking(p.FLASH), CALIBRATIONS)),
-            telemetry,
+            _serial: serial,
+            restart,
             _clock_of_imu: imu_clock,
             _data_ready: CapturePin::new(p.PB11, Pull::Down),
         })
+    }
+}
+
+/// What the hardware knows of the last reset; forgotten, so that the next one is told from it.
+fn reset_flags() -> Restart {
+    let flags = pac::RCC.rsr().read();
+    pac::RCC.rsr().modify(|flags| flags.set_rmvf(true));
+    match flags {
+        flags if flags.porrstf() || flags.borrstf() => Restart::PowerOn,
+        flags if flags.iwdg1rstf() => Restart::Watchdog,
+        flags if flags.sftrstf() => Restart::Unexplained,
+        _ => Restart::Pin,
     }
 }
 
@@ -223,20 +239,6 @@ fn imu_clock(
     pwm.ch1().set_duty_cycle_percent(50);
     pwm.ch1().enable();
     pwm
-}
-
-fn telemetry(
-    port: Peri<'static, USART3>,
-    rx: Peri<'static, embassy_stm32::peripherals::PD9>,
-    tx: Peri<'static, embassy_stm32::peripherals::PD8>,
-) -> Option<BufferedUart<'static>> {
-    let out = cortex_m::singleton!(: [u8; TELEMETRY_BYTES] = [0; TELEMETRY_BYTES])?;
-    let come = cortex_m::singleton!(: [u8; 256] = [0; 256])?;
-    let mut config = usart::Config::default();
-    config.baudrate = TELEMETRY_BAUD;
-    let uart = BufferedUart::new(port, rx, tx, out, come, Interrupts, config).ok()?;
-    interrupt::USART3.set_priority(Priority::P3);
-    Some(uart)
 }
 
 fn start_interrupts(_control_timer: Peri<'static, TIM6>) {
@@ -271,11 +273,18 @@ impl Board for Stm32h743 {
     type Spi = EncoderSpi;
     type Bridge = BoardBridge;
 
+    /// The main loop is busy longest when it erases a sector.
+    const DEADLINES_US: [Option<u32>; 3] = [Some(1_000_000), Some(20_000), Some(5_000_000)];
+
     fn start() -> Self {
         match Self::new() {
             Some(board) => board,
-            None => Self::stop("a device of the board does not start", &[]),
+            None => Self::stop(&Stop::board("a device of the board does not start")),
         }
+    }
+
+    fn restart(&self) -> &Restart {
+        &self.restart
     }
 
     fn samples(&mut self) -> &mut SampleConsumer<'static, Scalar> {
@@ -299,14 +308,8 @@ impl Board for Stm32h743 {
         &mut self.store
     }
 
-    fn send(&mut self, frame: &[u8]) {
-        // Waits for the port where the buffer is full: 11 ms at most for a frame.
-        let mut rest = frame;
-        while let Ok(sent) = self.telemetry.write(rest)
-            && sent > 0
-        {
-            rest = rest.get(sent..).unwrap_or(&[]);
-        }
+    fn transmit(&mut self, link: &mut Link) {
+        serial::transmit(|| link.transmit());
     }
 
     /// The default: this board has no other.
@@ -339,6 +342,7 @@ impl Board for Stm32h743 {
             defmt::info!("{=u32} spans, {=u64} cycles, {=u32} of the longest", load.spans, load.ticks, load.longest);
         }
         loop {
+            watchdog::report(Task::Main, clock::now_us());
             cortex_m::asm::wfi();
         }
     }
@@ -347,9 +351,23 @@ impl Board for Stm32h743 {
         DWT::cycle_count()
     }
 
-    fn stop(what: &str, numbers: &[u32]) -> ! {
+    /// The independent watchdog, on its own clock of 32 kHz: 1 s.
+    fn start_watchdog() {
+        pac::IWDG1.kr().write(|w| w.set_key(Key::START));
+        pac::IWDG1.kr().write(|w| w.set_key(Key::ENABLE));
+        pac::IWDG1.pr().write(|w| w.set_pr(Pr::DIVIDE_BY16));
+        pac::IWDG1.rlr().write(|w| w.set_rl(2000 - 1));
+        Self::feed_watchdog();
+    }
+
+    fn feed_watchdog() {
+        pac::IWDG1.kr().write(|w| w.set_key(Key::RESET));
+    }
+
+    fn stop(stop: &Stop) -> ! {
         motors_off();
-        defmt::error!("{=str} {=[?]:x}", what, numbers);
+        recorder::record(clock::now_us(), Event::Stopped(stop.clone()));
+        defmt::error!("{}", defmt::Display2Format(stop));
         SCB::sys_reset()
     }
 }

@@ -2,6 +2,7 @@
 
 use super::bit_bang_i2c::BitBangI2c;
 use super::register::Register;
+use crate::watchdog;
 use core::convert::Infallible;
 use eeprom24x::{Eeprom24x, SlaveAddr, addr_size, page_size, unique_serial};
 use embedded_hal::delay::DelayNs;
@@ -17,6 +18,16 @@ pub struct Delay;
 impl DelayNs for Delay {
     fn delay_ns(&mut self, ns: u32) {
         cortex_m::asm::delay(ns.div_ceil(2));
+    }
+}
+
+/// The time that a page takes to be written: a sign of life, since all pages take seconds.
+pub struct PageDelay;
+
+impl DelayNs for PageDelay {
+    fn delay_ns(&mut self, ns: u32) {
+        watchdog::progress(super::uptime_us());
+        Delay.delay_ns(ns);
     }
 }
 
@@ -52,11 +63,17 @@ impl InputPin for Line {
 
 /// The EEPROM, a 24x64 of 8 KiB.
 pub type Eeprom = medium::Eeprom<
-    eeprom24x::Storage<BitBangI2c<Line, Line, Delay>, page_size::B32, addr_size::TwoBytes, unique_serial::No, Delay>,
+    eeprom24x::Storage<
+        BitBangI2c<Line, Line, Delay>,
+        page_size::B32,
+        addr_size::TwoBytes,
+        unique_serial::No,
+        PageDelay,
+    >,
 >;
 
 /// The EEPROM of the board.
 pub fn eeprom() -> Eeprom {
     let i2c = BitBangI2c::new(SCL, SDA, Delay);
-    medium::Eeprom(eeprom24x::Storage::new(Eeprom24x::new_24x64(i2c, SlaveAddr::default()), Delay))
+    medium::Eeprom(eeprom24x::Storage::new(Eeprom24x::new_24x64(i2c, SlaveAddr::default()), PageDelay))
 }

@@ -21,6 +21,8 @@ pub enum Chip {
     Imu = 0,
     /// A control period: see [`super::pipe_pins`].
     Period = 3,
+    /// The line that switches both motors off until the next period.
+    MotorsOff = 4,
 }
 
 /// The bus: one pipe for requests and one for answers.
@@ -71,6 +73,14 @@ impl SpiDevice for PipeSpi {
             answer = give(answer, operation);
         }
         Ok(())
+    }
+}
+
+/// Switches the motors off, without any memory of the bus: called from faults.
+pub fn motors_off() {
+    if let Some(requests) = File::open(c"requests", File::WRITE) {
+        // No bytes, no answer.
+        requests.write(&[Chip::MotorsOff as u8, 0]);
     }
 }
 

@@ -1,0 +1,186 @@
+//! What becomes of the firmware that fails in the middle of a move: the motors stop, a reset follows, and the next start says
+//! why. A debugger does the harm, so that the image is the one that ships.
+
+use anyhow::Result;
+use host_tests::bench::Bench;
+use host_tests::chips::bridge::Output;
+use host_tests::drive::move_durations_s;
+use host_tests::emulator::debugger::{Debugger, function};
+use host_tests::emulator::image::{Board, build};
+use host_tests::emulator::{Setup, run};
+use host_tests::plant::{Plant, Tick};
+use host_tests::virtual_rins::{DrivenRins, VirtualUnit};
+use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
+use rins_selfcal::black_box::{Registers, Restart, Stop};
+use rins_selfcal::calibrator::CalibratorConfig;
+use rins_selfcal::liveness::Task;
+use rins_selfcal::method::Method;
+use rins_selfcal::scheme::Scheme;
+use rins_selfcal::self_calibration::SelfCalibrationConfig;
+use rins_selfcal::sequencer::State;
+use rins_selfcal::telemetry::Message;
+use rins_selfcal::units::DEG;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::mpsc::channel;
+use std::thread;
+
+/// Control periods between two looks at who is overdue, and in the deadline of the main loop.
+const LOOK: u32 = 100;
+const MAIN_DEADLINE: u32 = 1000;
+/// Control periods from one sample, at which the main loop is harmed, to the next.
+const SAMPLE: u32 = 5;
+/// Instructions of ARMv7-M.
+const LOOP: [u8; 2] = [0xfe, 0xe7];
+/// Masks interrupt 8, of the control, for good: 1 << 8 into the register at 0xe000e180.
+const MASK_CONTROL: [u8; 16] =
+    [0x4e, 0xf2, 0x80, 0x10, 0xce, 0xf2, 0x00, 0x00, 0x01, 0x21, 0x09, 0x02, 0x01, 0x60, 0x70, 0x47];
+/// Masks interrupt 30, of sampling, in the same way, keeps all registers, and goes on at the address that follows.
+const MASK_SAMPLING: [u8; 24] = [
+    0x03, 0xb4, 0x4e, 0xf2, 0x80, 0x10, 0xce, 0xf2, 0x00, 0x00, 0x4f, 0xf0, 0x80, 0x41, 0x01, 0x60, 0x03, 0xbc, 0x00,
+    0xbf, 0xdf, 0xf8, 0x00, 0xf0,
+];
+const UNDEFINED: [u8; 2] = [0x00, 0xde];
+const PUSH_FOREVER: [u8; 4] = [0xff, 0xb4, 0xfd, 0xe7];
+/// Memory that the firmware does not use.
+const SCRATCH: u32 = 0x2009_ff00;
+
+/// A unit that counts for how many control periods its motors are still on after it was harmed.
+struct Watched<'a> {
+    rins: DrivenRins,
+    harmed: &'a AtomicBool,
+    off: &'a AtomicBool,
+    driven: &'a AtomicU32,
+    stopped: bool,
+}
+
+impl Plant for Watched<'_> {
+    fn advance(&mut self, outputs: [Output; 2]) -> Option<Tick> {
+        if self.harmed.load(Ordering::Relaxed) && !self.stopped {
+            self.stopped = outputs == [Output::Open; 2];
+            self.driven.fetch_add(u32::from(!self.stopped), Ordering::Relaxed);
+        }
+        if self.off.load(Ordering::Relaxed) { None } else { self.rins.advance(outputs) }
+    }
+}
+
+/// Harms the firmware in its first move; why it has started the second time, and for how many control periods the motors
+/// were still on.
+fn restart_after(harm: impl Fn(&[u8], &mut Debugger) -> Result<()> + Sync) -> (Restart, u32) {
+    let image = build(Board::Mps2An500).unwrap_or_else(|error| panic!("{error:#}"));
+    let elf = image.read().expect("the image");
+    let unit = VirtualUnit::default();
+    // So slow that it takes long: 45 s, about half a second of the host.
+    let scheme = Scheme { rate_rad_s: 2.0 * DEG, ..Scheme::bai(1.0, 1) };
+    let calibrator = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
+    let mut rins = DrivenRins::new(&unit, 1);
+    rins.expect_moves(&move_durations_s(&scheme, unit.rate_hz));
+    let assignment = Assignment::SelfCalibrate(SelfCalibrationConfig::new(calibrator, scheme));
+    let mut buffer = [0; MAX_ASSIGNMENT_BYTES];
+    let configuration = postcard::to_slice(&assignment, &mut buffer).expect("it fits");
+    let directory = tempfile::tempdir().expect("a directory");
+    let socket = directory.path().join("debugger");
+    let setup = Setup { configuration, reboots: true, debugger: Some(&socket), ..Setup::new(&image) };
+    let (harmed, off, driven) = (AtomicBool::new(false), AtomicBool::new(false), AtomicU32::new(0));
+    let mut bench = Bench::new(Watched { rins, harmed: &harmed, off: &off, driven: &driven, stopped: false });
+    let (turning, turns) = channel();
+    let mut restarts = Vec::new();
+    thread::scope(|scope| {
+        let (harm, socket, elf, harmed) = (&harm, &socket, &elf, &harmed);
+        let debugger = scope.spawn(move || -> Result<()> {
+            turns.recv()?;
+            let mut debugger = Debugger::attach(socket)?;
+            harm(elf, &mut debugger)?;
+            // The processor stands still.
+            harmed.store(true, Ordering::Relaxed);
+            debugger.detach()
+        });
+        let on_message = |message: &Message| match message {
+            Message::State { state: State::Turn(1), .. } => drop(turning.send(())),
+            Message::Restarted(restart) => restarts.push(restart.clone()),
+            // The unit works again.
+            Message::State { state: State::Turn(0), .. } => off.store(restarts.len() > 1, Ordering::Relaxed),
+            _ => {}
+        };
+        let run = run(&setup, &mut bench, |_| (), on_message);
+        debugger.join().expect("no panic").unwrap_or_else(|error| panic!("{error:#}"));
+        run.unwrap_or_else(|error| panic!("{error:#}"));
+    });
+    assert_eq!(bench.switched_off(), 1);
+    assert_eq!(restarts.len(), 2, "{restarts:?}");
+    assert_eq!(restarts[0], Restart::PowerOn);
+    (restarts.remove(1), driven.load(Ordering::Relaxed))
+}
+
+const MAIN_LOOP: [&str; 2] = ["SelfCalibration<", ">::step"];
+
+#[test]
+fn a_main_loop_that_hangs_is_missed() {
+    let hang = |elf: &[u8], debugger: &mut Debugger| debugger.write(function(elf, &MAIN_LOOP)?, &LOOP);
+    let (restart, driven) = restart_after(hang);
+    assert_eq!(restart, Restart::Stopped(Stop::Overdue(Task::Main)));
+    assert!((MAIN_DEADLINE - SAMPLE..=MAIN_DEADLINE + LOOK + SAMPLE).contains(&driven), "{driven} periods");
+}
+
+#[test]
+fn sampling_that_hangs_is_missed() {
+    let hang = |_: &[u8], debugger: &mut Debugger| {
+        let pc = debugger.register(15)?;
+        debugger.write(SCRATCH, &MASK_SAMPLING)?;
+        debugger.write(SCRATCH + MASK_SAMPLING.len() as u32, &(pc | 1).to_le_bytes())?;
+        debugger.set(15, SCRATCH)
+    };
+    let (restart, driven) = restart_after(hang);
+    assert_eq!(restart, Restart::Stopped(Stop::Overdue(Task::Sampling)));
+    assert!(driven <= 2 * LOOK + 1, "{driven} periods");
+}
+
+#[test]
+fn control_that_hangs_is_missed() {
+    let hang = |elf: &[u8], debugger: &mut Debugger| debugger.write(function(elf, &["DefaultHandler"])?, &MASK_CONTROL);
+    let (restart, driven) = restart_after(hang);
+    // The edges of the emulator's samples come with its control periods.
+    let missed = [Task::Control, Task::Sampling].map(|task| Restart::Stopped(Stop::Overdue(task)));
+    assert!(missed.contains(&restart), "{restart:?}");
+    assert!(driven <= 1, "{driven} periods");
+}
+
+#[test]
+fn where_everything_hangs_the_watchdog_bites() {
+    // An interrupt that does not end keeps the one from coming that feeds the watchdog.
+    let hang = |elf: &[u8], debugger: &mut Debugger| debugger.write(function(elf, &["DefaultHandler"])?, &LOOP);
+    let (restart, driven) = restart_after(hang);
+    assert_eq!(restart, Restart::Stopped(Stop::Unfed));
+    assert!(driven <= 1, "{driven} periods");
+}
+
+#[test]
+fn a_fault_is_told_with_its_registers() {
+    let fault = |elf: &[u8], debugger: &mut Debugger| debugger.write(function(elf, &MAIN_LOOP)?, &UNDEFINED);
+    let (restart, driven) = restart_after(fault);
+    let Restart::Stopped(Stop::Fault(Registers { pc, lr, status, .. })) = restart else { panic!("{restart:?}") };
+    let elf = build(Board::Mps2An500).and_then(|image| image.read()).expect("the image");
+    assert_eq!((pc, status), (function(&elf, &MAIN_LOOP).expect("the function"), 1 << 16), "undefined instruction");
+    assert!(lr & 1 == 1 && lr < 0x20_0000, "{lr:#x}");
+    assert!(driven <= SAMPLE + 1, "{driven} periods");
+}
+
+#[test]
+fn a_stack_overflow_is_told() {
+    let fault = |elf: &[u8], debugger: &mut Debugger| debugger.write(function(elf, &MAIN_LOOP)?, &PUSH_FOREVER);
+    let (restart, driven) = restart_after(fault);
+    assert!(matches!(restart, Restart::Stopped(Stop::StackOverflow { .. })), "{restart:?}");
+    assert!(driven <= SAMPLE + 1, "{driven} periods");
+}
+
+#[test]
+fn a_panic_is_told_with_its_place() {
+    let file = "src/somewhere.rs";
+    let panic = |elf: &[u8], debugger: &mut Debugger| {
+        debugger.write(SCRATCH, file.as_bytes())?;
+        let called = [(0, SCRATCH), (1, file.len() as u32), (2, 1234), (15, function(elf, &["fault::panicked"])?)];
+        called.into_iter().try_for_each(|(register, value)| debugger.set(register, value))
+    };
+    let (restart, driven) = restart_after(panic);
+    assert_eq!(restart, Restart::Stopped(Stop::panic(file, 1234)));
+    assert!(driven <= 1, "{driven} periods");
+}

@@ -1,0 +1,70 @@
+//! The serial line: USART3, which the ST-LINK shows as a serial port. Its interrupt moves bytes between the FIFOs of the
+//! chip and buffers; the main loop never waits.
+
+use crate::inbox;
+use core::cell::RefCell;
+use critical_section::Mutex;
+use embassy_stm32::interrupt::{self, InterruptExt, Priority};
+use embassy_stm32::mode::Blocking;
+use embassy_stm32::peripherals::{PD8, PD9, USART3};
+use embassy_stm32::usart::{Config, Uart};
+use embassy_stm32::{Peri, interrupt as handler, pac};
+use heapless::Deque;
+
+const BAUD: u32 = 921_600;
+/// Bytes on their way out: what goes over the line in 11 ms, twice the time from one turn of the main loop to the next.
+const WAITING_BYTES: usize = 1024;
+
+static WAITING: Mutex<RefCell<Deque<u8, WAITING_BYTES>>> = Mutex::new(RefCell::new(Deque::new()));
+
+/// Opens the line, which stays open as long as the value lives.
+pub fn start(
+    port: Peri<'static, USART3>,
+    rx: Peri<'static, PD9>,
+    tx: Peri<'static, PD8>,
+) -> Option<Uart<'static, Blocking>> {
+    let mut config = Config::default();
+    config.baudrate = BAUD;
+    let uart = Uart::new_blocking(port, rx, tx, config).ok()?;
+    pac::USART3.cr1().modify(|control| control.set_rxneie(true));
+    interrupt::USART3.set_priority(Priority::P3);
+    // Safety: what the interrupt uses is in place.
+    unsafe { interrupt::USART3.enable() };
+    Some(uart)
+}
+
+#[handler]
+fn USART3() {
+    let port = pac::USART3;
+    while port.isr().read().rxne() {
+        inbox::put(port.rdr().read().dr() as u8);
+    }
+    if port.isr().read().ore() {
+        // How many is not known: one at least.
+        port.icr().write(|flags| flags.set_ore(true));
+        inbox::count_lost(1);
+    }
+    critical_section::with(|cs| {
+        let Ok(mut waiting) = WAITING.borrow(cs).try_borrow_mut() else { return };
+        while port.isr().read().txe()
+            && let Some(byte) = waiting.pop_front()
+        {
+            port.tdr().write(|data| data.set_dr(byte.into()));
+        }
+        let more = !waiting.is_empty();
+        port.cr1().modify(|control| control.set_txeie(more));
+    });
+}
+
+/// Sends what there is, as far as there is room. Interrupts wait for one byte at most.
+pub fn transmit(mut next: impl FnMut() -> Option<u8>) {
+    let put = |byte| critical_section::with(|cs| WAITING.borrow(cs).try_borrow_mut().ok()?.push_back(byte).ok());
+    let is_full =
+        || critical_section::with(|cs| WAITING.borrow(cs).try_borrow().is_ok_and(|waiting| waiting.is_full()));
+    while !is_full()
+        && let Some(byte) = next()
+        && put(byte).is_some()
+    {}
+    // Where there is nothing to send, the interrupt finds that out.
+    critical_section::with(|_| pac::USART3.cr1().modify(|control| control.set_txeie(true)));
+}

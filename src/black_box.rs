@@ -1,0 +1,429 @@
+//! Black box: the last events, in memory that outlives a reset, and why the software stopped.
+//!
+//! ```text
+//! slot, little-endian   0-3      sequence number from 0, which gives the place: the remainder by the number of slots
+//!                       4..60    postcard of time and event, then zeros
+//!                       60-63    CRC-32/ISO-HDLC of all before
+//! ```
+//! An event is one slot: what a reset cuts in the middle is one event. Whatever the memory holds at power-on is a black box,
+//! most likely an empty one.
+
+use crate::gimbal::Fault;
+use crate::liveness::Task;
+use crate::policy::Decision;
+use crate::self_calibration::ConfigError;
+use crate::sequencer::{Abort, State};
+use crate::telemetry::Message;
+use core::fmt;
+use crc::{CRC_32_ISO_HDLC, Crc, Table};
+use heapless::String;
+use serde::{Deserialize, Serialize};
+
+/// Memory of one event, bytes.
+pub const SLOT_BYTES: usize = 64;
+
+const SEQUENCE_BYTES: usize = 4;
+const CRC_BYTES: usize = 4;
+static CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
+
+type Slot = [u8; SLOT_BYTES];
+
+/// What is recorded.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Event {
+    /// The software has started, after this.
+    Restarted(Restart),
+    /// The software stops itself, motors off, and a reset follows.
+    Stopped(Stop),
+    /// The run has entered a state.
+    State(State),
+    /// What is done at power-up or on command, and why.
+    Decided(Decision),
+    /// Both axes are stopped for a fault of one.
+    Fault(Fault),
+    /// The run was given up.
+    Aborted(Abort),
+    /// A result was judged, with so many doubts; none means accepted.
+    Judged(u16),
+    /// Storing has ended; whether it went well.
+    Saved(bool),
+    /// The configuration is refused.
+    Refused(ConfigError),
+    /// A slot of the calibration store is damaged.
+    StoreDamaged,
+    /// The memory of the calibration store does not work.
+    StoreFault,
+    /// The axes are brought to rest, and controlled no longer.
+    Released,
+}
+
+impl Event {
+    /// What of a message is worth recording: of the states of a leg its first, so that a whole run fits.
+    pub fn of(message: &Message) -> Option<Self> {
+        match message {
+            Message::Restarted(restart) => Some(Self::Restarted(restart.clone())),
+            Message::State { state: State::Settle(_) | State::Dwell(_) | State::Weigh(_), .. } => None,
+            Message::State { state, .. } => Some(Self::State(*state)),
+            Message::Decided(decision) => Some(Self::Decided(*decision)),
+            Message::Fault(fault) => Some(Self::Fault(*fault)),
+            Message::Aborted(abort) => Some(Self::Aborted(*abort)),
+            Message::Judged(verdict) => Some(Self::Judged((verdict.reasons.len() as u16).saturating_add(verdict.more))),
+            Message::Saved(saved) => Some(Self::Saved(*saved)),
+            Message::Refused(error) => Some(Self::Refused(*error)),
+            Message::Store { fault: true, .. } => Some(Self::StoreFault),
+            Message::Store { damaged: true, .. } => Some(Self::StoreDamaged),
+            Message::Released => Some(Self::Released),
+            Message::Store { .. }
+            | Message::Segment(_)
+            | Message::Innovations(_)
+            | Message::Solved { .. }
+            | Message::Covariance { .. }
+            | Message::Corrected { .. }
+            | Message::Queue { .. } => None,
+        }
+    }
+}
+
+/// Why the software stops itself.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Stop {
+    /// This task hangs.
+    Overdue(Task),
+    /// Not even who feeds the watchdog gets on; it has given its warning.
+    Unfed,
+    /// A panic.
+    Panic {
+        /// The end of the file's name.
+        file: String<32>,
+        /// The line.
+        line: u32,
+    },
+    /// A fault of the processor.
+    Fault(Registers),
+    /// The stack is full; the instruction is known if its address is not 0.
+    StackOverflow {
+        /// Address of the instruction.
+        pc: u32,
+    },
+    /// An interrupt that nobody waits for.
+    Interrupt(u32),
+    /// A device of the board does not start.
+    Board(String<40>),
+}
+
+impl Stop {
+    /// A panic at this place.
+    pub fn panic(file: &str, line: u32) -> Self {
+        let start = file.len().saturating_sub(32);
+        let end = (start..file.len()).find_map(|start| file.get(start..)).unwrap_or_default();
+        Self::Panic { file: String::try_from(end).unwrap_or_default(), line }
+    }
+
+    /// A device that does not start, in up to 40 bytes.
+    pub fn board(what: &str) -> Self {
+        Self::Board(String::try_from(what).unwrap_or_default())
+    }
+}
+
+/// The processor at a fault.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Registers {
+    /// Address of the instruction; 0 where the stack frame cannot be read.
+    pub pc: u32,
+    /// Return address of its function, likewise.
+    pub lr: u32,
+    /// Configurable fault status register, CFSR.
+    pub status: u32,
+    /// Address that could not be accessed, where the status says that it is valid.
+    pub address: u32,
+}
+
+/// Why the software has started.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Restart {
+    /// The power came on.
+    PowerOn,
+    /// The software stopped itself.
+    Stopped(Stop),
+    /// The watchdog, without a word from the software.
+    Watchdog,
+    /// The reset line.
+    Pin,
+    /// A reset without a reason.
+    Unexplained,
+}
+
+impl Restart {
+    /// From what the hardware knows, and the last word of the black box.
+    pub fn after(hardware: Option<Self>, last: Option<Entry>) -> Self {
+        match (hardware, last) {
+            (Some(Self::PowerOn), _) | (None, None) => Self::PowerOn,
+            (_, Some(Entry { event: Event::Stopped(stop), .. })) => Self::Stopped(stop),
+            (Some(known), _) => known,
+            (None, Some(_)) => Self::Unexplained,
+        }
+    }
+}
+
+/// An event as it was recorded.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Entry {
+    /// Counts all events, resets included.
+    pub sequence: u32,
+    /// Time since the last start, us.
+    pub time_us: u64,
+    /// The event.
+    pub event: Event,
+}
+
+/// The memory. Any bytes are one.
+#[derive(Debug)]
+#[repr(transparent)]
+pub struct BlackBox<const N: usize> {
+    slots: [Slot; N],
+}
+
+impl<const N: usize> BlackBox<N> {
+    /// An empty one.
+    pub const fn new() -> Self {
+        Self { slots: [[0; SLOT_BYTES]; N] }
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        *self = Self::new();
+    }
+
+    /// The newest event. Looks at the whole memory: for the start.
+    pub fn newest(&self) -> Option<Entry> {
+        let sequences = (0..).zip(&self.slots).filter_map(|(place, slot)| {
+            let sequence = sequence(slot)?;
+            (sequence as usize % N == place).then_some(sequence)
+        });
+        self.entry(sequences.max()?)
+    }
+
+    /// The event of this number, if it is still there.
+    pub fn entry(&self, sequence: u32) -> Option<Entry> {
+        let slot = self.slots.get((sequence as usize).checked_rem(N)?)?;
+        decode(slot).filter(|entry| entry.sequence == sequence)
+    }
+
+    /// Records an event with the number after the newest one's.
+    pub fn record(&mut self, entry: &Entry) {
+        let place = (entry.sequence as usize).checked_rem(N).and_then(|place| self.slots.get_mut(place));
+        if let Some((place, slot)) = place.zip(encode(entry)) {
+            *place = slot;
+        }
+    }
+}
+
+impl<const N: usize> Default for BlackBox<N> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Number of a whole slot.
+fn sequence(slot: &Slot) -> Option<u32> {
+    let (framed, crc) = slot.split_last_chunk::<CRC_BYTES>()?;
+    let whole = CRC.checksum(framed) == u32::from_le_bytes(*crc);
+    framed.first_chunk().filter(|_| whole).map(|bytes| u32::from_le_bytes(*bytes))
+}
+
+fn decode(slot: &Slot) -> Option<Entry> {
+    let sequence = sequence(slot)?;
+    let (time_us, event) = postcard::take_from_bytes(slot.get(SEQUENCE_BYTES..)?).ok()?.0;
+    Some(Entry { sequence, time_us, event })
+}
+
+fn encode(entry: &Entry) -> Option<Slot> {
+    let mut slot = [0; SLOT_BYTES];
+    let (framed, crc) = slot.split_last_chunk_mut::<CRC_BYTES>()?;
+    *framed.first_chunk_mut()? = entry.sequence.to_le_bytes();
+    postcard::to_slice(&(entry.time_us, &entry.event), framed.get_mut(SEQUENCE_BYTES..)?).ok()?;
+    *crc = CRC.checksum(framed).to_le_bytes();
+    Some(slot)
+}
+
+// --------------------------------------------------------------------------------------------------------------- texts
+
+/// Bits of the fault status of ARMv7-M, and what they say.
+const STATUS_BITS: [(u32, &str); 12] = [
+    (1, "not executable"),
+    (1 << 1, "access not allowed"),
+    (1 << 8, "instruction cannot be read"),
+    (1 << 9, "data cannot be read or written"),
+    (1 << 10, "data could not be written"),
+    (1 << 12, "stack cannot be written"),
+    (1 << 16, "undefined instruction"),
+    (1 << 17, "invalid state"),
+    (1 << 18, "invalid return"),
+    (1 << 19, "no coprocessor"),
+    (1 << 24, "unaligned access"),
+    (1 << 25, "division by zero"),
+];
+/// The address of a forbidden access, or of a failed one, is valid.
+const ADDRESS_VALID: u32 = 1 << 7 | 1 << 15;
+
+impl fmt::Display for Registers {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { pc, lr, status, address } = self;
+        f.write_str("processor fault")?;
+        for (_, text) in STATUS_BITS.iter().filter(|(bit, _)| status & bit != 0) {
+            write!(f, ", {text}")?;
+        }
+        if status & ADDRESS_VALID != 0 {
+            write!(f, ", at address {address:#010x}")?;
+        }
+        write!(f, "; pc {pc:#010x}, lr {lr:#010x}, status {status:#010x}")
+    }
+}
+
+impl fmt::Display for Stop {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Overdue(Task::Sampling) => f.write_str("sampling hung"),
+            Self::Overdue(Task::Control) => f.write_str("control hung"),
+            Self::Overdue(Task::Main) => f.write_str("the main loop hung"),
+            Self::Unfed => f.write_str("everything hung, and the watchdog was not fed"),
+            Self::Panic { file, line } => write!(f, "panic in {file}, line {line}"),
+            Self::Fault(registers) => registers.fmt(f),
+            Self::StackOverflow { pc } => write!(f, "stack overflow; pc {pc:#010x}"),
+            Self::Interrupt(number) => write!(f, "unexpected interrupt {number}"),
+            Self::Board(what) => f.write_str(what),
+        }
+    }
+}
+
+impl fmt::Display for Restart {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::PowerOn => f.write_str("power on"),
+            Self::Stopped(stop) => write!(f, "reset after: {stop}"),
+            Self::Watchdog => f.write_str("reset by the watchdog"),
+            Self::Pin => f.write_str("reset by its line"),
+            Self::Unexplained => f.write_str("reset for an unknown reason"),
+        }
+    }
+}
+
+impl fmt::Display for Event {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Restarted(restart) => write!(f, "started: {restart}"),
+            Self::Stopped(stop) => write!(f, "stopped: {stop}"),
+            Self::State(state) => write!(f, "state {state:?}"),
+            Self::Decided(decision) => decision.fmt(f),
+            Self::Fault(fault) => fault.fmt(f),
+            Self::Aborted(abort) => write!(f, "aborted: {abort}"),
+            Self::Judged(0) => f.write_str("accepted"),
+            Self::Judged(doubts) => write!(f, "rejected for {doubts} reasons"),
+            Self::Saved(true) => f.write_str("stored"),
+            Self::Saved(false) => f.write_str("not stored"),
+            Self::Refused(error) => write!(f, "configuration refused: {error}"),
+            Self::StoreDamaged => f.write_str("a stored calibration is damaged"),
+            Self::StoreFault => f.write_str("the calibration memory does not work"),
+            Self::Released => f.write_str("axes at rest and controlled no longer"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gimbal::FaultKind;
+    use crate::sequencer::AbortReason;
+
+    fn entry(sequence: u32) -> Entry {
+        Entry { sequence, time_us: 1000 * u64::from(sequence), event: Event::Judged(sequence as u16) }
+    }
+
+    #[test]
+    fn the_last_events_are_there_after_a_reset() {
+        let mut black_box = BlackBox::<4>::new();
+        assert_eq!(black_box.newest(), None);
+        (0..6).for_each(|sequence| black_box.record(&entry(sequence)));
+        let BlackBox { slots } = black_box;
+        let found = BlackBox { slots };
+        assert_eq!(found.newest(), Some(entry(5)));
+        let there: Vec<_> = (0..7).filter_map(|sequence| found.entry(sequence)).collect();
+        assert_eq!(there, [2, 3, 4, 5].map(entry));
+    }
+
+    #[test]
+    fn a_slot_cut_or_changed_anywhere_costs_one_event() {
+        let mut black_box = BlackBox::<4>::new();
+        (0..4).for_each(|sequence| black_box.record(&entry(sequence)));
+        let whole = black_box.slots;
+        let mut next = BlackBox { slots: whole };
+        next.record(&entry(4));
+        for length in 1..SLOT_BYTES {
+            let mut cut = BlackBox { slots: whole };
+            cut.slots[0][..length].copy_from_slice(&next.slots[0][..length]);
+            let newest = cut.newest().map(|entry| entry.sequence);
+            assert_eq!(newest, Some(if cut.slots[0] == next.slots[0] { 4 } else { 3 }), "{length}");
+            let mut changed = BlackBox { slots: whole };
+            changed.slots[3][length] ^= 0x10;
+            assert_eq!(changed.newest(), Some(entry(2)), "{length}");
+        }
+    }
+
+    #[test]
+    fn an_event_in_a_place_of_another_is_none() {
+        let mut black_box = BlackBox::<4>::new();
+        black_box.record(&entry(1));
+        black_box.slots[2] = black_box.slots[1];
+        black_box.slots[1] = [0xa5; SLOT_BYTES];
+        assert_eq!(black_box.newest(), None);
+    }
+
+    #[test]
+    fn the_longest_events_fit() {
+        let kind = FaultKind::Stall { rate_rad_s: 1.0, wanted_rad_s: 2.0 };
+        let reason = AbortReason::Gimbal(Fault { axis: 1, angle_rad: 3.0, kind });
+        let registers = Registers { pc: u32::MAX, lr: u32::MAX, status: u32::MAX, address: u32::MAX };
+        let events = [
+            Event::Stopped(Stop::panic(&"x".repeat(100), u32::MAX)),
+            Event::Restarted(Restart::Stopped(Stop::Panic { file: String::try_from("y").unwrap(), line: 1 })),
+            Event::Restarted(Restart::Stopped(Stop::board(&"z".repeat(40)))),
+            Event::Restarted(Restart::Stopped(Stop::Fault(registers))),
+            Event::Aborted(Abort { reason, during: State::Turn(u16::MAX) }),
+        ];
+        for event in events {
+            let entry = Entry { sequence: u32::MAX - 7, time_us: u64::MAX, event };
+            let mut black_box = BlackBox::<8>::new();
+            black_box.record(&entry);
+            assert_eq!(black_box.newest(), Some(entry));
+        }
+    }
+
+    #[test]
+    fn the_reason_of_a_start_is_the_last_word_unless_the_power_was_off() {
+        let stop = Stop::Overdue(Task::Main);
+        let said = |event: Event| Some(Entry { event, ..entry(1) });
+        let stopped = || said(Event::Stopped(stop.clone()));
+        let cases = [
+            (None, None, Restart::PowerOn),
+            (None, stopped(), Restart::Stopped(stop.clone())),
+            (None, said(Event::Saved(true)), Restart::Unexplained),
+            (Some(Restart::PowerOn), stopped(), Restart::PowerOn),
+            (Some(Restart::Pin), stopped(), Restart::Stopped(stop.clone())),
+            (Some(Restart::Watchdog), said(Event::Saved(true)), Restart::Watchdog),
+            (Some(Restart::Pin), None, Restart::Pin),
+        ];
+        for (hardware, last, restart) in cases {
+            assert_eq!(Restart::after(hardware, last), restart);
+        }
+    }
+
+    #[test]
+    fn a_fault_says_what_the_processor_met() {
+        let fault = Registers { pc: 0x1234, lr: 0x99, status: 1 << 9 | 1 << 15, address: 0x0810_0020 };
+        let text = "processor fault, data cannot be read or written, at address 0x08100020; pc 0x00001234, lr 0x00000099, \
+                    status 0x00008200";
+        assert_eq!(fault.to_string(), text);
+        let path = "/long/way/to/the/sources/of/it/src/bin/firmware/main.rs";
+        assert_eq!(Stop::panic(path, 7).to_string(), "panic in s/of/it/src/bin/firmware/main.rs, line 7");
+    }
+}
