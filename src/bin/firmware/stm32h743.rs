@@ -10,12 +10,14 @@
 //! The stack lies in the data TCM; both caches are on, and nothing but the processor touches memory.
 #![allow(unsafe_code)]
 
+mod checked_flash;
 mod clock;
 mod serial;
 
 use crate::board::Board;
 use crate::work::{Span, Work, count, loads};
 use crate::{Scalar, recorder, stack, watchdog};
+use checked_flash::CheckedFlash;
 use clock::{CORE_HZ, Delay};
 use core::cell::{Cell, RefCell};
 use cortex_m::peripheral::syst::SystClkSource;
@@ -23,7 +25,7 @@ use cortex_m::peripheral::{DWT, SCB};
 use critical_section::Mutex;
 use defmt_rtt as _;
 use embassy_stm32::Peri;
-use embassy_stm32::flash::{self, Flash};
+use embassy_stm32::flash::Flash;
 use embassy_stm32::gpio::{Input, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::mode::Blocking;
@@ -59,7 +61,7 @@ const PWM_HZ: u32 = 20_000;
 
 /// The last two sectors of the flash's second bank. The program runs on from the first bank while one is erased.
 const CALIBRATIONS: core::ops::Range<u32> = (2048 - 2 * 128) * 1024..2048 * 1024;
-type CalibrationFlash = medium::Flash<Flash<'static, flash::Blocking>>;
+type CalibrationFlash = medium::Flash<CheckedFlash>;
 
 type Bus = Spi<'static, Blocking, Master>;
 type ImuSpi = ExclusiveDevice<Bus, Output<'static>, Delay>;
@@ -191,7 +193,7 @@ impl Stm32h743 {
         Some(Self {
             samples,
             devices: Some(([outer, inner], bridges, p.TIM6)),
-            store: CalibrationStore::new(medium::Flash::new(Flash::new_blocking(p.FLASH), CALIBRATIONS)),
+            store: CalibrationStore::new(medium::Flash::new(CheckedFlash(Flash::new_blocking(p.FLASH)), CALIBRATIONS)),
             _serial: serial,
             restart,
             _clock_of_imu: imu_clock,
