@@ -29,6 +29,7 @@ use crate::method::Method;
 use crate::options::{
     Circumstances, OPTIONAL_STATES, OptionalColumns, OptionalEstimate, Options, force_columns, rotation_columns,
 };
+use crate::reading::Readings;
 use crate::sample::CHANNELS;
 use crate::segment::{Segment, SegmentKind};
 use crate::site::Site;
@@ -66,6 +67,9 @@ const JITTER_EPSILONS: f64 = 2.5e6;
 
 /// Standard deviation of what rounding does to a sum and its prediction, in units of the spacing of numbers.
 const ROUNDING_EPSILONS: f64 = 0.5;
+
+/// A step that changes at the start of a move or at its end, not half way, is off by half of it.
+const PASSING_PART: f64 = 0.25;
 
 /// Where the heading comes from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -313,6 +317,8 @@ pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATES
     last_stop: [Angle; 2],
     /// How many times the configured variance there was, channel by channel.
     allowances: [f64; CHANNELS],
+    /// Of the encoders, at the stop before.
+    readings: [Readings; 2],
     pass: Pass<T>,
     /// Of the final pass, complete when that is done.
     solution: Option<Solution>,
@@ -343,6 +349,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             reference_us: 0,
             last_stop: [Angle::from_ticks(0); 2],
             allowances: [1.0; CHANNELS],
+            readings: [Readings::NONE; 2],
             pass: Pass::Idle,
             solution: None,
             suspects: Suspects::NONE,
@@ -359,7 +366,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.nominal.fill(T::zero());
         self.restart_filters(config.gate_sigma);
         self.fit = Fit::NONE;
-        (self.last_stop, self.allowances) = ([Angle::default(); 2], [1.0; CHANNELS]);
+        self.forget_last_stop();
         (self.pass, self.solution) = (Pass::Idle, None);
         self.suspects.clear();
     }
@@ -373,6 +380,11 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         if self.segments.push(*segment).is_err() {
             self.left_out = self.left_out.saturating_add(1);
             return false;
+        }
+        if segment.kind == SegmentKind::Stop {
+            // The later, the more have the encoders shown of it.
+            let resolution_ticks = segment.readings.map(|readings| readings.resolution_ticks);
+            self.segments.iter_mut().for_each(|earlier| earlier.know_resolution(resolution_ticks));
         }
         if self.segments.len() == 1 {
             self.start = self.coarse_alignment(segment);
@@ -475,6 +487,17 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.solution.as_ref().filter(|_| matches!(self.pass, Pass::Idle))
     }
 
+    fn forget_last_stop(&mut self) {
+        (self.last_stop, self.allowances) = ([Angle::default(); 2], [1.0; CHANNELS]);
+        self.readings = [Readings::NONE; 2];
+    }
+
+    /// Encoder readings at the stop after segment `number`, or where there is none yet, at the one before.
+    fn readings_after(&self, number: usize) -> [Readings; 2] {
+        let next = self.segments.get(number + 1).filter(|next| next.kind == SegmentKind::Stop);
+        next.map_or(self.readings, |stop| stop.readings)
+    }
+
     fn begin_pass(&mut self) {
         let period_moves = self.config.period_moves.or_else(|| self.find_period());
         self.reference_us = self.segments.last().map_or(0, |last| last.start_us + last.duration_us);
@@ -552,7 +575,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         let gate_sigma = self.config.gate_sigma.filter(|_| self.suspects.is_empty());
         self.restart_filters(gate_sigma);
         self.fit = Fit::NONE;
-        (self.last_stop, self.allowances) = ([Angle::default(); 2], [1.0; CHANNELS]);
+        self.forget_last_stop();
         let deviation = self.start - self.nominal;
         self.filter.state_mut().fixed_rows_mut::<PARAMETERS>(ENCODER_ERRORS).copy_from(&deviation);
         Sweep { next: 0, moves: 0, period_moves }
@@ -620,8 +643,10 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
 
     fn process(&mut self, number: usize, segment: &Segment<T>, usage: Use) -> bool {
         if segment.kind == SegmentKind::Move {
-            let sigma: T = real(self.config.noise.encoder_sigma_rad);
-            self.filter.renew_leading::<ENCODER_ERRORS_PER_STOP>(sigma * sigma);
+            let sigma = self.config.noise.encoder_sigma_rad;
+            let variance = |readings: Readings| real(sigma * sigma + readings.mean_variance());
+            let variances = self.readings_after(number).map(variance);
+            self.filter.renew_leading::<ENCODER_ERRORS_PER_STOP>(&variances);
         }
         self.suspects.begin(number as u16, segment);
         if self.config.method == Method::Joint {
@@ -631,6 +656,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         if segment.kind == SegmentKind::Stop {
             self.last_stop = [segment.outer, segment.inner];
             self.allowances = self.config.noise.allowances(segment);
+            self.readings = segment.readings;
         }
         if segment.is_broken() {
             return false;
@@ -671,14 +697,29 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     ) {
         let psd_sqrt: T = real(self.config.noise.gyro_psd_sqrt);
         let [.., x, y, z] = self.allowances.map(real::<T>);
-        let variance = Vector3::new(x, y, z) * (psd_sqrt * psd_sqrt * segment.duration_s());
+        let white = Vector3::new(x, y, z) * (psd_sqrt * psd_sqrt * segment.duration_s());
         let mut prediction = model.rotation(segment);
+        let variance = white + self.ends_variance(number, &prediction);
         if segment.kind == SegmentKind::Stop {
             // The same encoder error at both ends.
             prediction.by_encoder_errors.fill(T::zero());
         }
         let optional = rotation_columns(&prediction, at);
         self.take_in(&segment.rotation_g, (&prediction, &optional), variance, usage, (number, 3));
+    }
+
+    /// What the encoder readings at the ends of a segment add to the variance of its rotation, channel by channel: single
+    /// ones along the axes; and across, while the outer axis turns, an inner axis whose step changes at any time.
+    fn ends_variance(&self, number: usize, prediction: &Prediction<T>) -> Vector3<T> {
+        let ends = [self.readings, self.readings_after(number)];
+        let [before_outer, before_inner, outer, inner] = *columns(&prediction.by_encoder_errors);
+        let squares = |column: [T; 3]| Vector3::from(column).map(|by| by * by);
+        let single = [before_outer, before_inner, outer, inner].into_iter().zip(ends.iter().flatten());
+        let along = single
+            .fold(Vector3::zeros(), |sum, (column, readings)| sum + squares(column) * real::<T>(readings.variance()));
+        let steps = ends.iter().map(|[_, inner]| inner.mean_variance()).sum::<f64>();
+        let across = Vector3::from(before_inner) + Vector3::from(inner);
+        along + squares(across.into()) * real::<T>(PASSING_PART * steps)
     }
 
     fn circumstances(&self, segment: &Segment<T>) -> Circumstances<T> {

@@ -218,10 +218,10 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
     }
 
     /// Forgets the first `W` states, moves the next `W` to their place, and puts fresh independent states of deviation
-    /// zero and this variance behind them.
+    /// zero and these variances behind them.
     ///
     /// In this factored form it is exact and costs nothing: leading states can be dropped from U D U^T as they stand.
-    pub fn renew_leading<const W: usize>(&mut self, variance: T) {
+    pub fn renew_leading<const W: usize>(&mut self, variances: &[T; W]) {
         for j in 0..N {
             for i in 0..2 * W {
                 let unit = if i == j { T::one() } else { T::zero() };
@@ -239,9 +239,9 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
             self.x.swap_rows(i, i + W);
             self.d.swap_rows(i, i + W);
         }
-        for (x, d) in self.x.iter_mut().zip(self.d.iter_mut()).skip(W).take(W) {
+        for ((x, d), variance) in self.x.iter_mut().zip(self.d.iter_mut()).skip(W).zip(variances) {
             *x = T::zero();
-            *d = variance;
+            *d = *variance;
         }
     }
 }
@@ -341,7 +341,7 @@ mod tests {
             let _ = filter.update(&measurement(&mut seed), leave);
         }
         let (x, p) = (*filter.state(), filter.covariance());
-        filter.renew_leading::<2>(0.25);
+        filter.renew_leading::<2>(&[0.25, 0.5]);
         let from = |i: usize| match i {
             0 | 1 => Some(i + 2),
             2 | 3 => None,
@@ -349,7 +349,7 @@ mod tests {
         };
         let expected = Matrix::<f64, N, N>::from_fn(|i, j| match (from(i), from(j)) {
             (Some(i), Some(j)) => p[(i, j)],
-            _ if i == j => 0.25,
+            _ if i == j => [0.25, 0.5][i - 2],
             _ => 0.0,
         });
         assert!((filter.covariance() - expected).norm() < 1e-14);

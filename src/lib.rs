@@ -13,7 +13,7 @@
 //! The control interrupt, once a millisecond, is `control`: encoders -> gimbal (both axes, faults) -> axis (profile) -> servo
 //! -> bridges. Its angles go through `angle_history` into the samples.
 //!
-//! Beside the estimator: `options` (further states), `scatter` and `white_noise` (what a stop shows of it), `weighting`
+//! Beside the estimator: `options` (further states), `scatter`, `reading` and `white_noise` (what a stop shows of it), `weighting`
 //! (gains of the two-stage method), `constancy` (tests for change), `observability`, and `rehearsal`, which before anything
 //! turns gives the estimator the segments that a scheme would bring. Beside the verdict: `wiring`. Beside all: `liveness`, for the watchdog, and `black_box`, for
 //! the next start. `assignment` is the configuration
@@ -54,6 +54,7 @@ pub mod options;
 pub mod policy;
 pub mod profile;
 pub mod queue;
+pub mod reading;
 pub mod rehearsal;
 pub mod sample;
 pub mod scatter;

@@ -11,6 +11,7 @@ use crate::estimator::{Estimator, OBSERVED_RATIO};
 use crate::linear::{ComplexField, Real, Vector3, real};
 use crate::measurement::MeasurementModel;
 use crate::profile::Profile;
+use crate::reading::Readings;
 use crate::scatter::Scatter;
 use crate::scheme::{SETTLING_S, Scheme};
 use crate::segment::{GUARD_S, GimbalSums, Held, Segment, SegmentKind};
@@ -144,6 +145,7 @@ fn segment<T: Real>(kind: SegmentKind, stand: &Stand, gimbals: &GimbalSums<f64>,
             inner: real(gimbals.inner),
         },
         scatter: Scatter::default(),
+        readings: [Readings::NONE; 2],
     }
 }
 

@@ -25,6 +25,8 @@ pub struct Scatter {
     /// Trend of the block means per channel, scaled to the deviation of one block mean: under white noise its variance
     /// is that of a block mean. m/s^2 and rad/s.
     pub trend: [f32; CHANNELS],
+    /// Variance of the axes' rates over a block, as the encoders read them, (rad/s)^2.
+    pub axis_rates: [f32; AXES],
 }
 
 /// Means of a block.
@@ -94,6 +96,17 @@ impl<T: Real> TriadSums<T> {
                 series.add(value - series.first, number, deviations);
             }
         }
+    }
+
+    fn axis_variances(&self, blocks: u16) -> [f32; AXES] {
+        let n = f64::from(blocks.max(2));
+        let [outer, inner] = &self.axes;
+        let variance = |axis: &SeriesSums<T>, squares: T| {
+            let sum = axis.sum.widened();
+            ((squares.widened() - sum * sum / n) / (n - 1.0)).max(0.0) as f32
+        };
+        // An axis' deviations are multiplied by its own.
+        [variance(outer, outer.by_axis[0]), variance(inner, inner.by_axis[1])]
     }
 
     /// Moments about the means of outer angle, inner angle, time and a channel.
@@ -174,7 +187,7 @@ impl<T: Real> ScatterSums<T> {
             *variance = (rest.squares / f64::from(rest.freedom.max(1))) as f32;
             *trend = rest.trend as f32;
         }
-        Scatter { freedom: least, ..scatter }
+        Scatter { freedom: least, axis_rates: self.rate.axis_variances(self.blocks), ..scatter }
     }
 }
 

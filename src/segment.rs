@@ -15,6 +15,7 @@
 
 use crate::angle::{Angle, RAD_PER_TICK, rad_to_ticks, ticks_to_rad};
 use crate::linear::{CompensatedSum, Real, Vector3, real};
+use crate::reading::{Readings, Steps};
 use crate::sample::{CHANNELS, RawSample};
 use crate::scatter::{BlockMeans, Scatter, ScatterSums};
 use crate::units::ARCSEC;
@@ -149,12 +150,21 @@ pub struct Segment<T: Real> {
     pub gimbals: GimbalSums<T>,
     /// Scatter of a stop's block means.
     pub scatter: Scatter,
+    /// Readings of outer and inner encoder.
+    pub readings: [Readings; 2],
 }
 
 impl<T: Real> Segment<T> {
     /// Duration, s.
     pub fn duration_s(&self) -> T {
         real(self.duration_us as f64 * 1e-6)
+    }
+
+    /// Notes the resolutions of the encoders, ticks, which later segments may show better.
+    pub fn know_resolution(&mut self, resolution_ticks: [u32; 2]) {
+        for (readings, resolution_ticks) in self.readings.iter_mut().zip(resolution_ticks) {
+            readings.resolution_ticks = resolution_ticks;
+        }
     }
 
     /// Whether samples are missing for so long that the sums are not those of a stop or a move.
@@ -220,6 +230,8 @@ struct Sums<T> {
     inner_ticks: i64,
     outer: AngleMean,
     inner: AngleMean,
+    /// Squares of the second differences of the readings, ticks^2.
+    jumps_ticks2: [f32; 2],
 }
 
 /// Sine and cosine of the last angle asked for: most samples come at rest.
@@ -252,6 +264,8 @@ struct Interval<T> {
     sin_cos_inner: (T, T),
     /// Rate of the outer axis times the inner one's acceleration, less the other way round, ticks^2.
     swerve_ticks2: i64,
+    /// How much farther outer and inner axis turned than in the interval before, ticks.
+    jumps_ticks: [i32; 2],
 }
 
 impl<T: Real> Sums<T> {
@@ -273,6 +287,7 @@ impl<T: Real> Sums<T> {
         inner_ticks: 0,
         outer: AngleMean::ZERO,
         inner: AngleMean::ZERO,
+        jumps_ticks2: [0.0; 2],
     };
 
     fn add(&mut self, sample: &RawSample<T>, interval: &Interval<T>) {
@@ -289,6 +304,9 @@ impl<T: Real> Sums<T> {
         self.add_gimbals(interval);
         self.outer.add(sample.outer);
         self.inner.add(sample.inner);
+        for (sum, jump) in self.jumps_ticks2.iter_mut().zip(interval.jumps_ticks) {
+            *sum += jump as f32 * jump as f32;
+        }
     }
 
     fn add_gimbals(&mut self, interval: &Interval<T>) {
@@ -345,6 +363,9 @@ impl<T: Real> Sums<T> {
         self.inner_ticks += other.inner_ticks;
         self.outer.merge(&other.outer);
         self.inner.merge(&other.inner);
+        for (sum, other) in self.jumps_ticks2.iter_mut().zip(other.jumps_ticks2) {
+            *sum += other;
+        }
     }
 
     /// Of a block of a stop that began at these angles.
@@ -389,6 +410,11 @@ impl<T: Real> Sums<T> {
                 inner: ticks_to_rad(self.inner_ticks),
             },
             scatter: Scatter::default(),
+            readings: self.jumps_ticks2.map(|jumps_ticks2| Readings {
+                jumps_ticks2,
+                count: self.samples,
+                resolution_ticks: 0,
+            }),
         }
     }
 }
@@ -464,6 +490,7 @@ pub struct Segmenter<T: Real> {
     previous: Option<RawSample<T>>,
     /// How far outer and inner axis turned in the interval before, ticks.
     turned: [i32; 2],
+    steps: [Steps; 2],
     trig_outer: CachedSinCos<T>,
     trig_inner: CachedSinCos<T>,
     runs: Runs,
@@ -490,6 +517,7 @@ impl<T: Real> Segmenter<T> {
             still_ticks: 0,
             previous: None,
             turned: [0; 2],
+            steps: [Steps::UNKNOWN; 2],
             trig_outer: CachedSinCos::EMPTY,
             trig_inner: CachedSinCos::EMPTY,
             runs: Runs::NONE,
@@ -506,7 +534,7 @@ impl<T: Real> Segmenter<T> {
     /// Forgets all samples; motion is recognized as `stillness` says from here on.
     pub fn restart(&mut self, stillness: &Stillness) {
         (self.previous, self.block, self.phase, self.stopped_before) = (None, None, Phase::Start, false);
-        self.turned = [0; 2];
+        (self.turned, self.steps) = ([0; 2], [Steps::UNKNOWN; 2]);
         self.guard.clear();
         (self.stop, self.moved) = (Sums::ZERO, Sums::ZERO);
         self.scatter = ScatterSums::ZERO;
@@ -546,7 +574,8 @@ impl<T: Real> Segmenter<T> {
 
     /// The stop as it is now, without the guard. `None` if the axes do not stand, or not for long enough.
     pub fn stop_so_far(&self) -> Option<Segment<T>> {
-        let segment = Segment { scatter: self.scatter.scatter(), ..self.stop.segment(SegmentKind::Stop) };
+        let mut segment = Segment { scatter: self.scatter.scatter(), ..self.stop.segment(SegmentKind::Stop) };
+        segment.know_resolution(self.steps.map(|steps| steps.resolution_ticks()));
         (self.stop.samples > 0).then_some(segment)
     }
 
@@ -569,7 +598,16 @@ impl<T: Real> Segmenter<T> {
         let outer_ticks = sample.outer.since(previous.outer);
         let inner_ticks = sample.inner.since(previous.inner);
         let half = real::<T>(0.5);
-        let [outer_before, inner_before] = mem::replace(&mut self.turned, [outer_ticks, inner_ticks]).map(i64::from);
+        let before = mem::replace(&mut self.turned, [outer_ticks, inner_ticks]);
+        let jumps_ticks = [outer_ticks.wrapping_sub(before[0]), inner_ticks.wrapping_sub(before[1])];
+        for (steps, (angle, ticks)) in
+            self.steps.iter_mut().zip([(sample.outer, outer_ticks), (sample.inner, inner_ticks)])
+        {
+            if ticks == 0 {
+                steps.hold(angle);
+            }
+        }
+        let [outer_before, inner_before] = before.map(i64::from);
         let gained = i64::from(inner_ticks) * outer_before;
         Interval {
             duration_us,
@@ -582,6 +620,7 @@ impl<T: Real> Segmenter<T> {
             sin_cos_outer: self.trig_outer.at(previous.outer.turned(outer_ticks / 2)),
             sin_cos_inner: self.trig_inner.at(previous.inner.turned(inner_ticks / 2)),
             swerve_ticks2: gained.saturating_sub(inner_before * i64::from(outer_ticks)),
+            jumps_ticks,
         }
     }
 
@@ -675,6 +714,7 @@ impl Segment<f64> {
                 freedom: (duration_us / BLOCK_US) as u16 - 1,
                 ..Scatter::default()
             },
+            readings: [Readings::NONE; 2],
         }
     }
 }

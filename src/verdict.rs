@@ -231,13 +231,16 @@ fn noise_levels<T: Real>(assessment: &Assessment<'_, T>) -> NoiseLevels {
         let mut far = Pooled::default();
         let (mut stops, mut stops_far) = (0, 0);
         for stop in assessment.segments {
-            let Some(ScatterRatios { variance, .. }) = assessment.noise.scatter(stop, channel) else { continue };
+            let Some(ratios) = assessment.noise.scatter(stop, channel) else { continue };
             let freedom = u32::from(stop.scatter.freedom);
             stops += 1;
             // A channel that is dead has no noise at all.
-            if is_unrest(variance, freedom) || (0.0 < variance && variance < quiet) {
+            if is_unrest(ratios.variance, freedom) {
                 stops_far += 1;
-                far.add(variance, freedom);
+                far.add(ratios.variance, freedom);
+            } else if 0.0 < ratios.of_white && ratios.of_white < quiet {
+                stops_far += 1;
+                far.add(ratios.of_white, freedom);
             }
         }
         *level = (2 * stops_far > stops && stops > 2).then(|| far.ratio());
@@ -287,7 +290,7 @@ fn judge_noise<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, l
         let mut trends = Pooled::default();
         let mut noisiest: Option<(u16, Pooled)> = None;
         for (segment, stop) in assessment.segments.iter().enumerate().rev() {
-            let Some(ScatterRatios { variance, trend }) = assessment.noise.scatter(stop, channel) else { continue };
+            let Some(ScatterRatios { variance, trend, .. }) = assessment.noise.scatter(stop, channel) else { continue };
             noise.add(variance, stop.scatter.freedom.into());
             trends.add(trend * trend, 1);
             if noise.exceeds(NOISE_Z) && noisiest.is_none_or(|(_, most)| noise.deviate() > most.deviate()) {
@@ -443,12 +446,12 @@ pub fn unrest<T: Real>(segment: &Segment<T>, noise: &Noise) -> Option<(u8, Unres
 fn unrest_but<T: Real>(segment: &Segment<T>, noise: &Noise, levels: &NoiseLevels) -> Option<(u8, Unrest)> {
     let freedom = u32::from(segment.scatter.freedom);
     for channel in unnamed(levels) {
-        let ScatterRatios { variance: ratio, trend } = noise.scatter(segment, channel)?;
+        let ScatterRatios { variance: ratio, of_white, trend } = noise.scatter(segment, channel)?;
         if trend.abs() > TREND_LIMIT {
             return Some((channel, Unrest::Trend(trend as f32)));
         } else if is_unrest(ratio, freedom) {
             return Some((channel, Unrest::Variance(ratio as f32)));
-        } else if ratio < STUCK_RATIO {
+        } else if of_white < STUCK_RATIO {
             return Some((channel, Unrest::Stuck));
         }
     }

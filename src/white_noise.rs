@@ -1,4 +1,7 @@
 //! White noise at a stop: what the means of its blocks show, against what is configured.
+//!
+//! What the encoders see of an axis that hunts is no noise (`scatter`), but single readings of a coarse encoder are wrong,
+//! and with them the rate of an axis over a block. The gyros of that axis are allowed for as much.
 
 use crate::linear::{ComplexField, Real};
 use crate::sample::CHANNELS;
@@ -7,6 +10,11 @@ use serde::{Deserialize, Serialize};
 
 /// Normal deviate beyond which the noise of a stop is larger than configured; 1e-3 each.
 const LARGER_Z: f64 = 3.0;
+
+/// Installation errors by which a gyro may feel an axis that is not its own, rad.
+const INSTALLATION_RAD: f64 = 0.02;
+/// Errors of readings cancel over a stop: of `n` blocks, this part over `n` of their variance is left in the trend.
+const TREND_PART: f64 = 3.0;
 
 /// White noise of the sensors and repeatability of the encoders.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,6 +35,8 @@ pub struct Noise {
 pub struct ScatterRatios {
     /// Variance of the block means.
     pub variance: f64,
+    /// The same, in units of the sensor's white noise alone.
+    pub of_white: f64,
     /// Their trend, in sigmas.
     pub trend: f64,
 }
@@ -46,9 +56,13 @@ impl Noise {
 
     /// Scatter of a stop's block means on one channel. `None` for moves and for stops that are too short.
     pub fn scatter<T: Real>(&self, stop: &Segment<T>, channel: u8) -> Option<ScatterRatios> {
-        let ScatterRatios { variance, trend } = self.unallowed(stop, channel)?;
+        let ScatterRatios { variance, of_white, trend } = self.unallowed(stop, channel)?;
         let allowance = self.allowance(stop, channel);
-        Some(ScatterRatios { variance: variance / allowance, trend: trend / ComplexField::sqrt(allowance) })
+        Some(ScatterRatios {
+            variance: variance / allowance,
+            of_white: of_white / allowance,
+            trend: trend / ComplexField::sqrt(allowance),
+        })
     }
 
     fn allowance<T: Real>(&self, stop: &Segment<T>, channel: u8) -> f64 {
@@ -71,12 +85,36 @@ impl Noise {
             return None;
         }
         let psd_sqrt = if channel < 3 { self.accel_psd_sqrt } else { self.gyro_psd_sqrt };
-        let block_s = stop.duration_s().widened() / f64::from(scatter.blocks);
-        let expected = psd_sqrt * psd_sqrt / block_s;
+        let blocks = f64::from(scatter.blocks);
+        let block_s = stop.duration_s().widened() / blocks;
+        let white = psd_sqrt * psd_sqrt / block_s;
+        let readings = readings_variance(stop, channel, block_s);
         let variance = f64::from(*scatter.variance.get(usize::from(channel))?);
         let trend = f64::from(*scatter.trend.get(usize::from(channel))?);
-        Some(ScatterRatios { variance: variance / expected, trend: trend / ComplexField::sqrt(expected) })
+        Some(ScatterRatios {
+            variance: variance / (white + readings),
+            of_white: variance / white,
+            trend: trend / ComplexField::sqrt(white + readings * TREND_PART / blocks),
+        })
     }
+}
+
+/// What the errors of single encoder readings may do to the means over a stop's blocks on one channel, less what the
+/// encoders see: at most as much as they see.
+fn readings_variance<T: Real>(stop: &Segment<T>, channel: u8, block_s: f64) -> f64 {
+    let (sin, cos) = stop.inner.sin_cos::<f64>();
+    let axes = match channel {
+        3 => [cos, 0.0],
+        4 => [sin, 0.0],
+        5 => [0.0, 1.0],
+        // Force depends on the mean of a block's readings, which is good.
+        _ => return 0.0,
+    };
+    let readings = axes.iter().zip(&stop.readings).zip(stop.scatter.axis_rates);
+    readings.fold(0.0, |sum, ((by_axis, readings), seen)| {
+        let gain = by_axis.abs() + INSTALLATION_RAD;
+        sum + gain * gain * (2.0 * readings.variance() / (block_s * block_s)).min(seen.into())
+    })
 }
 
 /// Quantile of chi-square at the normal deviate `z` (Wilson and Hilferty 1931; within 1 % from 10 degrees of freedom).
@@ -103,6 +141,7 @@ mod tests {
             freedom: 99,
             variance: [accel, accel * ratio as f32, accel, gyro, gyro, gyro],
             trend: [accel.sqrt(); 6],
+            ..Scatter::default()
         };
         Segment { scatter, ..Segment::quiet_stop(10_000_000) }
     }

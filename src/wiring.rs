@@ -152,6 +152,7 @@ mod tests {
             inner: Angle::default(),
             gimbals: GimbalSums::default(),
             scatter: crate::scatter::Scatter::default(),
+            readings: [crate::reading::Readings::NONE; 2],
         }
     }
 

@@ -21,6 +21,7 @@ use rins_selfcal::options::OPTIONAL_STATES;
 use rins_selfcal::site::Site;
 use rins_selfcal::units::{ARCSEC, DEG, DEG_H, MICRO_G};
 use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
 
 /// Sample rate of the unit in the literature, Hz.
 pub const DEFAULT_RATE_HZ: f64 = 200.0;
@@ -39,6 +40,12 @@ pub struct Effects {
     pub encoder_eccentricity: [Harmonic; 2],
     /// Second harmonic of the encoder errors, outer and inner.
     pub encoder_second_harmonic: [Harmonic; 2],
+    /// Bits of a turn that the encoders tell; all that a number has where absent.
+    pub encoder_bits: Option<u8>,
+    /// Amplitude by which both axes hunt, arcsec. In closed loop they do as the servos make them.
+    pub hunting_arcsec: f64,
+    /// How often, Hz.
+    pub hunting_hz: f64,
     /// Ramp of the accelerometer biases, ug/h.
     pub accel_bias_ramp_ug_h: [f64; 3],
     /// Ramp of the gyro biases, (deg/h)/h.
@@ -56,20 +63,22 @@ pub struct Effects {
 }
 
 impl Effects {
-    /// Checks the limits of the drives and the walks; else the key and what is wrong with it.
+    /// Checks the limits of the drives, the walks and the hunting; else the key and what is wrong with it.
     pub(crate) fn check(&self) -> Result<(), (&'static str, &'static str)> {
         let limits =
             [("max_rate_deg_s", self.max_rate_deg_s), ("max_acceleration_deg_s2", self.max_acceleration_deg_s2)];
-        let walks = [
+        let not_negative = [
             ("accel_bias_walk_ug_sqrt_h", self.accel_bias_walk_ug_sqrt_h),
             ("gyro_bias_walk_deg_h_sqrt_h", self.gyro_bias_walk_deg_h_sqrt_h),
+            ("hunting_arcsec", self.hunting_arcsec),
+            ("hunting_hz", self.hunting_hz),
         ];
         if let Some((key, _)) =
             limits.iter().find(|(_, limit)| limit.is_some_and(|limit| limit.is_nan() || limit <= 0.0))
         {
             return Err((key, "must be positive"));
         }
-        match walks.iter().find(|(_, walk)| !walk.is_finite() || *walk < 0.0) {
+        match not_negative.iter().find(|(_, walk)| !walk.is_finite() || *walk < 0.0) {
             Some((key, _)) => Err((key, "must be finite and not negative")),
             None => Ok(()),
         }
@@ -148,6 +157,7 @@ pub struct VirtualRins {
     encoder: EncoderErrors,
     harmonics: [[Harmonic; 2]; 2],
     limits: Limits,
+    hunting: Hunting,
     temperature: Temperature,
     interval_s: f64,
     samples: u64,
@@ -191,6 +201,7 @@ impl VirtualRins {
             ),
             harmonics: [0, 1].map(|axis| [effects.encoder_eccentricity[axis], effects.encoder_second_harmonic[axis]]),
             limits: Limits::new(effects, unit.rate_hz),
+            hunting: Hunting { amplitude_rad: effects.hunting_arcsec * ARCSEC, omega_rad_s: TAU * effects.hunting_hz },
             temperature: Temperature::new(effects),
             interval_s: unit.rate_hz.recip(),
             samples: 0,
@@ -247,9 +258,14 @@ impl VirtualRins {
     /// The next reading; a virtual instrument never runs out of them.
     pub fn advance(&mut self) -> Reading {
         let to_rad_s = self.limits.limited(self.rates_rad_s, self.commanded_rad_s);
-        let motion =
-            Motion { angles_rad: self.angles_rad, from_rad_s: self.rates_rad_s, to_rad_s, duration_s: self.interval_s };
-        let felt = self.feel(&motion, (self.samples as f64 + 0.5) * self.interval_s);
+        let [start_s, middle_s, end_s] = [0.0, 0.5, 1.0].map(|part| (self.samples as f64 + part) * self.interval_s);
+        let motion = Motion {
+            angles_rad: self.angles_rad,
+            from_rad_s: self.hunting.added(self.rates_rad_s, start_s),
+            to_rad_s: self.hunting.added(to_rad_s, end_s),
+            duration_s: self.interval_s,
+        };
+        let felt = self.feel(&motion, middle_s);
         self.read_rad = motion.angles_at(0.5);
         self.angles_rad = motion.angles_at(1.0);
         self.rates_rad_s = to_rad_s;
@@ -290,7 +306,11 @@ impl VirtualRins {
         std::array::from_fn(|axis| {
             let angle = angles_rad[axis];
             let [first, second] = &self.harmonics[axis];
-            angle + first.error_rad(angle) + second.error_rad(2.0 * angle) + random[axis]
+            let reading = angle + first.error_rad(angle) + second.error_rad(2.0 * angle) + random[axis];
+            self.unit.effects.encoder_bits.map_or(reading, |bits| {
+                let step_rad = TAU / f64::from(bits).exp2();
+                (reading / step_rad).round() * step_rad
+            })
         })
     }
 
@@ -343,6 +363,22 @@ impl BiasWalk {
         if self.sigma_gyro > 0.0 {
             self.gyro_g = self.gyro_g.map(|bias| bias + self.sigma_gyro * normal(rng));
         }
+    }
+}
+
+/// A limit cycle of the servos; the inner axis is ahead by a quarter of it.
+struct Hunting {
+    amplitude_rad: f64,
+    omega_rad_s: f64,
+}
+
+impl Hunting {
+    /// To rates of (outer, inner), rad/s, those of the hunting.
+    fn added(&self, rates_rad_s: [f64; 2], time_s: f64) -> [f64; 2] {
+        let (sin, cos) = (self.omega_rad_s * time_s).sin_cos();
+        let fastest_rad_s = self.amplitude_rad * self.omega_rad_s;
+        let [outer, inner] = rates_rad_s;
+        [outer + fastest_rad_s * cos, inner - fastest_rad_s * sin]
     }
 }
 

@@ -1,0 +1,57 @@
+//! Effects that a unit may have: the sigmas stay honest, and a sound run is accepted.
+//!
+//! Means of squared normalized errors: of `runs` times 28 squares, hardly correlated between runs and little within one;
+//! bounds are five sigma of as many independent ones in four, sqrt(2 / (7 runs)).
+
+use host_tests::calibration::Precision;
+use host_tests::monte_carlo::{ErrorSource, MethodStatistics, MonteCarlo};
+use host_tests::presets::{self, UnitErrors};
+use host_tests::unit::UnitConfig;
+use host_tests::virtual_rins::Effects;
+use rins_selfcal::error_model::PARAMETERS;
+use rins_selfcal::method::Method;
+use rins_selfcal::options::Options;
+use rins_selfcal::scheme::Scheme;
+
+const RUNS: u64 = 24;
+
+/// The unit "real" with these effects, on a scheme of the library.
+fn statistics(effects: Effects, options: Options, scheme: &str) -> MethodStatistics {
+    let errors = UnitErrors { errors: presets::real(3), effects };
+    let campaign = MonteCarlo {
+        runs: RUNS,
+        methods: vec![Method::Joint],
+        precision: Precision::F64,
+        options,
+        scheme: Scheme::named(scheme).expect("a scheme of the library"),
+        axes: Default::default(),
+        closed_loop: false,
+        errors: ErrorSource::Fixed(Box::new(errors)),
+        unit: UnitConfig::default(),
+        rate_hz: 200.0,
+        seed: 5,
+    };
+    campaign.run(|| ()).expect("open loop").remove(0)
+}
+
+fn mean_normalized_squared(statistics: &MethodStatistics) -> f64 {
+    let means = statistics.states[..PARAMETERS].iter().flatten().map(|state| state.mean_normalized_squared);
+    means.sum::<f64>() / PARAMETERS as f64
+}
+
+fn bound() -> f64 {
+    5.0 * (2.0 / (7.0 * RUNS as f64)).sqrt()
+}
+
+#[test]
+fn servos_that_hunt_before_coarse_encoders_are_no_fault() {
+    for (encoder_bits, hunting_hz) in [(24, 1.7), (20, 1.7), (22, 6.0)] {
+        let hunting =
+            Effects { encoder_bits: Some(encoder_bits), hunting_arcsec: 2.0, hunting_hz, ..Effects::default() };
+        let found = statistics(hunting, Options::NONE, "fast-120");
+        assert!(found.accepted >= RUNS - 1, "{encoder_bits} bits: {:?}", found.rejections);
+        let mean = mean_normalized_squared(&found);
+        // Sigmas may be a little too large: single readings that begin one segment end another.
+        assert!(mean < 1.0 + bound() && mean > 0.7 - bound(), "{encoder_bits} bits: {mean}");
+    }
+}
