@@ -19,16 +19,13 @@
 //! - With one period only, both measurements are taken from it in one sweep, and nothing is left as considered: the
 //!   same encoder errors act on both stages.
 
-use crate::angle::Angle;
 use crate::constancy::{Seen, Suspects, Suspicion};
 use crate::error_model::{InstrumentErrors, PARAMETERS, block};
 use crate::kalman::{Innovation, Measurement, UdFilter, Update};
 use crate::linear::{ComplexField, Real, Vector, Vector3, columns, exp_so3, real, zeros};
 use crate::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
 use crate::method::Method;
-use crate::options::{
-    Circumstances, OPTIONAL_STATES, OptionalColumns, OptionalEstimate, Options, force_columns, rotation_columns,
-};
+use crate::options::{OPTIONAL_STATES, OptionalColumns, OptionalEstimate, Options, force_columns, rotation_columns};
 use crate::reading::Readings;
 use crate::sample::CHANNELS;
 use crate::segment::{Segment, SegmentKind};
@@ -313,8 +310,6 @@ pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATES
     fit: Fit,
     /// Time that biases, attitude and optional rates refer to, us.
     reference_us: u64,
-    /// Where the axes stood last.
-    last_stop: [Angle; 2],
     /// How many times the configured variance there was, channel by channel.
     allowances: [f64; CHANNELS],
     /// Of the encoders, at the stop before.
@@ -347,7 +342,6 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             weights: Weights::NONE,
             fit: Fit::NONE,
             reference_us: 0,
-            last_stop: [Angle::from_ticks(0); 2],
             allowances: [1.0; CHANNELS],
             readings: [Readings::NONE; 2],
             pass: Pass::Idle,
@@ -488,8 +482,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     }
 
     fn forget_last_stop(&mut self) {
-        (self.last_stop, self.allowances) = ([Angle::default(); 2], [1.0; CHANNELS]);
-        self.readings = [Readings::NONE; 2];
+        (self.allowances, self.readings) = ([1.0; CHANNELS], [Readings::NONE; 2]);
     }
 
     /// Encoder readings at the stop after segment `number`, or where there is none yet, at the one before.
@@ -652,9 +645,8 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         if self.config.method == Method::Joint {
             self.walk(segment);
         }
-        let at = self.circumstances(segment);
+        let since_s = self.since_reference_s(segment);
         if segment.kind == SegmentKind::Stop {
-            self.last_stop = [segment.outer, segment.inner];
             self.allowances = self.config.noise.allowances(segment);
             self.readings = segment.readings;
         }
@@ -663,10 +655,10 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         }
         let model = MeasurementModel::new(&InstrumentErrors::from_vector(&self.nominal), &self.config.site);
         if usage.force {
-            self.process_force(number, segment, &model, &at, usage);
+            self.process_force(number, segment, &model, since_s, usage);
         }
         if usage.rotation {
-            self.process_rotation(number, segment, &model, &at, usage);
+            self.process_rotation(number, segment, &model, since_s, usage);
         }
         usage.force || usage.rotation
     }
@@ -676,14 +668,14 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         number: usize,
         segment: &Segment<T>,
         model: &MeasurementModel<T>,
-        at: &Circumstances<T>,
+        since_s: T,
         usage: Use,
     ) {
         let psd_sqrt: T = real(self.config.noise.accel_psd_sqrt);
         let [x, y, z, ..] = self.allowances.map(real::<T>);
         let variance = Vector3::new(x, y, z) * (psd_sqrt * psd_sqrt / segment.duration_s());
         let prediction = model.force_at_stop(segment);
-        let optional = force_columns(&prediction, at);
+        let optional = force_columns(&prediction, since_s);
         self.take_in(&segment.force_a, (&prediction, &optional), variance, usage, (number, 0));
     }
 
@@ -692,7 +684,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         number: usize,
         segment: &Segment<T>,
         model: &MeasurementModel<T>,
-        at: &Circumstances<T>,
+        since_s: T,
         usage: Use,
     ) {
         let psd_sqrt: T = real(self.config.noise.gyro_psd_sqrt);
@@ -703,8 +695,9 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         if segment.kind == SegmentKind::Stop {
             // The same encoder error at both ends.
             prediction.by_encoder_errors.fill(T::zero());
+            prediction.by_harmonics.fill(T::zero());
         }
-        let optional = rotation_columns(&prediction, at);
+        let optional = rotation_columns(&prediction, since_s);
         self.take_in(&segment.rotation_g, (&prediction, &optional), variance, usage, (number, 3));
     }
 
@@ -722,14 +715,10 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         along + squares(across.into()) * real::<T>(PASSING_PART * steps)
     }
 
-    fn circumstances(&self, segment: &Segment<T>) -> Circumstances<T> {
+    /// From the time that biases and attitude refer to, to the middle of a segment.
+    fn since_reference_s(&self, segment: &Segment<T>) -> T {
         let middle_us = segment.start_us + segment.duration_us / 2;
-        let since_us = middle_us.wrapping_sub(self.reference_us).cast_signed();
-        Circumstances {
-            since_reference_s: real(since_us as f64 * 1e-6),
-            stop_before: self.last_stop,
-            stop: [segment.outer, segment.inner],
-        }
+        real(middle_us.wrapping_sub(self.reference_us).cast_signed() as f64 * 1e-6)
     }
 
     /// Lets the biases walk over a segment.

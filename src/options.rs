@@ -6,12 +6,12 @@
 //! bias(t) = bias + ramp t + random walk          attitude(t) = attitude + drift t     t from the end of the run
 //! encoder error (angle) = c1 (cos angle - 1) + s1 sin angle + c2 (cos 2 angle - 1) + s2 sin 2 angle
 //! ```
-//! The encoder's harmonics vanish at angle zero, where the encoder zeros define the rotation frame.
+//! The encoder's harmonics vanish at angle zero, where the encoder zeros define the rotation frame. They are known along a
+//! move as at its ends, and act on it as their integrals say (`measurement`).
 
-use crate::angle::Angle;
 use crate::error_model::{PARAMETERS, ParameterInfo, block};
-use crate::linear::{Matrix, Real, real};
-use crate::measurement::Prediction;
+use crate::linear::{Matrix, Real};
+use crate::measurement::{HARMONICS, Prediction};
 use crate::units::{ARCSEC, DEG_H, MICRO_G};
 use core::ops::Range;
 use serde::{Deserialize, Serialize};
@@ -124,58 +124,31 @@ pub struct OptionalEstimate {
 /// Derivative of a measurement by the optional states, (3 x 16).
 pub type OptionalColumns<T> = Matrix<T, 3, OPTIONAL_STATES>;
 
-/// When and where a segment was measured.
-#[derive(Clone, Copy, Debug)]
-pub struct Circumstances<T> {
-    /// Middle of the segment, from the time that biases and attitude refer to, s.
-    pub since_reference_s: T,
-    /// Outer and inner angle at the stop before.
-    pub stop_before: [Angle; 2],
-    /// Outer and inner angle at this stop, or at the end of this move.
-    pub stop: [Angle; 2],
-}
-
-/// Derivative of a measurement by the optional states, from those by bias, attitude and encoder errors. `BIAS` and `RAMP`
-/// are the blocks of the sensors' own.
+/// Derivative of a measurement by the optional states, from those by bias, attitude and harmonics. `BIAS` and `RAMP` are the
+/// blocks of the sensors' own; `since_reference_s` is the time of the segment's middle, from that to which biases and
+/// attitude refer.
 fn columns<T: Real, const BIAS: usize, const RAMP: usize>(
     prediction: &Prediction<T>,
-    at: &Circumstances<T>,
+    since_reference_s: T,
 ) -> OptionalColumns<T> {
     let by = &prediction.by_parameters;
-    let t = at.since_reference_s;
     let mut columns = OptionalColumns::<T>::zeros();
     columns.fixed_columns_mut::<3>(RAMP).copy_from(&by.fixed_columns::<3>(BIAS));
     columns.fixed_columns_mut::<2>(optional::TILT_DRIFT.start).copy_from(&by.fixed_columns::<2>(block::ATTITUDE));
-    columns *= t;
-    for axis in 0..2 {
-        let before = harmonics::<T>(at.stop_before[axis]);
-        let now = harmonics::<T>(at.stop[axis]);
-        let (by_before, by_now) =
-            (prediction.by_encoder_errors.column(axis), prediction.by_encoder_errors.column(2 + axis));
-        let starts = [optional::ECCENTRICITY.start, optional::SECOND_HARMONIC.start];
-        for (harmonic, (before, now)) in before.iter().zip(&now).enumerate() {
-            let column = starts[harmonic / 2] + 2 * axis + harmonic % 2;
-            columns.set_column(column, &(by_before * *before + by_now * *now));
-        }
-    }
+    columns *= since_reference_s;
+    columns.fixed_columns_mut::<HARMONICS>(optional::ECCENTRICITY.start).copy_from(&prediction.by_harmonics);
     columns
 }
 
 /// Derivative of a stop's mean specific force by the optional states.
-pub fn force_columns<T: Real>(prediction: &Prediction<T>, at: &Circumstances<T>) -> OptionalColumns<T> {
-    columns::<T, { block::ACCEL_BIAS }, { optional::ACCEL_BIAS_RAMP.start }>(prediction, at)
+pub fn force_columns<T: Real>(prediction: &Prediction<T>, since_reference_s: T) -> OptionalColumns<T> {
+    columns::<T, { block::ACCEL_BIAS }, { optional::ACCEL_BIAS_RAMP.start }>(prediction, since_reference_s)
 }
 
 /// Derivative of a segment's rotation by the optional states.
-pub fn rotation_columns<T: Real>(prediction: &Prediction<T>, at: &Circumstances<T>) -> OptionalColumns<T> {
-    columns::<T, { block::GYRO_BIAS }, { optional::GYRO_BIAS_RAMP.start }>(prediction, at)
-}
-
-/// cos - 1 and sin of the angle and of its double.
-fn harmonics<T: Real>(angle: Angle) -> [T; 4] {
-    let (sin, cos) = angle.sin_cos::<T>();
-    let two: T = real(2.0);
-    [cos - T::one(), sin, -(two * sin * sin), two * sin * cos]
+pub fn rotation_columns<T: Real>(prediction: &Prediction<T>, since_reference_s: T) -> OptionalColumns<T> {
+    columns::<T, { block::GYRO_BIAS }, { optional::GYRO_BIAS_RAMP.start }>(prediction, since_reference_s)
 }
 
 const _: () = assert!(optional::TILT_DRIFT.end == OPTIONAL_STATES && block::ATTITUDE + 3 == PARAMETERS);
+const _: () = assert!(optional::ECCENTRICITY.start + HARMONICS == optional::SECOND_HARMONIC.end);

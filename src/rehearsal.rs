@@ -107,6 +107,7 @@ pub fn move_segment<T: Real>(from: &Stand, to: &Stand, turning: &Turning) -> Seg
         gimbals.outer_sin_inner += si * outer_way;
         gimbals.late_cos_inner_s += ci * outer_way * (since_s + 0.5 * time_s);
         gimbals.late_sin_inner_s += si * outer_way * (since_s + 0.5 * time_s);
+        gimbals.harmonics.add((so as f32, co as f32), (si as f32, ci as f32), outer_way as f32);
         since_s += time_s;
     };
     add([0.0; 2], guard_s, 0.0);
@@ -143,6 +144,7 @@ fn segment<T: Real>(kind: SegmentKind, stand: &Stand, gimbals: &GimbalSums<f64>,
             late_sin_inner_s: real(gimbals.late_sin_inner_s),
             outer: real(gimbals.outer),
             inner: real(gimbals.inner),
+            harmonics: gimbals.harmonics,
         },
         scatter: Scatter::default(),
         readings: [Readings::NONE; 2],

@@ -54,6 +54,37 @@ pub enum SegmentKind {
     Move,
 }
 
+/// Integrals over the outer angle, rad, with which harmonics of the encoder errors act on a move. A hundredth of an error of
+/// some arcsec is good enough, so `f32` and no compensation.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct HarmonicSums {
+    /// Of (cos, sin)(inner) x (cos, sin, cos of the double, sin of the double)(outer).
+    pub outer: [[f32; 4]; 2],
+    /// Of cos and sin of twice and of three times the inner angle.
+    pub inner: [f32; 4],
+}
+
+impl HarmonicSums {
+    /// None.
+    pub const ZERO: Self = Self { outer: [[0.0; 4]; 2], inner: [0.0; 4] };
+
+    /// Adds a step of the outer angle, rad, at these sines and cosines of outer and inner angle.
+    pub fn add(&mut self, (so, co): (f32, f32), (si, ci): (f32, f32), step: f32) {
+        let (sin_2i, cos_2i) = (2.0 * si * ci, 1.0 - 2.0 * si * si);
+        let outer = [co, so, 1.0 - 2.0 * so * so, 2.0 * so * co];
+        let inner = [cos_2i, sin_2i, cos_2i * ci - sin_2i * si, sin_2i * ci + cos_2i * si];
+        for (row, inner) in self.outer.iter_mut().zip([ci, si]) {
+            row.iter_mut().zip(outer).for_each(|(sum, outer)| *sum += inner * outer * step);
+        }
+        self.inner.iter_mut().zip(inner).for_each(|(sum, inner)| *sum += inner * step);
+    }
+
+    fn merge(&mut self, other: &Self) {
+        let others = other.outer.iter().flatten().chain(&other.inner);
+        self.outer.iter_mut().flatten().chain(&mut self.inner).zip(others).for_each(|(sum, other)| *sum += other);
+    }
+}
+
 /// Sums over the gimbal angles of a segment, from which the integrals of (3) follow for any non-perpendicularity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GimbalSums<T> {
@@ -72,6 +103,8 @@ pub struct GimbalSums<T> {
     pub outer: T,
     /// Inner increment, rad.
     pub inner: T,
+    /// For harmonics of the encoder errors.
+    pub harmonics: HarmonicSums,
 }
 
 /// Readings that repeat to the last bit, which noise does not.
@@ -226,6 +259,7 @@ struct Sums<T> {
     outer_sin_inner: CompensatedSum<T>,
     late_cos_inner_s: CompensatedSum<T>,
     late_sin_inner_s: CompensatedSum<T>,
+    harmonics: HarmonicSums,
     outer_ticks: i64,
     inner_ticks: i64,
     outer: AngleMean,
@@ -283,6 +317,7 @@ impl<T: Real> Sums<T> {
         outer_sin_inner: CompensatedSum::ZERO,
         late_cos_inner_s: CompensatedSum::ZERO,
         late_sin_inner_s: CompensatedSum::ZERO,
+        harmonics: HarmonicSums::ZERO,
         outer_ticks: 0,
         inner_ticks: 0,
         outer: AngleMean::ZERO,
@@ -332,6 +367,8 @@ impl<T: Real> Sums<T> {
             let since_s = seconds::<T>(self.duration_us.saturating_sub(interval.duration_us / 2));
             self.late_cos_inner_s.add(ci * outer * since_s);
             self.late_sin_inner_s.add(si * outer * since_s);
+            let single = |(sin, cos): (T, T)| (sin.widened() as f32, cos.widened() as f32);
+            self.harmonics.add(single((so, co)), single((si, ci)), outer.widened() as f32);
         }
         self.outer_ticks += i64::from(interval.outer_ticks);
         self.inner_ticks += i64::from(interval.inner_ticks);
@@ -359,6 +396,7 @@ impl<T: Real> Sums<T> {
         }
         self.outer_cos_inner.merge(&other.outer_cos_inner);
         self.outer_sin_inner.merge(&other.outer_sin_inner);
+        self.harmonics.merge(&other.harmonics);
         self.outer_ticks += other.outer_ticks;
         self.inner_ticks += other.inner_ticks;
         self.outer.merge(&other.outer);
@@ -408,6 +446,7 @@ impl<T: Real> Sums<T> {
                 late_sin_inner_s: self.late_sin_inner_s.total(),
                 outer: ticks_to_rad(self.outer_ticks),
                 inner: ticks_to_rad(self.inner_ticks),
+                harmonics: self.harmonics,
             },
             scatter: Scatter::default(),
             readings: self.jumps_ticks2.map(|jumps_ticks2| Readings {

@@ -4,6 +4,7 @@
 //! bounds are five sigma of as many independent ones in four, sqrt(2 / (7 runs)).
 
 use host_tests::calibration::Precision;
+use host_tests::encoder::Harmonic;
 use host_tests::monte_carlo::{ErrorSource, MethodStatistics, MonteCarlo};
 use host_tests::presets::{self, UnitErrors};
 use host_tests::unit::UnitConfig;
@@ -13,13 +14,13 @@ use rins_selfcal::method::Method;
 use rins_selfcal::options::Options;
 use rins_selfcal::scheme::Scheme;
 
-const RUNS: u64 = 24;
+const RUNS: usize = 24;
 
 /// The unit "real" with these effects, on a scheme of the library.
 fn statistics(effects: Effects, options: Options, scheme: &str) -> MethodStatistics {
     let errors = UnitErrors { errors: presets::real(3), effects };
     let campaign = MonteCarlo {
-        runs: RUNS,
+        runs: RUNS as u64,
         methods: vec![Method::Joint],
         precision: Precision::F64,
         options,
@@ -54,4 +55,21 @@ fn servos_that_hunt_before_coarse_encoders_are_no_fault() {
         // Sigmas may be a little too large: single readings that begin one segment end another.
         assert!(mean < 1.0 + bound() && mean > 0.7 - bound(), "{encoder_bits} bits: {mean}");
     }
+}
+
+#[test]
+fn harmonics_of_the_encoders_are_found_while_both_axes_turn() {
+    let harmonic = |amplitude_arcsec, phase_deg| Harmonic { amplitude_arcsec, phase_deg };
+    let eccentric = Effects {
+        encoder_eccentricity: [harmonic(4.0, 30.0), harmonic(3.0, 200.0)],
+        encoder_second_harmonic: [harmonic(2.0, 80.0), harmonic(3.0, -40.0)],
+        ..Effects::default()
+    };
+    let known = Options { encoder_eccentricity: true, encoder_second_harmonic: true, ..Options::NONE };
+    let found = statistics(eccentric.clone(), known, "fast-180");
+    assert!(found.accepted >= RUNS - 1, "{:?}", found.rejections);
+    let mean = mean_normalized_squared(&found);
+    assert!((mean - 1.0).abs() < bound(), "{mean}");
+    let unknown = statistics(eccentric, Options::NONE, "fast-180");
+    assert_eq!(unknown.accepted, 0, "several arcsec that the model has not");
 }

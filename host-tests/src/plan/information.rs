@@ -11,12 +11,11 @@
 
 use crate::calibration::Setup;
 use crate::virtual_run::SETTLING_S;
-use rins_selfcal::angle::Angle;
 use rins_selfcal::error_model::{InstrumentErrors, PARAMETERS, block};
 use rins_selfcal::estimator::{BASIC_STATES, EstimatorConfig};
 use rins_selfcal::linear::{ComplexField, Matrix, Vector};
 use rins_selfcal::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
-use rins_selfcal::options::{Circumstances, OptionalColumns, force_columns, rotation_columns};
+use rins_selfcal::options::{OptionalColumns, force_columns, rotation_columns};
 use rins_selfcal::rehearsal::{BLOCK_LOSS_S, Stand, Turning, move_segment, stop_segment, usable_s};
 use rins_selfcal::segment::GUARD_S;
 use rins_selfcal::segment::SegmentKind;
@@ -26,6 +25,8 @@ use std::borrow::Borrow;
 
 /// Numbers of a model, of the size of one, are rounded to this; rotation by attitude to as much of Earth rate.
 const ROUNDING: f64 = 1.0 / (1 << 24) as f64;
+/// Of what is summed in single precision.
+const HARMONIC_ROUNDING: f64 = 1.0 / (1 << 16) as f64;
 /// Encoder errors below this are taken as this, arcsec/1000, so that their information stays finite.
 const LEAST_ENCODER_SIGMA_RAD: f64 = 5e-9;
 
@@ -211,6 +212,7 @@ impl<const STATES: usize> Forecast<STATES> {
         let mut rest = self.model.rotation(&at_rest);
         // The same encoder error at both ends.
         rest.by_encoder_errors.fill(0.0);
+        rest.by_harmonics.fill(0.0);
         let (turn, force) = (self.model.rotation(&turn), self.model.force_at_stop(&at_rest));
         let of_rotation = ROUNDING * EARTH_RATE_RAD_S;
         let (turn, rest) = (rounded(turn, of_rotation), rounded(rest, of_rotation));
@@ -230,32 +232,30 @@ impl<const STATES: usize> Forecast<STATES> {
         let moves = legs.iter().skip(1).map(|leg| leg.borrow().move_s).sum::<f64>();
         let total_s = moves + stands.iter().map(|stand| stand.stop_s + SETTLING_S).sum::<f64>();
         let mut time_s = -total_s;
-        let mut before = stands.first();
         for (number, (stand, leg)) in stands.iter().zip(legs).enumerate() {
             let (is_first, is_last) = (number == 0, number + 1 == stands.len());
             let leg: &LegModel = leg.borrow();
-            let stops = [before.unwrap_or(stand), stand];
             if !is_first {
                 let window_s = leg.move_s + 2.0 * GUARD_S + BLOCK_LOSS_S;
                 information.renew_encoder_errors();
                 self.walk(&mut information, window_s);
-                let at = self.circumstances(stops, time_s + 0.5 * leg.move_s);
-                let optional = at.map(|at| rotation_columns(&leg.turn, &at));
+                let since_s = self.if_needed(time_s + 0.5 * leg.move_s);
+                let optional = since_s.map(|since_s| rotation_columns(&leg.turn, since_s));
                 information.add_rows(&leg.turn, optional.as_ref(), gyro_psd * window_s);
                 time_s += leg.move_s;
                 on_segment(SegmentKind::Move, total_s + time_s, &information);
             }
             let usable_s = usable_s(stand.stop_s, self.settling_s, is_first, is_last);
             self.walk(&mut information, usable_s);
-            let at = self.circumstances(stops, time_s + 0.5 * (stand.stop_s + SETTLING_S));
-            let optional = at.map(|at| (force_columns(&leg.force, &at), rotation_columns(&leg.rest, &at)));
+            let since_s = self.if_needed(time_s + 0.5 * (stand.stop_s + SETTLING_S));
+            let columns = |since_s| (force_columns(&leg.force, since_s), rotation_columns(&leg.rest, since_s));
+            let optional = since_s.map(columns);
             let (by_force, by_rest) = (optional.as_ref().map(|both| &both.0), optional.as_ref().map(|both| &both.1));
             information.add_rows(&leg.force, by_force, accel_psd / usable_s);
             // Rotation per second: of the mean rate.
             information.add_rows(&leg.rest, by_rest, gyro_psd / usable_s);
             time_s += stand.stop_s + SETTLING_S;
             on_segment(SegmentKind::Stop, total_s + time_s, &information);
-            before = Some(stand);
         }
         information
     }
@@ -277,11 +277,9 @@ impl<const STATES: usize> Forecast<STATES> {
         }
     }
 
-    fn circumstances(&self, stops: [&Stand; 2], since_reference_s: f64) -> Option<Circumstances<f64>> {
-        let angles = |stand: &Stand| [stand.outer_rad, stand.inner_rad].map(Angle::from_rad);
-        let [stop_before, stop] = stops.map(angles);
-        let at = Circumstances { since_reference_s, stop_before, stop };
-        self.config.options.needs_states().then_some(at)
+    /// When a segment was measured, where an optional state depends on it.
+    fn if_needed(&self, since_reference_s: f64) -> Option<f64> {
+        self.config.options.needs_states().then_some(since_reference_s)
     }
 }
 
@@ -290,6 +288,7 @@ impl<const STATES: usize> Forecast<STATES> {
 fn rounded(mut prediction: Prediction<f64>, by_attitude: f64) -> Prediction<f64> {
     let round = |value: &mut f64, unit: f64| *value = ComplexField::round(*value / unit) * unit;
     prediction.by_encoder_errors.iter_mut().for_each(|value| round(value, ROUNDING));
+    prediction.by_harmonics.iter_mut().for_each(|value| round(value, HARMONIC_ROUNDING));
     for (parameter, mut column) in prediction.by_parameters.column_iter_mut().enumerate() {
         let unit = if parameter < block::ATTITUDE { ROUNDING } else { by_attitude };
         column.iter_mut().for_each(|value| round(value, unit));
