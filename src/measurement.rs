@@ -531,8 +531,8 @@ mod tests {
                 if column % 4 < 2 { (outer - error(outer), inner) } else { (outer, inner - error(inner)) }
             });
             let found = ((with - exact) / 1e-5 - by.column(column)).norm();
-            // The tilt of the inner axis, 3e-3 here, is carried in part only.
-            assert!(found < 5e-3, "{column}: {found}");
+            // The tilt of the inner axis, 3e-3 here, is carried in part only; the double angle's error changes twice as fast.
+            assert!(found < 1e-2, "{column}: {found}");
         }
     }
 
