@@ -60,7 +60,8 @@ fn instrument(line: File, off: &Arc<AtomicBool>) -> Memory {
 
 fn monitor(port: &Path, options: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_rins"));
-    command.arg("monitor").arg("--port").arg(port).args(options).output().expect("it runs")
+    // An emulator on a busy machine is slow.
+    command.arg("monitor").arg("--port").arg(port).args(["--wait", "60"]).args(options).output().expect("it runs")
 }
 
 fn text(bytes: &[u8]) -> String {

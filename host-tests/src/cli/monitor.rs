@@ -33,6 +33,9 @@ pub struct MonitorArguments {
     /// Speed of a serial device
     #[arg(long, value_name = "BAUD", default_value_t = 115_200)]
     baud: u32,
+    /// How long an answer may take, s: an instrument may be erasing a sector of its flash, for 4 s
+    #[arg(long, value_name = "S", default_value_t = 5)]
+    wait: u64,
     /// Begin a run, and follow it to its end
     #[arg(long, conflicts_with_all = ["abort", "read", "configure", "erase"])]
     start: bool,
@@ -78,7 +81,7 @@ pub fn run(arguments: &MonitorArguments) -> Result<Ending> {
     let json = arguments.json.as_deref();
     files::check(&[("--configure", arguments.configure.as_deref())], &[("--json", json)])?;
     let config = arguments.configure.as_deref().map(configured).transpose()?;
-    let mut client = Client::new(open(&arguments.port, arguments.baud)?);
+    let mut client = Client::new(open(&arguments.port, arguments.baud)?, Duration::from_secs(arguments.wait));
     if let Some(item) = arguments.read {
         read(&mut client, item, json)?;
     }

@@ -10,8 +10,6 @@ use std::collections::VecDeque;
 use std::io::ErrorKind;
 use std::time::{Duration, Instant};
 
-/// How long an answer may take: an instrument may be erasing a sector of its flash, for 4 s.
-const PATIENCE: Duration = Duration::from_secs(5);
 /// How long erasing may take: seconds for every sector of a flash, and an emulator is slow at it.
 const ERASING: Duration = Duration::from_secs(60);
 /// How often a command is sent before the instrument counts as silent. A command done twice does no harm.
@@ -30,6 +28,7 @@ pub enum Event {
 /// The host's end of the line.
 pub struct Client {
     port: Box<dyn Port>,
+    patience: Duration,
     decoder: Decoder,
     events: VecDeque<Event>,
     number: u16,
@@ -40,10 +39,11 @@ pub struct Client {
 }
 
 impl Client {
-    /// At the end of `port`.
-    pub fn new(port: Box<dyn Port>) -> Self {
+    /// At the end of `port`; an answer may take as long as `patience`.
+    pub fn new(port: Box<dyn Port>, patience: Duration) -> Self {
         Self {
             port,
+            patience,
             decoder: Decoder::new(),
             events: VecDeque::new(),
             number: 0,
@@ -148,7 +148,7 @@ impl Client {
     /// The instrument does not answer, or the line is broken.
     pub fn answer(&mut self, command: &Command, mut other: impl FnMut(&Event)) -> Result<Answer> {
         self.number = self.number.checked_add(1).unwrap_or(1);
-        let patience = if *command == Command::Erase { ERASING } else { PATIENCE };
+        let patience = if *command == Command::Erase { self.patience.max(ERASING) } else { self.patience };
         for _ in 0..ATTEMPTS {
             self.send_again(command)?;
             let sent = Instant::now();
