@@ -221,6 +221,11 @@ impl<P: Plant> Bench<P> {
         self.axes.iter().map(|axis| axis.bridge.hard_turns).sum()
     }
 
+    /// The IMU.
+    pub fn imu_mut(&mut self) -> &mut Adis16495Chip {
+        &mut self.imu
+    }
+
     /// The plant.
     pub fn plant(&self) -> &P {
         &self.plant

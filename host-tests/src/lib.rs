@@ -13,6 +13,7 @@
 //! monitor: the other end of the instrument's serial line, `line` the instrument's own end in this process
 //! plan: finds schemes; prediction then says what the core makes of them
 //! faults -> fault_campaign: can a disturbed run be accepted with a wrong answer?
+//! fault_table: what the instrument does when an axis, the IMU or the power fails
 //! chips: the devices that the core's drivers read and drive
 //! ```
 
@@ -27,6 +28,7 @@ pub mod drive;
 pub mod emulator;
 pub mod encoder;
 pub mod fault_campaign;
+pub mod fault_table;
 pub mod faults;
 pub mod gimbal_plant;
 pub mod history;

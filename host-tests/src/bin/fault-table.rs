@@ -1,0 +1,36 @@
+//! Prints what the instrument does when something fails, at several phases of a run.
+
+use clap::Parser;
+use host_tests::fault_table::{Failing, Fate, Phase, fate, good_calibration};
+
+/// Lets each fault come up at each phase of a run: what the firmware does, and what the user is told
+#[derive(Parser)]
+struct Arguments {
+    /// Only faults whose name contains this
+    #[arg(long, default_value = "")]
+    only: String,
+    /// Axis that fails: 0 outer, which turns first, or 1 inner
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..2))]
+    axis: u8,
+}
+
+fn main() {
+    let arguments = Arguments::parse();
+    let before = good_calibration();
+    println!("{:<25}{:<15}{:>11}  {:<11}{:<6}told", "fault", "phase", "stopped ms", "ends in", "kept");
+    for (failing, name) in Failing::ALL.into_iter().filter(|(_, name)| name.contains(&arguments.only)) {
+        for phase in Phase::ALL {
+            print(name, phase, &fate(failing, phase, arguments.axis.into(), &before));
+        }
+    }
+}
+
+fn print(name: &str, phase: Phase, fate: &Fate) {
+    let stopped = fate.stopped_ms.map_or("never".into(), |ms| ms.to_string());
+    let told = match fate.accepted {
+        Some(worst) => format!("accepted, worst parameter off by {worst:.1} sigma"),
+        None => fate.told.join("; "),
+    };
+    let (kept, state) = (if fate.stored { "yes" } else { "NO" }, format!("{:?}", fate.state));
+    println!("{name:<25}{:<15}{stopped:>11}  {state:<11}{kept:<6}{told}", phase.name());
+}
