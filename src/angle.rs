@@ -63,8 +63,10 @@ impl Angle {
 
 /// `ticks` in radians, of any number of turns.
 pub fn ticks_to_rad<T: Real>(ticks: i64) -> T {
+    // A 32-bit number is converted by one instruction, a longer one by dozens.
+    let ticks = i32::try_from(ticks).map_or_else(|_| ticks as f64, f64::from);
     // The product is formed in f64 so that an f32 core rounds once.
-    real(ticks as f64 * RAD_PER_TICK)
+    real(ticks * RAD_PER_TICK)
 }
 
 /// Radians in ticks, of any number of turns (saturating at 2^31 turns; not-a-number gives 0).

@@ -50,6 +50,8 @@ pub enum Admission {
 #[derive(Clone, Copy, Debug)]
 pub struct Intake {
     nominal_us: f64,
+    /// Longest interval that is no gap, us.
+    regular_us: u64,
     last_us: Option<u64>,
     counts: IntakeCounts,
 }
@@ -57,7 +59,9 @@ pub struct Intake {
 impl Intake {
     /// For samples that come at `rate_hz`.
     pub const fn new(rate_hz: f64) -> Self {
-        Self { nominal_us: 1e6 / rate_hz, last_us: None, counts: IntakeCounts::NONE }
+        let nominal_us = 1e6 / rate_hz;
+        let regular_us = (GAP_INTERVALS * nominal_us) as u64;
+        Self { nominal_us, regular_us, last_us: None, counts: IntakeCounts::NONE }
     }
 
     /// Judges one sample.
@@ -96,10 +100,9 @@ impl Intake {
     }
 
     fn note_gap(&mut self, interval_us: u64) {
-        let intervals = interval_us as f64 / self.nominal_us;
-        if intervals > GAP_INTERVALS {
+        if interval_us > self.regular_us {
+            let missing = ComplexField::round(interval_us as f64 / self.nominal_us) - 1.0;
             self.counts.gaps += 1;
-            let missing = ComplexField::round(intervals) - 1.0;
             self.counts.missing = self.counts.missing.saturating_add(missing as u32);
         }
     }

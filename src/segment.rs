@@ -18,7 +18,7 @@ use crate::linear::{CompensatedSum, Real, Vector3, real};
 use crate::reading::{Readings, Steps};
 use crate::sample::{CHANNELS, RawSample};
 use crate::scatter::{BlockMeans, Scatter, ScatterSums};
-use crate::units::ARCSEC;
+use crate::units::{ARCSEC, seconds};
 use core::mem;
 use serde::{Deserialize, Serialize};
 
@@ -190,7 +190,7 @@ pub struct Segment<T: Real> {
 impl<T: Real> Segment<T> {
     /// Duration, s.
     pub fn duration_s(&self) -> T {
-        real(self.duration_us as f64 * 1e-6)
+        seconds(self.duration_us)
     }
 
     /// Notes the resolutions of the encoders, ticks, which later segments may show better.
@@ -456,10 +456,6 @@ impl<T: Real> Sums<T> {
             }),
         }
     }
-}
-
-fn seconds<T: Real>(duration_us: u64) -> T {
-    real(duration_us as f64 * 1e-6)
 }
 
 fn add_each<T: Real>(sums: &mut [CompensatedSum<T>; 3], terms: &Vector3<T>) {

@@ -205,6 +205,8 @@ pub struct Sequencer {
     scheme: Scheme,
     state: State,
     since_us: u64,
+    /// Nominal duration of the stop under way, us.
+    dwell_us: u64,
     still_since_us: Option<u64>,
     measuring_since_us: u64,
     pace: Pace,
@@ -223,6 +225,7 @@ impl Sequencer {
             scheme,
             state: State::PowerUp,
             since_us: 0,
+            dwell_us: 0,
             still_since_us: None,
             measuring_since_us: 0,
             pace,
@@ -353,6 +356,9 @@ impl Sequencer {
     fn enter(&mut self, input: &Input, state: State, command: Command) -> Command {
         self.state = state;
         self.since_us = input.now_us;
+        if let State::Dwell(leg) = state {
+            self.dwell_us = (self.leg(leg).stop_s * 1e6) as u64;
+        }
         command
     }
 
@@ -429,18 +435,18 @@ impl Sequencer {
 
     /// Whether a stop has lasted as long as it shall.
     pub fn is_dwell_over(&self, now_us: u64) -> bool {
-        let State::Dwell(leg) = self.state else { return false };
-        now_us.saturating_sub(self.since_us) >= (self.leg(leg).stop_s * 1e6) as u64
+        matches!(self.state, State::Dwell(_)) && now_us.saturating_sub(self.since_us) >= self.dwell_us
     }
 
     fn dwell(&mut self, input: &Input, leg: u16) -> Command {
-        let stop_us = self.leg(leg).stop_s * 1e6;
         if !self.is_dwell_over(input.now_us) {
             Command::Continue
         } else if input.disturbed && self.repeats_left > 0 {
             self.repeats_left -= 1;
             self.enter(input, State::Dwell(leg), Command::RepeatStop)
-        } else if (self.elapsed_us(input) as f64) < stop_us * input.extension && !self.is_late(input.now_us) {
+        } else if (self.elapsed_us(input) as f64) < self.dwell_us as f64 * input.extension
+            && !self.is_late(input.now_us)
+        {
             Command::Continue
         } else if self.pace.early_finish && leg + 1 < self.legs() {
             self.enter(input, State::Weigh(leg), Command::Weigh)

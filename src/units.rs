@@ -1,5 +1,6 @@
 //! Units outside SI, each a factor: `value_si = value_in_unit * UNIT`.
 
+use crate::linear::{Real, real};
 use core::f64::consts::PI;
 
 /// One degree, rad.
@@ -14,3 +15,10 @@ pub const DEG_SQRT_H: f64 = DEG / 60.0;
 pub const MICRO_G: f64 = 9.806_65e-6;
 /// One part per million.
 pub const PPM: f64 = 1e-6;
+
+/// A duration in seconds.
+pub fn seconds<T: Real>(duration_us: u64) -> T {
+    // A 32-bit number is converted by one instruction, a longer one by dozens.
+    let duration_us = u32::try_from(duration_us).map_or_else(|_| duration_us as f64, f64::from);
+    real(duration_us * 1e-6)
+}
