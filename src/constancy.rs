@@ -13,7 +13,8 @@
 //! (generalized likelihood ratio; Willsky and Jones 1976).
 //!
 //! A change begins with a move, or with the run. Tested are steps and ramps of parameters, slips of encoders, and single
-//! measurements that are off.
+//! measurements that are off. What was configured, and may be wrong from the first to the last segment, is tested in the same
+//! way: the Earth rate of the site, and the heading.
 
 use crate::error_model::{PARAMETERS, block};
 use crate::linear::{ComplexField, Real, Vector, zeros};
@@ -45,6 +46,64 @@ pub enum Change {
     EncoderScale(u8),
     /// One measurement is off: accelerometers (m/s^2) and gyros (rad) of a stop, or gyros of a move.
     Outlier(u8),
+    /// The Earth rate is another one than that of the site: north, up, or both by as much, rad/s.
+    EarthRate(EarthRateAxis),
+    /// The heading that was known beforehand is another one, rad.
+    Heading,
+}
+
+impl Change {
+    /// Whether it is no change, but something that was configured.
+    fn is_setting(self) -> bool {
+        matches!(self, Self::EarthRate(_) | Self::Heading)
+    }
+}
+
+/// Component of the Earth rate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum EarthRateAxis {
+    /// Horizontal.
+    North,
+    /// Vertical.
+    Up,
+    /// Both, for what they have in common.
+    Both,
+}
+
+/// What the segments say about what was configured: of the Earth rate felt less that of the site, north and up, score
+/// (s/rad) and information (s^2/rad^2), and of the heading.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Settings {
+    /// Score, north and up.
+    pub earth_rate_score: [f64; 2],
+    /// Information: north, north with up, up.
+    pub earth_rate_information: [f64; 3],
+    /// Heading that was felt less the one that was known beforehand, rad.
+    pub heading_rad: f64,
+    /// The same in units of its standard deviation.
+    pub heading_sigmas: f64,
+}
+
+impl Settings {
+    /// Product of two differences of Earth rates, weighted by the information.
+    pub fn product(&self, [a_north, a_up]: [f64; 2], [b_north, b_up]: [f64; 2]) -> f64 {
+        let [north, across, up] = self.earth_rate_information;
+        a_north * (north * b_north + across * b_up) + a_up * (across * b_north + up * b_up)
+    }
+
+    /// By how much the chi-square is smaller if the Earth rate is another one by this, rad/s.
+    pub fn explained_by(&self, error_rad_s: [f64; 2]) -> f64 {
+        let [north, up] = self.earth_rate_score;
+        2.0 * (error_rad_s[0] * north + error_rad_s[1] * up) - self.product(error_rad_s, error_rad_s)
+    }
+
+    /// Earth rate that was felt less that of the site, north and up, rad/s; `None` where it was not tested.
+    pub fn earth_rate_error_rad_s(&self) -> Option<[f64; 2]> {
+        let ([north, up], [i_nn, i_nu, i_uu]) = (self.earth_rate_score, self.earth_rate_information);
+        let determinant = i_nn * i_uu - i_nu * i_nu;
+        let error = [(i_uu * north - i_nu * up) / determinant, (i_nn * up - i_nu * north) / determinant];
+        (determinant > 0.0).then_some(error)
+    }
 }
 
 /// The most significant change.
@@ -105,6 +164,8 @@ pub struct Seen<'a, T: Real, const STATES: usize> {
     pub channel: u8,
     /// Derivative of the channel by the rates of roll, pitch and heading, s.
     pub by_attitude_rate: [T; 3],
+    /// Derivative of the channel by the Earth rate, north and up, s.
+    pub by_earth_rate: [T; 2],
 }
 
 /// A change under test. Its vector is `f32`, whatever the filter computes in: significance needs two digits.
@@ -117,7 +178,8 @@ struct Suspect<const STATES: usize> {
     information: f64,
 }
 
-/// Changes under test in one sweep: of 37 that begin with a segment, those of two sweeps, for the sake of memory.
+/// Changes under test in one sweep: of 37 that begin with a segment, those of two sweeps, for the sake of memory. The four
+/// settings are in the first one of all.
 const SUSPECTS: usize = 19;
 
 /// Changes that begin with one segment, under test in one sweep of the filter.
@@ -157,6 +219,9 @@ impl<const STATES: usize> Suspects<STATES> {
             .chain((0..2).flat_map(|axis| [(Change::Slip(axis), onset), (Change::EncoderScale(axis), onset)]))
             .chain((0..6).map(|channel| (Change::Outlier(channel), stop)))
             .chain((3..6).map(|channel| (Change::Outlier(channel), turn)));
+        let settings = [EarthRateAxis::North, EarthRateAxis::Up, EarthRateAxis::Both].map(Change::EarthRate);
+        let settings = settings.into_iter().chain([Change::Heading]).filter(|_| onset_is_stop);
+        let changes = settings.map(|setting| (setting, onset)).chain(changes);
         let suspect =
             |(change, segment)| Suspect { change, segment, not_absorbed: zeros(), score: 0.0, information: 0.0 };
         (self.onset, self.duration_s, self.turned) = (onset, 0.0, [0.0; 2]);
@@ -191,6 +256,7 @@ impl<const STATES: usize> Suspects<STATES> {
             }
             let changed = match suspect.change {
                 Change::Step(of) if first => Some((parameter(of), 1.0)),
+                Change::Heading if first => Some((ENCODER_ERRORS + block::ATTITUDE + 2, 1.0)),
                 Change::Ramp(of) => Some((parameter(of), passed_s)),
                 Change::Slip(axis) if is_move => Some((encoder(axis), 1.0)),
                 Change::EncoderScale(axis) if is_move => turned(axis).map(|turned| (encoder(axis), turned)),
@@ -228,8 +294,24 @@ impl<const STATES: usize> Suspects<STATES> {
     /// The most significant change of all, for parameters of these sigmas, SI: the one farthest beyond, or nearest to,
     /// its limit.
     pub fn most_significant(&self, sigmas: &[f64; PARAMETERS]) -> Suspicion {
-        let suspicions = self.suspects.iter().map(|suspect| suspect.suspicion(sigmas));
+        let changes = self.suspects.iter().filter(|suspect| !suspect.change.is_setting());
+        let suspicions = changes.map(|suspect| suspect.suspicion(sigmas));
         suspicions.fold(Suspicion::default(), Suspicion::more_significant)
+    }
+
+    /// What the segments say about what was configured, if that was under test.
+    pub fn settings(&self) -> Option<Settings> {
+        let found = |change| self.suspects.iter().find(|suspect| suspect.change == change);
+        let of = |axis| found(Change::EarthRate(axis)).map(|suspect| (suspect.score, suspect.information));
+        let heading = found(Change::Heading)?.suspicion(&[0.0; PARAMETERS]);
+        let ((north, i_nn), (up, i_uu)) = (of(EarthRateAxis::North)?, of(EarthRateAxis::Up)?);
+        let (_, both) = of(EarthRateAxis::Both)?;
+        Some(Settings {
+            earth_rate_score: [north, up],
+            earth_rate_information: [i_nn, 0.5 * (both - i_nn - i_uu), i_uu],
+            heading_rad: heading.size,
+            heading_sigmas: heading.sigmas,
+        })
     }
 }
 
@@ -267,6 +349,14 @@ impl<const STATES: usize> Suspect<STATES> {
             Change::Outlier(channel) if channel == seen.channel && self.segment == seen.segment => 1.0,
             Change::Step(parameter) if seen.segment == onset => by_rate(parameter) / f64::from(duration_s),
             Change::Ramp(parameter) => by_rate(parameter),
+            Change::EarthRate(axis) => {
+                let [north, up] = seen.by_earth_rate.map(Real::widened);
+                match axis {
+                    EarthRateAxis::North => north,
+                    EarthRateAxis::Up => up,
+                    EarthRateAxis::Both => north + up,
+                }
+            }
             _ => 0.0,
         }
     }

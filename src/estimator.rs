@@ -19,7 +19,7 @@
 //! - With one period only, both measurements are taken from it in one sweep, and nothing is left as considered: the
 //!   same encoder errors act on both stages.
 
-use crate::constancy::{Seen, Suspects, Suspicion};
+use crate::constancy::{Seen, Settings, Suspects, Suspicion};
 use crate::error_model::{InstrumentErrors, PARAMETERS, block};
 use crate::kalman::{Innovation, Measurement, UdFilter, Update};
 use crate::linear::{ComplexField, Real, Vector, Vector3, columns, exp_so3, real, zeros};
@@ -221,6 +221,8 @@ pub struct Solution {
     pub optional: OptionalEstimate,
     /// The most significant change of what should be constant; the joint method only.
     pub suspicion: Suspicion,
+    /// What the segments say about what was configured; the joint method only.
+    pub settings: Settings,
 }
 
 /// Which measurements of a segment are taken in, and which states are only considered.
@@ -542,6 +544,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         if let Some(solution) = &mut self.solution {
             self.nominal = solution.estimate.errors.to_vector().map(real);
             solution.suspicion = solution.suspicion.more_significant(found);
+            solution.settings = self.suspects.settings().unwrap_or(solution.settings);
         }
         self.test_next(onset, part + 1);
     }
@@ -771,6 +774,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             self.note_innovation(&update, channel);
             if let Update::Applied(innovation) = &update {
                 let by_attitude_rate = prediction.by_attitude_rate.row(row).transpose().into();
+                let by_earth_rate = prediction.by_earth_rate.row(row).transpose().into();
                 let Innovation { value: innovation, variance } = *innovation;
                 let segment = segment as u16;
                 self.suspects.see(&Seen {
@@ -781,6 +785,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
                     segment,
                     channel,
                     by_attitude_rate,
+                    by_earth_rate,
                 });
             }
         }
@@ -852,6 +857,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             }),
             optional: self.optional(),
             suspicion: Suspicion::default(),
+            settings: Settings::default(),
             temperature_c: self.segments.iter().map(|segment| segment.temperature_c).sum::<f32>() / count,
         }
     }

@@ -41,6 +41,8 @@ pub struct Prediction<T: Real> {
     pub by_harmonics: Matrix<T, 3, HARMONICS>,
     /// Derivative by the rates of roll, pitch and heading at which the base turns, s; nothing for accelerometers.
     pub by_attitude_rate: Matrix3<T>,
+    /// Derivative by the Earth rate, north and up, s; nothing for accelerometers.
+    pub by_earth_rate: Matrix<T, 3, 2>,
 }
 
 /// Predicts what segments measure, linearized about one set of errors.
@@ -51,6 +53,8 @@ pub struct MeasurementModel<T: Real> {
     earth_rate_b: Vector3<T>,
     /// Column k: axis about which parameter k of roll, pitch, heading turns a fixed vector as seen in b.
     attitude_axes_b: Matrix3<T>,
+    /// North and up in b.
+    earth_axes_b: Matrix<T, 3, 2>,
     rot_sr: Matrix3<T>,
     mounting_jacobian: Matrix3<T>,
     rot_inner_axis: Matrix3<T>,
@@ -73,6 +77,7 @@ impl<T: Real> MeasurementModel<T> {
                 -rot_br.column(1).into_owned(),
                 rot_bn * up_n,
             ]),
+            earth_axes_b: rot_bn.fixed_columns::<2>(1).into_owned(),
             rot_sr: errors.rot_sr(),
             mounting_jacobian: left_jacobian_so3(&-Vector3::from(errors.mounting)),
             rot_inner_axis: errors.rot_inner_axis(),
@@ -136,7 +141,9 @@ impl<T: Real> MeasurementModel<T> {
         add_bias(&mut prediction, &self.errors.gyro_bias_g, block::GYRO_BIAS, segment.duration_s());
         // The base turns against what a fixed vector seems to do in b.
         let scaled = Matrix3::from_diagonal(&Vector3::from(self.errors.gyro_scale.map(|k| T::one() + k)));
-        prediction.by_attitude_rate = scaled * self.rot_gs * self.rot_sr * attitude * -self.attitude_axes_b;
+        let by_rate = scaled * self.rot_gs * self.rot_sr * attitude;
+        prediction.by_attitude_rate = by_rate * -self.attitude_axes_b;
+        prediction.by_earth_rate = by_rate * self.earth_axes_b;
         prediction
     }
 
@@ -160,6 +167,7 @@ impl<T: Real> MeasurementModel<T> {
             by_encoder_errors: self.rot_sr * motion.by_encoder_errors,
             by_harmonics: self.rot_sr * motion.by_harmonics,
             by_attitude_rate: Matrix3::zeros(),
+            by_earth_rate: Matrix::zeros(),
         }
     }
 }

@@ -5,9 +5,11 @@
 
 mod reason;
 mod scale;
+mod setting;
 
 pub use reason::{CHANNEL_NAMES, Reason, Sensors, Unrest};
 pub use scale::WrongScale;
+pub use setting::WrongSetting;
 
 use crate::error_model::{PARAMETERS, block};
 use crate::estimator::{Estimate, OBSERVED_RATIO, Solution};
@@ -22,6 +24,7 @@ use crate::wiring::mistake;
 use core::ops::Range;
 use scale::wrong_scales;
 use serde::{Deserialize, Serialize};
+use setting::{Explanation, wrong_gravity, wrong_setting};
 
 /// Chi-square of the fit: normal deviate of its bounds; 2e-4 above, 3e-7 below, where only the sigmas are too large.
 const CHI_SQUARE_UPPER_Z: f64 = 3.6;
@@ -181,19 +184,19 @@ pub fn judge<T: Real>(assessment: &Assessment<'_, T>, limits: &VerdictLimits) ->
     for wrong in wrong_scales(assessment.segments, assessment.site.gravity_m_s2(), limits) {
         verdict.doubt(Reason::Scale(wrong));
     }
+    if let Some(wiring) = mistake(assessment.segments).filter(|_| verdict.accepted()) {
+        verdict.doubt(Reason::Wiring(wiring));
+    }
     if !verdict.accepted() {
         // Whatever else is wrong follows from it.
         return verdict;
-    }
-    if let Some(wiring) = mistake(assessment.segments) {
-        verdict.doubt(Reason::Wiring(wiring));
     }
     judge_samples(&mut verdict, assessment);
     let levels = noise_levels(assessment);
     judge_noise_levels(&mut verdict, &levels);
     judge_segments(&mut verdict, assessment, &levels);
     judge_noise(&mut verdict, assessment, &levels);
-    judge_fit(&mut verdict, assessment.solution);
+    judge_fit(&mut verdict, assessment, limits);
     judge_parameters(&mut verdict, assessment, limits);
     if let Some(stored) = assessment.stored {
         judge_change(&mut verdict, assessment, stored, limits);
@@ -333,8 +336,15 @@ impl Pooled {
     }
 }
 
-fn judge_fit(verdict: &mut Verdict, solution: &Solution) {
-    if solution.suspicion.is_founded() {
+fn judge_fit<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, limits: &VerdictLimits) {
+    let Assessment { solution, site, .. } = assessment;
+    // What the instrument is or does may look like a setting; the other way round, it does not.
+    let sound = verdict.accepted() && implausible(solution, limits).next().is_none();
+    let wrong = if sound { wrong_setting(solution, site) } else { None };
+    if let Some(Explanation { setting, .. }) = &wrong {
+        verdict.doubt(Reason::Setting(*setting));
+    }
+    if solution.suspicion.is_founded() && !wrong.is_some_and(|wrong| wrong.only) {
         verdict.doubt(Reason::Changing(solution.suspicion));
     }
     if solution.fit.refused > 0 {
@@ -366,9 +376,21 @@ fn chi_square_bounds(degrees_of_freedom: u32) -> [f64; 2] {
     [CHI_SQUARE_LOWER_Z, CHI_SQUARE_UPPER_Z].map(|z| chi_square_quantile(degrees_of_freedom, z))
 }
 
+/// Parameters outside their plausible ranges: index, value, limit, SI.
+fn implausible(solution: &Solution, limits: &VerdictLimits) -> impl Iterator<Item = (u8, f64, f64)> {
+    let values = solution.estimate.errors.to_vector().data.0[0];
+    let limits = core::array::from_fn::<_, PARAMETERS, _>(|parameter| plausible(parameter, limits));
+    let all = (0_u8..).zip(values).zip(limits).map(|((parameter, value), limit)| (parameter, value, limit));
+    all.filter(|(_, value, limit)| value.abs() > *limit)
+}
+
 fn judge_parameters<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, limits: &VerdictLimits) {
     let estimate = &assessment.solution.estimate;
     let values = estimate.errors.to_vector();
+    let gravity = wrong_gravity(assessment.solution, assessment.site, limits.scale);
+    if let Some(gravity) = gravity {
+        verdict.doubt(Reason::Setting(gravity));
+    }
     for (parameter, sigma, required) in limits.unmet(&estimate.sigmas) {
         verdict.doubt(Reason::Sigma { parameter, sigma, required });
     }
@@ -379,7 +401,8 @@ fn judge_parameters<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, 
             continue;
         }
         let limit = plausible(parameter.into(), limits);
-        if value.abs() > limit {
+        let is_gravity = gravity.is_some() && ACCEL_SCALE.contains(&usize::from(parameter));
+        if value.abs() > limit && !is_gravity {
             verdict.doubt(Reason::Implausible { parameter, value: *value, limit });
         }
         // How well the heading is known depends on the latitude and the gyros; its sigma says so.
@@ -422,6 +445,7 @@ fn judge_change<T: Real>(
 
 /// The twelve of Bai.
 const INSTALLATION: Range<usize> = 0..block::ACCEL_BIAS;
+const ACCEL_SCALE: Range<usize> = block::ACCEL_SCALE..block::GYRO_BIAS;
 const HEADING: usize = block::ATTITUDE + 2;
 
 fn plausible(parameter: usize, limits: &VerdictLimits) -> f64 {
@@ -470,7 +494,7 @@ fn is_unrest(variance_ratio: f64, freedom: u32) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::constancy::{Change, Suspicion};
+    use crate::constancy::{Change, Settings, Suspicion};
     use crate::error_model::InstrumentErrors;
     use crate::estimator::{Fit, LargestInnovation};
     use crate::linear::Vector3;
@@ -520,6 +544,7 @@ mod tests {
                 temperature_c: 20.0,
                 optional: OptionalEstimate::default(),
                 suspicion: Suspicion::default(),
+                settings: Settings::default(),
             },
             segments: std::vec![stop(); 19],
             counts: IntakeCounts { admitted: 58_000, ..IntakeCounts::default() },
@@ -628,6 +653,57 @@ mod tests {
         assert_eq!(reasons(|case| case.solution.suspicion = below).len(), 0);
         let unknown = Suspicion { sigmas: f64::NAN, ..below };
         assert_eq!(reasons(|case| case.solution.suspicion = unknown).len(), 1);
+    }
+
+    /// Of gyros that feel an Earth rate which is another one by this, to 1e-8 rad/s.
+    fn felt(error_rad_s: [f64; 2]) -> Settings {
+        let information = 1e16;
+        Settings {
+            earth_rate_score: error_rad_s.map(|error| information * error),
+            earth_rate_information: [information, 0.0, information],
+            ..Settings::default()
+        }
+    }
+
+    #[test]
+    fn a_wrong_setting_is_named_where_it_explains_more_than_any_change() {
+        let earth_rate = |latitude_rad| Site { latitude_rad, ..Site::default() }.earth_rate_n();
+        let ([_, north, up], [_, felt_north, felt_up]) = (Site::default().earth_rate_n(), earth_rate(35.0 * DEG));
+        let error = [felt_north - north, felt_up - up];
+        let explained = felt(error).explained_by(error);
+        let found = |error, by_change: f64| {
+            reasons(|case| {
+                case.solution.settings = felt(error);
+                case.solution.fit.chi_square = 140.0 + explained;
+                case.solution.suspicion =
+                    Suspicion { change: Change::Slip(0), sigmas: by_change.sqrt(), ..Suspicion::default() };
+            })
+        };
+        let latitude = "the gyros feel the Earth rate of latitude 35.000 +- 0.008 deg, configured is 30.930 deg";
+        let (alone, beside) = (found(error, 0.9 * explained), found(error, explained));
+        assert_eq!((alone.len(), alone[0].as_str()), (2, latitude));
+        assert_eq!((beside.len(), beside[0].as_str()), (3, latitude));
+        assert!(beside[1].contains("outer encoder: slip"), "{beside:?}");
+        let by_change = found(error, explained + 10.0);
+        assert!(by_change[0].contains("outer encoder: slip"), "{by_change:?}");
+        let not_earth = found([0.0, explained.sqrt() * 1e-8], 100.0);
+        assert!(not_earth[0].contains("outer encoder: slip"), "{not_earth:?}");
+        let south = reasons(|case| case.solution.settings = felt([0.0, -2.0 * up]));
+        assert!(south[0].ends_with("latitude -30.930 +- 0.008 deg, configured is 30.930 deg: the other hemisphere?"));
+        let heading = reasons(|case| {
+            case.solution.settings = Settings { heading_rad: 3.0 * DEG, heading_sigmas: -6.0, ..Settings::default() };
+        });
+        assert_eq!(heading, ["the gyros find a heading that is 3.000 deg from the configured one, 6.0 sigma"]);
+    }
+
+    #[test]
+    fn a_scale_error_that_all_accelerometers_share_is_gravity() {
+        let scaled = |scales: [f64; 3]| reasons(|case| case.solution.estimate.errors.accel_scale = scales);
+        let gravity = scaled([6000e-6, 6100e-6, 5900e-6]);
+        assert_eq!(gravity.len(), 1);
+        assert!(gravity[0].starts_with("all three accelerometers read 1.00600 times the configured gravity of 9.79"));
+        assert_eq!(scaled([6000e-6, 100e-6, -50e-6])[0], "accel_scale_x is 6000.0 ppm, plausible up to 5000.0");
+        assert_eq!(scaled([900e-6; 3]).len(), 0);
     }
 
     #[test]

@@ -193,6 +193,7 @@ impl fmt::Display for Summary {
 fn reason_name(reason: &Reason) -> &'static str {
     match reason {
         Reason::Scale(_) => "units",
+        Reason::Setting(_) => "setting",
         Reason::NoiseLevel { .. } => "noise at most stops",
         Reason::Cut { .. } => "cut short",
         Reason::TooFewSegments(_) => "too few segments",

@@ -343,6 +343,32 @@ fn logs_in_other_units_are_rejected_for_that_alone() {
 }
 
 #[test]
+fn a_wrong_site_or_encoder_is_the_first_reason() {
+    let text = fs::read_to_string(data("sample.toml")).unwrap();
+    let at = |name: &str, latitude: &str| {
+        let unit = log(&format!("{name}.toml"), &text.replace("latitude_deg = 47.3769", latitude));
+        reasons_with(name, &unit, |_| ()).swap_remove(0)
+    };
+    for (name, latitude_deg, hemisphere) in [("lat", 46.9, ""), ("south", -47.3769, ": the other hemisphere?")] {
+        let reason = at(name, &format!("latitude_deg = {latitude_deg}"));
+        let felt = reason.strip_prefix("the gyros feel the Earth rate of latitude ").expect(&reason);
+        let (felt_deg, rest) = felt.split_once(" +- ").expect(&reason);
+        // Its sigma is 0.015 deg. A site that is far off leaves other errors, too, about which all is linear: 0.1 deg.
+        assert!((felt_deg.parse::<f64>().unwrap() - 47.3769).abs() < 0.17, "{reason}");
+        assert!(rest.ends_with(&format!("configured is {latitude_deg:.3} deg{hemisphere}")), "{reason}");
+    }
+    let unit = data("sample.toml");
+    let outer = reasons_with("outer-reversed", &unit, |reading| reading.outer_rad = -reading.outer_rad);
+    assert_eq!(outer, ["the sign of the outer encoder is wrong"]);
+    let inner = reasons_with("inner-reversed", &unit, |reading| reading.inner_rad = -reading.inner_rad);
+    assert_eq!(inner, ["the sign of the inner encoder is wrong"]);
+    let swapped = reasons_with("encoders-swapped", &unit, |reading| {
+        (reading.outer_rad, reading.inner_rad) = (reading.inner_rad, reading.outer_rad);
+    });
+    assert_eq!(swapped, ["the encoders are swapped, or an axis is wired wrongly"]);
+}
+
+#[test]
 fn noise_far_from_the_configured_one_is_one_reason_per_triad() {
     let text = fs::read_to_string(data("sample.toml")).unwrap();
     let unit = log("quiet.toml", &text.replace("accel_vrw_ug_sqrt_hz = 10.0", "accel_vrw_ug_sqrt_hz = 2.0"));

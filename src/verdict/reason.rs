@@ -1,10 +1,11 @@
 //! Doubts about a result, and their texts.
 
 use super::scale::WrongScale;
+use super::setting::WrongSetting;
 use crate::constancy::{Change, Suspicion};
 use crate::error_model::{PARAMETER_INFO, ParameterInfo, block};
 use crate::sample::CHANNELS;
-use crate::units::{ARCSEC, MICRO_G, PPM};
+use crate::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM};
 use crate::wiring::Wiring;
 use core::fmt;
 use serde::{Deserialize, Serialize};
@@ -42,6 +43,8 @@ pub enum Sensors {
 pub enum Reason {
     /// Samples are not in the units they should be in.
     Scale(WrongScale),
+    /// Something was configured that is not so.
+    Setting(WrongSetting),
     /// The noise at most stops is far from the configured one: this many times as large.
     NoiseLevel { sensors: Sensors, ratio: f64 },
     /// The longest time that the run may take was over after this leg, of so many.
@@ -150,6 +153,9 @@ fn write_suspicion(f: &mut fmt::Formatter<'_>, suspicion: &Suspicion) -> fmt::Re
         Change::EncoderScale(axis) => {
             write!(f, "from segment {segment} on, {}: scale error of {} ppm", encoder_name(axis), Fixed(size / PPM, 2))
         }
+        // Settings are told as such, by their own reason.
+        Change::EarthRate(_) => write!(f, "the Earth rate differs by {} deg/h", Fixed(size / DEG_H, 4)),
+        Change::Heading => write!(f, "the heading differs by {} deg", Fixed(size / DEG, 4)),
         Change::Outlier(channel) => {
             let (size, unit) = if channel < 3 { (size / MICRO_G, "ug") } else { (size / ARCSEC, "arcsec") };
             write!(f, "segment {segment}, {}: off by {} {unit}", channel_name(channel), Fixed(size, 2))
@@ -174,6 +180,7 @@ impl fmt::Display for Reason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::Scale(wrong) => wrong.fmt(f),
+            Self::Setting(wrong) => wrong.fmt(f),
             Self::NoiseLevel { sensors, ratio } => {
                 write!(f, "{}: noise is {} times the configured", sensors_name(sensors), Fixed(ratio, 2))
             }

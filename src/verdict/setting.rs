@@ -1,0 +1,122 @@
+//! Was something configured that is not so? The latitude, against the Earth rate that the gyros feel; the heading, against
+//! the one that they find; gravity, against what all three accelerometers read.
+//!
+//! A wrong setting is named where it explains what does not fit, and no change during the run explains it as well.
+
+use crate::constancy::Settings;
+use crate::estimator::Solution;
+use crate::linear::{ComplexField, RealField};
+use crate::site::{EARTH_RATE_RAD_S, Site};
+use crate::units::DEG;
+use core::fmt;
+use serde::{Deserialize, Serialize};
+
+/// Chi-square that a wrong setting must explain: 5.5 sigma, 4e-8.
+const LEAST_EXPLAINED: f64 = 30.0;
+/// Part of the chi-square beyond its expectation that it must explain. A change that does so explains about all of it.
+const LEAST_PART: f64 = 0.8;
+/// Chi-square by which one explanation must be better than another to be the only one: a likelihood ratio of 90.
+const BETTER: f64 = 9.0;
+/// Misfit of the magnitude of the Earth rate: 5 sigma, or a tenth of the error, which is not small against it.
+const MAGNITUDE_CHI_SQUARE: f64 = 25.0;
+const MAGNITUDE_PART: f64 = 0.01;
+/// Steps to the latitude; they converge as Newton's.
+const LATITUDE_STEPS: u8 = 8;
+/// Accelerometers that share one scale error agree within this part of it.
+const SHARED_PART: f64 = 0.2;
+
+/// A setting that is not so.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the text of a variant says what its fields are")]
+pub enum WrongSetting {
+    /// The gyros feel the Earth rate of another latitude, rad.
+    Latitude { felt_rad: f64, sigma_rad: f64, configured_rad: f64 },
+    /// The gyros find another heading than the configured one: the difference, rad, and in sigmas.
+    Heading { off_rad: f64, sigmas: f64 },
+    /// All three accelerometers read this many times the configured gravity, m/s^2.
+    Gravity { of_configured: f64, configured_m_s2: f64 },
+}
+
+impl fmt::Display for WrongSetting {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Latitude { felt_rad, sigma_rad, configured_rad } => {
+                let hemisphere = (felt_rad + configured_rad).abs() < 0.5 * (felt_rad - configured_rad).abs();
+                write!(
+                    f,
+                    "the gyros feel the Earth rate of latitude {:.3} +- {:.3} deg, configured is {:.3} deg{}",
+                    felt_rad / DEG,
+                    sigma_rad / DEG,
+                    configured_rad / DEG,
+                    if hemisphere { ": the other hemisphere?" } else { "" }
+                )
+            }
+            Self::Heading { off_rad, sigmas } => write!(
+                f,
+                "the gyros find a heading that is {:.3} deg from the configured one, {:.1} sigma",
+                off_rad / DEG,
+                sigmas.abs()
+            ),
+            Self::Gravity { of_configured, configured_m_s2 } => write!(
+                f,
+                "all three accelerometers read {of_configured:.5} times the configured gravity of {configured_m_s2:.5} \
+                 m/s^2: measured gravity, height or latitude?"
+            ),
+        }
+    }
+}
+
+/// An explanation of what does not fit.
+pub(super) struct Explanation {
+    pub(super) setting: WrongSetting,
+    /// No change during the run explains it as well.
+    pub(super) only: bool,
+}
+
+/// The latitude or the heading, if one of them is not what was configured.
+pub(super) fn wrong_setting(solution: &Solution, site: &Site) -> Option<Explanation> {
+    let latitude = latitude(&solution.settings, site);
+    let heading = heading(&solution.settings);
+    let by = |explanation: &Option<(WrongSetting, f64)>| explanation.map_or(0.0, |(_, explained)| explained);
+    let (setting, explained) = if by(&latitude) > by(&heading) { latitude } else { heading }?;
+    let excess = solution.fit.chi_square - f64::from(solution.degrees_of_freedom);
+    let by_change = solution.suspicion.sigmas * solution.suspicion.sigmas;
+    let explains = explained > LEAST_EXPLAINED && explained > LEAST_PART * excess && explained > by_change - BETTER;
+    explains.then_some(Explanation { setting, only: explained > by_change + BETTER })
+}
+
+/// The latitude whose Earth rate fits best, and the chi-square that it explains; `None` if it is the Earth rate of none.
+fn latitude(settings: &Settings, site: &Site) -> Option<(WrongSetting, f64)> {
+    let [_, north, up] = site.earth_rate_n();
+    let error = settings.earth_rate_error_rad_s()?;
+    let mut felt_rad = RealField::atan2(up + error[1], north + error[0]);
+    let mut sigma_rad = 0.0;
+    let mut off = error;
+    for _ in 0..LATITUDE_STEPS {
+        let (sin, cos) = ComplexField::sin_cos(felt_rad);
+        off = [EARTH_RATE_RAD_S * cos - north, EARTH_RATE_RAD_S * sin - up];
+        let by_latitude = [-EARTH_RATE_RAD_S * sin, EARTH_RATE_RAD_S * cos];
+        let information = settings.product(by_latitude, by_latitude);
+        felt_rad += settings.product(by_latitude, [error[0] - off[0], error[1] - off[1]]) / information;
+        sigma_rad = ComplexField::sqrt(information).recip();
+    }
+    let explained = settings.explained_by(off);
+    let misfit = settings.explained_by(error) - explained;
+    let is_earth = misfit < MAGNITUDE_CHI_SQUARE + MAGNITUDE_PART * explained;
+    let setting = WrongSetting::Latitude { felt_rad, sigma_rad, configured_rad: site.latitude_rad };
+    is_earth.then_some((setting, explained))
+}
+
+fn heading(settings: &Settings) -> Option<(WrongSetting, f64)> {
+    let Settings { heading_rad: off_rad, heading_sigmas: sigmas, .. } = *settings;
+    Some((WrongSetting::Heading { off_rad, sigmas }, sigmas * sigmas))
+}
+
+/// Gravity, if the accelerometers' scale errors are one that is beyond `limit`.
+pub(super) fn wrong_gravity(solution: &Solution, site: &Site, limit: f64) -> Option<WrongSetting> {
+    let [x, y, z] = solution.estimate.errors.accel_scale;
+    let mean = (x + y + z) / 3.0;
+    let shared = [x, y, z].iter().all(|scale| (scale - mean).abs() < SHARED_PART * mean.abs());
+    let wrong = WrongSetting::Gravity { of_configured: 1.0 + mean, configured_m_s2: site.gravity_m_s2() };
+    (shared && mean.abs() > limit).then_some(wrong)
+}
