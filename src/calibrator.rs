@@ -8,7 +8,7 @@ use crate::rehearsal::unobserved;
 use crate::sample::RawSample;
 use crate::scheme::Scheme;
 use crate::segment::{Segment, SegmentKind, Segmenter, Stillness};
-use crate::telemetry::Message;
+use crate::telemetry::{Message, tell};
 use crate::verdict::{Assessment, Verdict, VerdictLimits, is_good_fit, judge};
 use serde::{Deserialize, Serialize};
 
@@ -97,7 +97,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
     /// required sigma is met and the fit is good; `None` while it is not known yet.
     pub fn weigh_piece(&mut self, limits: &VerdictLimits, report: &mut impl FnMut(&Message)) -> Option<bool> {
         if let Some(progress) = self.finish() {
-            report(&Message::Segment(progress));
+            tell(report, || Message::Segment(progress));
         }
         if !self.estimator.is_refreshing() && !self.meets(limits) {
             return Some(false);
@@ -114,11 +114,11 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
     /// until the estimate stands, and reports innovations, solution and covariance. Returns the solution when done.
     pub fn conclude_piece(&mut self, report: &mut impl FnMut(&Message)) -> Option<Solution> {
         if let Some(progress) = self.finish() {
-            report(&Message::Segment(progress));
+            tell(report, || Message::Segment(progress));
         }
         let solved = self.estimator.solve_piece();
         for innovations in self.estimator.closing_innovations() {
-            report(&Message::Innovations(*innovations));
+            tell(report, || Message::Innovations(*innovations));
         }
         if solved { self.report_solution(report) } else { None }
     }
@@ -127,10 +127,10 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
     #[inline(never)]
     fn report_solution(&self, report: &mut impl FnMut(&Message)) -> Option<Solution> {
         let solution = *self.estimator.solution()?;
-        report(&Message::Solved { solution, counts: self.counts() });
+        tell(report, || Message::Solved { solution, counts: self.counts() });
         for row in 0..PARAMETERS {
             let values = self.estimator.covariance_row(row).map(Real::widened).data.0[0];
-            report(&Message::Covariance { row: row as u8, values });
+            tell(report, || Message::Covariance { row: row as u8, values });
         }
         Some(solution)
     }

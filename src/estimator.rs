@@ -666,6 +666,8 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         usage.force || usage.rotation
     }
 
+    // Not inlined, as the next two: what one of them needs on the stack is free again for the other.
+    #[inline(never)]
     fn process_force(
         &mut self,
         number: usize,
@@ -682,6 +684,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.take_in(&segment.force_a, (&prediction, &optional), variance, usage, (number, 0));
     }
 
+    #[inline(never)]
     fn process_rotation(
         &mut self,
         number: usize,
@@ -750,44 +753,52 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     ) {
         let residual = measured - prediction.value;
         let rounding = measured.norm() * real(ROUNDING_EPSILONS * T::EPSILON);
-        let weighted = self.config.method == Method::TwoStage && first_channel == 0;
         let floor = measured.norm() * real(self.config.noise.encoder_sigma_rad);
-        let zero = |gain: &mut T| *gain = T::zero();
         for ((z, channel), (row, variance)) in residual.iter().zip(first_channel..).zip((0..3).zip(variance.iter())) {
             let r = *variance + rounding * rounding;
-            let mut measurement = Measurement { z: *z, h: Vector::<T, STATES>::zeros(), r };
-            let h = &mut measurement.h;
-            let of_row = |column: &[T; 3]| column.get(row).copied().unwrap_or(T::zero());
-            let encoders = columns(&prediction.by_encoder_errors).iter().map(of_row);
-            let others = columns(&prediction.by_parameters).iter().chain(columns(optional)).map(of_row);
-            let (by_encoders, by_others) = h.as_mut_slice().split_at_mut(ENCODER_ERRORS);
-            by_encoders.iter_mut().zip(encoders).for_each(|(h, column)| *h = column);
-            by_others.iter_mut().zip(others).for_each(|(h, column)| *h = column);
-            let chosen = weighted.then(|| self.weights.gain(h, r + floor * floor));
-            let choose = |gain: &mut Vector<T, STATES>| match &chosen {
-                Some(chosen) => gain.copy_from(chosen),
-                None if usage.considered => gain.iter_mut().take(STAGE_ONE.end).skip(STAGE_ONE.start).for_each(zero),
-                None => {}
-            };
-            let (update, gain) = self.filter.update(&measurement, choose);
-            self.fit.note(&update, segment, channel);
-            self.note_innovation(&update, channel);
-            if let Update::Applied(innovation) = &update {
-                let by_attitude_rate = prediction.by_attitude_rate.row(row).transpose().into();
-                let by_earth_rate = prediction.by_earth_rate.row(row).transpose().into();
-                let Innovation { value: innovation, variance } = *innovation;
-                let segment = segment as u16;
-                self.suspects.see(&Seen {
-                    h: &measurement.h,
-                    gain: &gain,
-                    innovation,
-                    variance,
-                    segment,
-                    channel,
-                    by_attitude_rate,
-                    by_earth_rate,
-                });
-            }
+            self.take_in_channel((*z, r, floor), (prediction, optional), row, usage, (segment, channel));
+        }
+    }
+
+    #[inline(never)]
+    fn take_in_channel(
+        &mut self,
+        (z, r, floor): (T, T, T),
+        (prediction, optional): (&Prediction<T>, &OptionalColumns<T>),
+        row: usize,
+        usage: Use,
+        (segment, channel): (usize, u8),
+    ) {
+        let weighted = self.config.method == Method::TwoStage && channel < 3;
+        let zero = |gain: &mut T| *gain = T::zero();
+        let mut measurement = Measurement { z, h: Vector::<T, STATES>::zeros(), r };
+        let h = &mut measurement.h;
+        let of_row = |column: &[T; 3]| column.get(row).copied().unwrap_or(T::zero());
+        let encoders = columns(&prediction.by_encoder_errors).iter().map(of_row);
+        let others = columns(&prediction.by_parameters).iter().chain(columns(optional)).map(of_row);
+        let (by_encoders, by_others) = h.as_mut_slice().split_at_mut(ENCODER_ERRORS);
+        by_encoders.iter_mut().zip(encoders).for_each(|(h, column)| *h = column);
+        by_others.iter_mut().zip(others).for_each(|(h, column)| *h = column);
+        let chosen = weighted.then(|| self.weights.gain(h, r + floor * floor));
+        let choose = |gain: &mut Vector<T, STATES>| match &chosen {
+            Some(chosen) => gain.copy_from(chosen),
+            None if usage.considered => gain.iter_mut().take(STAGE_ONE.end).skip(STAGE_ONE.start).for_each(zero),
+            None => {}
+        };
+        let (update, gain) = self.filter.update(&measurement, choose);
+        self.fit.note(&update, segment, channel);
+        self.note_innovation(&update, channel);
+        if let Update::Applied(Innovation { value: innovation, variance }) = update {
+            self.suspects.see(&Seen {
+                h: &measurement.h,
+                gain: &gain,
+                innovation,
+                variance,
+                segment: segment as u16,
+                channel,
+                by_attitude_rate: prediction.by_attitude_rate.row(row).transpose().into(),
+                by_earth_rate: prediction.by_earth_rate.row(row).transpose().into(),
+            });
         }
     }
 

@@ -19,7 +19,7 @@ use crate::segment::LONGEST_GAP_US;
 use crate::sequencer::{Abort, AbortReason, Command, Input, Pace, Sequencer, State};
 use crate::servo::MotorAndLoad;
 use crate::store::{StoredCalibration, StoredVerdict};
-use crate::telemetry::Message;
+use crate::telemetry::{Message, tell};
 use crate::units::DEG;
 use crate::verdict::{Reason, Verdict, VerdictLimits, unrest};
 use core::fmt;
@@ -338,16 +338,17 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         if !self.calibrator.admit(sample) {
             return Step { motion: None, corrected: None, save: false, note: false };
         }
-        let previous = self.previous.replace(*sample);
+        let last_us = self.previous.as_ref().map_or(sample.time_us, |previous| previous.time_us);
+        self.previous = Some(*sample);
         let gimbal = &self.as_commanded(gimbal);
         self.tell_fault(gimbal, report);
         if self.measuring
             && let Some(progress) = self.calibrator.measure(sample)
         {
-            report(&Message::Segment(progress));
+            tell(report, || Message::Segment(progress));
         }
         let state = self.sequencer.state();
-        let input = self.input(sample, previous.as_ref(), gimbal);
+        let input = self.input(sample, last_us, gimbal);
         let command = self.sequencer.step(&input);
         let motion = self.act(command, state, report);
         self.report_state(state, sample.time_us, report);
@@ -395,7 +396,9 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     fn tell_fault(&mut self, gimbal: &GimbalStatus, report: &mut impl FnMut(&Message)) {
         if self.told != gimbal.fault {
             self.told = gimbal.fault;
-            gimbal.fault.into_iter().for_each(|fault| report(&Message::Fault(fault)));
+            if let Some(fault) = gimbal.fault {
+                tell(report, || Message::Fault(fault));
+            }
         }
     }
 
@@ -486,9 +489,8 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         })
     }
 
-    fn input(&mut self, sample: &RawSample<T>, previous: Option<&RawSample<T>>, gimbal: &GimbalStatus) -> Input {
+    fn input(&mut self, sample: &RawSample<T>, last_us: u64, gimbal: &GimbalStatus) -> Input {
         let now_us = sample.time_us;
-        let last_us = previous.map_or(now_us, |previous| previous.time_us);
         let lost = now_us.saturating_sub(last_us) > self.longest_silence_us();
         let loss = lost.then_some(AbortReason::SampleLoss);
         let fault = loss.or(gimbal.fault.map(AbortReason::Gimbal));
@@ -519,7 +521,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     fn report_state(&self, before: State, time_us: u64, report: &mut impl FnMut(&Message)) {
         let (state, legs) = (self.sequencer.state(), self.sequencer.legs());
         if state != before {
-            report(&Message::State { time_us, state, legs });
+            tell(report, || Message::State { time_us, state, legs });
         }
     }
 
@@ -566,7 +568,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             Command::Continue | Command::Save => {}
             Command::Decide => self.decide(report),
             Command::Begin => self.begin(report),
-            Command::Release => report(&Message::Released),
+            Command::Release => tell(report, || Message::Released),
             Command::Hold | Command::MoveTo { .. } => {}
             Command::Measure => {
                 self.calibrator.restart_counts();
@@ -584,7 +586,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             Command::GiveUp(reason) => {
                 self.measuring = false;
                 if let Some(reason) = reason {
-                    report(&Message::Aborted(Abort { reason, during }));
+                    tell(report, || Message::Aborted(Abort { reason, during }));
                 }
             }
         }
@@ -613,13 +615,13 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         let now = Moment { utc_s: self.config.utc_s, temperature_c };
         let decision = self.config.policy.decide(self.stored.as_ref().map(|(_, moment)| *moment), now);
         self.decision = Some(decision);
-        report(&Message::Decided(decision));
+        tell(report, || Message::Decided(decision));
     }
 
     /// Begins a run as if there had been none before.
     fn begin(&mut self, report: &mut impl FnMut(&Message)) {
         if self.decision == Some(COMMANDED) {
-            report(&Message::Decided(COMMANDED));
+            tell(report, || Message::Decided(COMMANDED));
         }
         self.calibrator.restart(&self.config.run());
         (self.measuring, self.enough, self.solution) = (false, None, None);
@@ -650,14 +652,14 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         }
         self.accepted = Some(accepted);
         self.verdict = StoredVerdict::new(&verdict);
-        report(&Message::Judged(verdict));
+        tell(report, || Message::Judged(verdict));
     }
 
     fn correct(&mut self, sample: &RawSample<T>, report: &mut impl FnMut(&Message)) -> Option<CorrectedSample<T>> {
         let corrected = self.calibration.as_ref()?.correct(sample);
         if self.corrected_report_us.is_none_or(|last| sample.time_us.abs_diff(last) >= CORRECTED_REPORT_US) {
             self.corrected_report_us = Some(sample.time_us);
-            report(&Message::Corrected {
+            tell(report, || Message::Corrected {
                 time_us: sample.time_us,
                 force_s: corrected.force_s.map(Real::widened).into(),
                 omega_is_s: corrected.omega_is_s.map(Real::widened).into(),

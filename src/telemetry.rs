@@ -85,3 +85,9 @@ pub enum Message {
     /// At power-up: why the software has started.
     Restarted(Restart),
 }
+
+/// Tells a message, which is large, and built here: whoever tells it needs no room for it on the stack.
+#[inline(never)]
+pub fn tell(report: &mut impl FnMut(&Message), message: impl FnOnce() -> Message) {
+    report(&message());
+}
