@@ -32,6 +32,8 @@ const BRIDGED_PERIODS: u8 = 2;
 const PLAUSIBLE_RATE: f64 = 2.0;
 /// Rate below which an axis is at rest, rad/s.
 const REST_RAD_S: f64 = 0.05 * DEG;
+/// Time after which a shorted winding should have shown its effect, us.
+const SHORTED_US: u64 = 100_000;
 /// Time after which an axis whose encoder is not believed is taken to be at rest, us.
 const BLIND_REST_US: u64 = 2_000_000;
 /// An axis stalls if it should go at this rate, rad/s, and goes at less than a quarter of it, for so many periods.
@@ -230,6 +232,18 @@ impl<T: Real> Axis<T> {
     pub fn free(&mut self, drive: Drive<T>, now_us: u64) {
         if !matches!(self.mode, Mode::Free { drive: before, .. } if before == drive) {
             self.mode = Mode::Free { drive, since_us: now_us };
+        }
+    }
+
+    /// Opens the winding if the axis still turns a while after it was shorted: its bridge does not obey, and if it does,
+    /// friction stops the axis nearly as well.
+    pub fn open_if_it_turns(&mut self, now_us: u64) {
+        if let Mode::Free { drive: Drive::Brake, since_us } = self.mode
+            && self.is_seen()
+            && now_us.saturating_sub(since_us) >= SHORTED_US
+            && self.servo.rate_rad_s().abs() > real(self.rest_rad_s)
+        {
+            self.free(Drive::Off, now_us);
         }
     }
 

@@ -17,7 +17,8 @@
 //! | stall, runaway, encoder | winding shorted: what it turns, it brakes | brakes under control |
 //! | overcurrent, a bridge that takes no duty | winding open | brakes under control |
 //!
-//! An axis that fails while it brakes, or for a second time, is shorted. The first fault stays until the next command, and
+//! An axis that turns on a tenth of a second after it was shorted is switched off: its bridge does not obey. An axis that
+//! fails while it brakes, or for a second time, is shorted. The first fault stays until the next command, and
 //! says axis, angle and number. Moves begin when both axes stand. Nothing is controlled before the first command.
 
 pub mod fault;
@@ -171,6 +172,9 @@ impl<T: Real> Gimbal<T> {
                 self.stop(Fault { axis: index, angle_rad, kind }, now_us);
             }
         }
+        if matches!(self.state, State::Stopped(_)) {
+            self.axes.iter_mut().for_each(|axis| axis.open_if_it_turns(now_us));
+        }
     }
 
     fn stop(&mut self, fault: Fault, now_us: u64) {
@@ -203,7 +207,8 @@ impl<T: Real> Gimbal<T> {
             State::Releasing => {
                 self.axes.iter_mut().for_each(|axis| axis.stop(now_us));
                 if self.axes.iter().all(|axis| axis.is_at_rest(now_us)) {
-                    self.axes.iter_mut().for_each(|axis| axis.free(Drive::Brake, now_us));
+                    let controlled = self.axes.iter_mut().filter(|axis| axis.is_controlled());
+                    controlled.for_each(|axis| axis.free(Drive::Brake, now_us));
                     self.state = State::Released;
                 }
             }
@@ -216,5 +221,44 @@ impl<T: Real> Gimbal<T> {
         let ((index, axis), target_rad) = targets.find(|((_, axis), target_rad)| !axis.reaches(*target_rad))?;
         let kind = FaultKind::Travel { limit_rad: axis.nearest_within(target_rad) };
         Some(Fault { axis: index, angle_rad: axis.angle_rad(), kind })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::angle::rad_to_ticks;
+    use crate::units::DEG;
+
+    /// An outer axis that goes on at 20 deg/s whatever its bridge is told, until it is switched off.
+    #[test]
+    fn a_bridge_that_does_not_obey_is_switched_off() {
+        let mut gimbal = Gimbal::<f64>::new(&[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2]);
+        gimbal.command(MotionCommand::Hold);
+        let (mut angle_rad, mut shorted_us, mut open_us) = (0.0, None, None);
+        for period in 1..1000 {
+            let (now_us, turned) = (period * PERIOD_US, Angle::from_ticks(rad_to_ticks(angle_rad) as u32));
+            let sensed = Sensed { encoders: [Ok(turned), Ok(Angle::default())], bridges: [Ok(()); 2] };
+            let [outer, _] = gimbal.control(now_us, &sensed);
+            match outer {
+                Drive::Off => open_us = open_us.or(Some(now_us)),
+                Drive::Brake => shorted_us = shorted_us.or(Some(now_us)),
+                Drive::Duty(_) => {}
+            }
+            if period > 100 && outer != Drive::Off {
+                angle_rad += 20.0 * DEG * 1e-3;
+            }
+        }
+        let fault = gimbal.status().fault.expect("it is noticed");
+        assert!(fault.axis == 0 && matches!(fault.kind, FaultKind::Runaway { .. }), "{fault}");
+        let (shorted_us, open_us) = (shorted_us.expect("it is shorted first"), open_us.expect("it is switched off"));
+        assert_eq!(open_us - shorted_us, 100_000);
+        gimbal.command(MotionCommand::Release);
+        let standing = Sensed {
+            encoders: [Ok(Angle::from_ticks(rad_to_ticks(angle_rad) as u32)), Ok(Angle::default())],
+            bridges: [Ok(()); 2],
+        };
+        let last = (1000..3000).map(|period| gimbal.control(period * PERIOD_US, &standing)).last();
+        assert_eq!(last, Some([Drive::Off, Drive::Brake]), "and stays so when it is let go");
     }
 }
