@@ -74,6 +74,8 @@ fn commanded_followed_read_and_erased(port: &Path) {
     let json = directory.path().join("stored.json");
     let read = ["--read", "calibration", "--json", json.to_str().expect("a name")];
 
+    // It has looked at its first samples.
+    while !text(&monitor(port, &["--read", "status"]).stdout).contains("StandBy") {}
     let nothing = monitor(port, &read);
     let (abort, locked) = (monitor(port, &["--abort"]), monitor(port, &["--erase"]));
     let run = monitor(port, &["--start"]);
