@@ -254,3 +254,51 @@ fn wrong_rows_of_mapped_logs_are_named() {
     let degrees = read(&log, &mapping.replace("[accel]", "unit = \"deg/s\"\nscale = -0.5\n[accel]"));
     assert!((degrees[0].omega_g[2] + 1.5 * DEG).abs() < 1e-15);
 }
+
+#[test]
+fn what_is_damaged_is_named_where_it_is() {
+    let rows: Vec<String> = readings()
+        .iter()
+        .map(|reading| {
+            let ([gx, gy, gz], [ax, ay, az]) = (reading.omega_g, reading.force_a);
+            let time_s = reading.time_us as f64 * 1e-6;
+            format!("{time_s},{gx},{gy},{gz},{ax},{ay},{az},{},{}", reading.outer_rad, reading.inner_rad)
+        })
+        .collect();
+    let with = |number: usize, row: &str| {
+        let mut rows = rows.clone();
+        rows[number] = row.into();
+        format!("{}\n{}\n", COLUMNS.join(","), rows.join("\n"))
+    };
+    // A number that would turn to infinity.
+    let log = written("damaged.csv", with(4998, "40.0,0,1e300,0,0,0,9.8,0,0"));
+    assert_eq!(
+        refused(&log, ""),
+        "damaged.csv:5000: column gyro_y_rad_s: 1e300 rad/s is beyond anything that can be measured"
+    );
+    let swapped = "[accel]\naxes = [\"z\", \"x\", \"y\"]\n";
+    std::fs::write(&log, with(4998, "40.0,0,0,0,0,-2e15,9.8,0,0")).unwrap();
+    assert_eq!(
+        refused(&log, swapped),
+        "damaged.csv:5000: column accel_y_m_s2: -2e15 m/s^2 is beyond anything that can be measured"
+    );
+    std::fs::write(&log, with(2, "2.01,\"0,0,0,0,0,9.8,0,0")).unwrap();
+    assert_eq!(refused(&log, ""), "damaged.csv:4: a quote (\") is not closed");
+    std::fs::write(&log, with(2, "2.01,\"0\",0,0,0,0,9.8,0,0")).unwrap();
+    assert_eq!(read(&log, "").len(), 6000);
+    // A flipped byte in compressed data: what follows is no row, and the damage is what is wrong.
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    std::io::Write::write_all(&mut encoder, with(0, &rows[0]).as_bytes()).unwrap();
+    let mut bytes = encoder.finish().unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 0x55;
+    let log = written("damaged.csv.gz", bytes);
+    let message = refused(&log, "");
+    assert!(["deflate", "gzip"].iter().any(|word| message.contains(word)), "{message}");
+    // Raw matrices are read, not written: no text goes into one.
+    let error = LogWriter::create(&scratch("out.f64"), false).err().expect("refused").to_string();
+    assert!(
+        error.ends_with("out.f64: raw matrices are not written; give a name that ends in .csv, .csv.gz or .parquet")
+    );
+    assert!(!scratch("out.f64").exists());
+}

@@ -13,6 +13,8 @@ use std::path::{Path, PathBuf};
 
 /// Steps within this part of the median make the mean interval.
 const REGULAR: f64 = 0.5;
+/// Rates, forces and angles beyond this, SI, are no measurements; wrong units are far below it.
+const IMMENSE: f64 = 1e15;
 
 /// What turns rows into readings.
 pub(super) struct Conversion {
@@ -74,14 +76,38 @@ impl Conversion {
     pub(super) fn reading(&mut self, line: u64, fields: &Fields) -> Result<Reading, LogError> {
         let time_us = self.time_us(fields[0]).map_err(|fault| LogError::at(&self.path, line, fault))?;
         let [_, gx, gy, gz, ax, ay, az, outer, inner, temperature] = *fields;
-        Ok(Reading {
+        let reading = Reading {
             time_us,
             omega_g: self.gyro.apply([gx, gy, gz]),
             force_a: self.accel.apply([ax, ay, az]),
             outer_rad: self.layout.encoders[0].apply(outer),
             inner_rad: self.layout.encoders[1].apply(inner),
             temperature_c: (temperature + self.layout.temperature_offset_c) as f32,
-        })
+        };
+        self.check(&reading).map_err(|fault| LogError::at(&self.path, line, fault))?;
+        Ok(reading)
+    }
+
+    /// Refuses what would turn to infinity in the sums.
+    fn check(&self, reading: &Reading) -> Result<(), Fault> {
+        let angles = [reading.outer_rad, reading.inner_rad];
+        let values = [("rad/s", &reading.omega_g[..]), ("m/s^2", &reading.force_a), ("rad", &angles)];
+        let all = values.into_iter().flat_map(|(unit, values)| values.iter().map(move |value| (unit, *value)));
+        match all.enumerate().find(|(_, (_, value))| value.abs() > IMMENSE) {
+            Some((number, (unit, value))) => Err(Fault::Immense { column: self.column_of(number), value, unit }),
+            None => Ok(()),
+        }
+    }
+
+    /// The column of a reading's number: gyros, accelerometers, angles.
+    fn column_of(&self, number: usize) -> String {
+        let of = |triad: &Triad, axis: usize| triad.axes[axis].0;
+        let field = match number {
+            0..3 => 1 + of(&self.gyro, number),
+            3..6 => 4 + of(&self.accel, number - 3),
+            _ => number + 1,
+        };
+        self.layout.column_name(field)
     }
 
     fn time_us(&mut self, stamp: f64) -> Result<u64, Fault> {

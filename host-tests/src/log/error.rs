@@ -27,6 +27,12 @@ pub enum LogError {
     /// The mapping is wrong, or does not fit the log.
     #[error(transparent)]
     Mapping(#[from] TomlFileError),
+    /// A format that can be read only.
+    #[error("{}: raw matrices are not written; give a name that ends in .csv, .csv.gz or .parquet", path.display())]
+    ReadOnly {
+        /// The file.
+        path: PathBuf,
+    },
     /// Something in the log.
     #[error("{}:{line}: {fault}", path.display())]
     At {
@@ -117,6 +123,19 @@ pub enum Fault {
         column: String,
         /// What is there.
         text: String,
+    },
+    /// A quote begins in a line and does not end in it.
+    #[error("a quote (\") is not closed")]
+    OpenQuote,
+    /// A number that nothing measures.
+    #[error("column {column}: {value:e} {unit} is beyond anything that can be measured")]
+    Immense {
+        /// The column.
+        column: String,
+        /// The number.
+        value: f64,
+        /// Its unit.
+        unit: &'static str,
     },
     /// A column of something else than numbers.
     #[error("column {column}: {found}, not numbers")]

@@ -27,6 +27,8 @@ pub(super) struct TextRows {
     /// Where the fields of the line end.
     ends: Vec<usize>,
     unquoted: csv::ByteRecord,
+    /// Whether a quote begins in the line and does not end there.
+    quote_is_open: bool,
 }
 
 impl TextRows {
@@ -43,6 +45,7 @@ impl TextRows {
             waiting: false,
             ends: Vec::new(),
             unquoted: csv::ByteRecord::new(),
+            quote_is_open: false,
         };
         for _ in 0..layout.skip_rows {
             rows.read_line()?;
@@ -107,6 +110,7 @@ impl TextRows {
     /// Finds the fields of the line. Quotes are rare, and taken out first.
     fn split(&mut self) {
         self.ends.clear();
+        self.quote_is_open = false;
         if memchr::memchr(b'"', &self.line).is_some() {
             self.unquote();
         }
@@ -117,6 +121,7 @@ impl TextRows {
     /// The line without quotes, and without delimiters within them.
     fn unquote(&mut self) {
         let delimiter = self.layout.delimiter;
+        self.quote_is_open = memchr::memchr_iter(b'"', &self.line).count() % 2 == 1;
         let mut csv = csv::ReaderBuilder::new().has_headers(false).delimiter(delimiter).from_reader(&self.line[..]);
         if csv.read_byte_record(&mut self.unquoted).is_ok() {
             let fields = self.unquoted.iter().map(|field| {
@@ -132,7 +137,16 @@ impl TextRows {
         self.line[start..self.ends[position]].trim_ascii()
     }
 
+    /// A row that cannot be read; of damaged compressed data, that is what is wrong with it, and the end tells.
+    fn wrong_row(&mut self, fault: Fault) -> LogError {
+        let rest = std::io::copy(&mut self.input, &mut std::io::sink());
+        self.at(self.number, rest.map_or_else(Fault::Read, |_| fault))
+    }
+
     fn check_length(&self) -> Result<(), Fault> {
+        if self.quote_is_open {
+            return Err(Fault::OpenQuote);
+        }
         let (found, expected) = (self.ends.len(), self.columns);
         if found == expected {
             return Ok(());
@@ -197,8 +211,10 @@ impl RawRows for TextRows {
                 continue;
             }
             self.split();
-            self.parse(fields).map_err(|fault| self.at(self.number, fault))?;
-            return Ok(Some(self.number));
+            return match self.parse(fields) {
+                Ok(()) => Ok(Some(self.number)),
+                Err(fault) => Err(self.wrong_row(fault)),
+            };
         }
         Ok(None)
     }

@@ -29,8 +29,11 @@ impl LogWriter {
     /// name ends in `.gz`.
     ///
     /// # Errors
-    /// The file cannot be created or written.
+    /// The file cannot be created or written, or its name is that of a raw matrix.
     pub fn create(path: &Path, temperature: bool) -> Result<Self, LogError> {
+        if Format::of(path).is_matrix() {
+            return Err(LogError::ReadOnly { path: path.into() });
+        }
         let file = File::create(path).map_err(LogError::io(path))?;
         let output = match Format::of(path) {
             Format::Parquet => Output::Parquet(Box::new(ParquetOutput::create(path, file, temperature)?)),
