@@ -46,6 +46,9 @@ pub fn main() -> ExitCode {
 }
 
 fn run(arguments: Arguments) -> anyhow::Result<Ending> {
+    if arguments.quiet {
+        output::be_quiet();
+    }
     match arguments.command.unwrap_or(Command::Calibrate(arguments.calibrate)) {
         Command::Calibrate(arguments) => calibrate::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),

@@ -121,16 +121,17 @@ pub struct RunResult {
 }
 
 impl MonteCarlo {
-    /// All runs on all cores; per method its results in the order of the runs. `on_run` is called after each.
+    /// All runs on all cores; per method its results in the order of the runs. `on_run` is called after each, with
+    /// whether all its methods accepted.
     ///
     /// # Errors
     /// What the core has against the configuration.
-    pub fn run(&self, on_run: impl Fn() + Sync) -> Result<Vec<MethodStatistics>> {
+    pub fn run(&self, on_run: impl Fn(bool) + Sync) -> Result<Vec<MethodStatistics>> {
         self.check()?;
         let of_every_run = matches!(self.errors, ErrorSource::Fixed(_)).then(|| self.bounds(&self.virtual_run(0)));
         let runs = (0..self.runs).into_par_iter().map(|run| {
             let results = self.run_one(run, of_every_run.as_deref());
-            on_run();
+            on_run(results.as_ref().is_ok_and(|results| results.iter().all(|result| result.accepted)));
             results
         });
         let results: Vec<Vec<RunResult>> = runs.collect::<Result<_>>()?;

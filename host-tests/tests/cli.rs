@@ -725,3 +725,19 @@ fn completions_and_manual_name_every_command() {
         }
     }
 }
+
+#[test]
+fn quiet_commands_say_how_they_end_and_nothing_else() {
+    let (log, config) = (data("sample.csv.gz"), data("sample.toml"));
+    let said = |arguments: &[&str]| {
+        let output = rins(arguments);
+        (output.status.code(), text(&output.stdout), text(&output.stderr))
+    };
+    let nothing = |text: &str| (Some(0), text.to_string(), String::new());
+    assert_eq!(said(&["replay", &log, "--config", &config, "--quiet"]), nothing("accepted\n"));
+    assert_eq!(said(&["replay", "--quiet", &log, "--config", &config]), nothing("accepted\n"));
+    assert_eq!(said(&["observability", "--scheme", "fast-60", "-q"]), nothing(""));
+    assert_eq!(said(&["simulate", "--quiet", "--scheme", "fast-60", "--out", &scratch("quiet.csv")]), nothing(""));
+    let (status, stdout, stderr) = said(&["replay", &scratch("nowhere.csv"), "--quiet"]);
+    assert_eq!((status, stdout.as_str(), stderr.lines().count()), (Some(1), "", 1), "{stderr}");
+}

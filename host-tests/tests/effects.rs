@@ -32,7 +32,7 @@ fn statistics(effects: Effects, options: Options, scheme: &str) -> MethodStatist
         rate_hz: 200.0,
         seed: 5,
     };
-    campaign.run(|| ()).expect("open loop").remove(0)
+    campaign.run(|_| ()).expect("open loop").remove(0)
 }
 
 fn mean_normalized_squared(statistics: &MethodStatistics) -> f64 {

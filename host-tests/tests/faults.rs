@@ -64,7 +64,7 @@ fn near_a_pole_only_the_heading_suffers() {
         rate_hz: 100.0,
         seed: 7,
     };
-    let [statistics] = &campaign.run(|| ()).expect("open loop")[..] else { panic!("one method") };
+    let [statistics] = &campaign.run(|_| ()).expect("open loop")[..] else { panic!("one method") };
     assert_eq!(statistics.unconverged, 0);
     assert!(statistics.accepted >= 47, "{:?}", statistics.rejections);
     let [twelve @ .., heading] = &statistics.states[..PARAMETERS] else { panic!("as many as there are") };

@@ -2,7 +2,7 @@
 
 use super::Ending;
 use super::arguments::{ApplyArguments, FrameArgument};
-use super::output::sayln;
+use super::output::{note, sayln};
 use super::{files, progress, replay};
 use crate::calibration::raw_sample;
 use crate::log::{LogReader, LogWriter};
@@ -23,7 +23,7 @@ pub fn run(arguments: &ApplyArguments) -> anyhow::Result<Ending> {
     files::check(&inputs, &[("--out", Some(arguments.out.as_path()))])?;
     let saved = Saved::read(&arguments.calibration)?;
     if !saved.is_accepted() {
-        eprintln!("note: {} is {}", saved.path.display(), saved.verdict);
+        note!("{} is {}", saved.path.display(), saved.verdict);
     }
     let layout = replay::layout(&arguments.log, arguments.mapping.as_deref())?;
     let reader = LogReader::open_as(&arguments.log, &layout)?;
@@ -49,7 +49,7 @@ fn correct(reader: LogReader, calibration: &Calibration<f64>, arguments: &ApplyA
             counter.set_position(rows);
         }
     }
-    counter.finish_and_clear();
+    drop(counter);
     writer.finish()?;
     Ok(rows)
 }

@@ -1,7 +1,8 @@
 //! `rins calibrate`
 
 use super::arguments::CalibrateArguments;
-use super::output::sayln;
+use super::output::{is_quiet, must_sayln, sayln};
+use super::progress::Progress;
 use super::{Ending, files, progress, replay};
 use crate::closed_loop::{Ended, PowerUp, Terms};
 use crate::emulator::Run;
@@ -10,12 +11,12 @@ use crate::quantity;
 use crate::truth::Truth;
 use crate::virtual_run::VirtualRun;
 use anyhow::Context;
-use indicatif::ProgressBar;
-use rins_selfcal::calibrator::Progress;
+use rins_selfcal::calibrator::Progress as Segmented;
 use rins_selfcal::error_model::block;
 use rins_selfcal::policy::Decision;
 use rins_selfcal::sequencer::State;
 use rins_selfcal::telemetry::Message;
+use std::cell::RefCell;
 use std::path::Path;
 use std::time::Instant;
 
@@ -43,10 +44,10 @@ pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
     if arguments.firmware {
         return firmware(arguments, &run, &power_up);
     }
-    let bar = progress::bar(run.duration_s().ceil() as u64, "s");
+    let live = Live::new(&run, &power_up);
     let started = Instant::now();
-    let ended = power_up.in_process(|message| show(&bar, message))?;
-    bar.finish_and_clear();
+    let ended = power_up.in_process(|message| live.show(message))?;
+    drop(live);
     let wall = started.elapsed();
     let ending = conclude(arguments, &power_up, &run, &ended)?;
     progress::wall_time(wall);
@@ -73,13 +74,12 @@ fn firmware(arguments: &CalibrateArguments, run: &VirtualRun, power_up: &PowerUp
 }
 
 fn boot(number: u32, run: &VirtualRun, power_up: &PowerUp, eeprom: &Path) -> anyhow::Result<Ended> {
-    let bar = progress::bar(run.duration_s().ceil() as u64, "s");
-    bar.println(format!("boot {number}"));
-    let on_log = |line: &str| bar.suspend(|| sayln!("firmware: {line}"));
-    let (ended, run) = power_up
-        .in_emulator(eeprom, on_log, |message| show(&bar, message))
-        .with_context(|| format!("boot {number}"))?;
-    bar.finish_and_clear();
+    let live = Live::new(run, power_up);
+    live.progress.warn(&format!("boot {number}"));
+    let on_log = |line: &str| live.progress.suspend(|| sayln!("firmware: {line}"));
+    let (ended, run) =
+        power_up.in_emulator(eeprom, on_log, |message| live.show(message)).with_context(|| format!("boot {number}"))?;
+    drop(live);
     sayln!("boot {number}: {}", figures(&run));
     Ok(ended)
 }
@@ -123,28 +123,72 @@ fn conclude(
             Decision::UseStored(_) | Decision::Calibrate(_) => Ending::Done,
         }),
         Ended::Aborted(abort) => {
+            if is_quiet() {
+                must_sayln!("aborted; {abort}");
+            }
             sayln!("verdict: aborted\n  - {abort}");
             Ok(Ending::NotAccepted)
         }
     }
 }
 
-fn show(bar: &ProgressBar, message: &Message) {
-    match message {
-        Message::State { time_us, state, legs } => {
-            bar.set_position(time_us / 1_000_000);
-            if let State::Turn(leg) = state {
-                bar.set_prefix(format!("leg {leg} of {}", legs - 1));
+/// A run as it goes: time, leg, angles of the axes, worst sigma; what is out of the ordinary stays to be read.
+struct Live<'a> {
+    progress: Progress,
+    power_up: &'a PowerUp<'a>,
+    doing: RefCell<String>,
+    known: RefCell<String>,
+}
+
+impl<'a> Live<'a> {
+    fn new(run: &VirtualRun, power_up: &'a PowerUp<'a>) -> Self {
+        let progress = progress::bar(run.duration_s().ceil() as u64, "s");
+        Self { progress, power_up, doing: RefCell::default(), known: RefCell::default() }
+    }
+
+    fn show(&self, message: &Message) {
+        match message {
+            Message::State { time_us, state, legs } => {
+                *self.doing.borrow_mut() = in_words(*state, *legs);
+                self.progress.set_position(time_us / 1_000_000);
             }
+            Message::Segment(segment) => *self.known.borrow_mut() = worst(segment),
+            Message::Decided(decision) => self.progress.suspend(|| sayln!("power-up: {decision}")),
+            Message::Fault(fault) => self.progress.warn(&format!("fault: {fault}")),
+            Message::Store { damaged: true, .. } => self.progress.warn("store: a record is damaged"),
+            Message::Store { fault: true, .. } => self.progress.warn("store: the memory does not answer"),
+            Message::Saved(false) => self.progress.warn("store: the calibration could not be stored"),
+            _ => return,
         }
-        Message::Segment(progress) => bar.set_message(worst(progress)),
-        Message::Decided(decision) => bar.suspend(|| sayln!("power-up: {decision}")),
-        _ => {}
+        let angles = self.power_up.signals().borrow().points().last().map_or_else(String::new, |point| {
+            let [outer, inner] = point.angles_rad.map(|angle| angle.to_degrees() + 0.0);
+            format!("outer {outer:.1} deg, inner {inner:.1} deg")
+        });
+        let parts = [self.doing.borrow().clone(), angles, self.known.borrow().clone()];
+        self.progress.set_message(parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("; "));
     }
 }
 
-fn worst(progress: &Progress) -> String {
+fn in_words(state: State, legs: u16) -> String {
+    let last = legs.saturating_sub(1);
+    match state {
+        State::PowerUp => "power-up".into(),
+        State::AwaitStill => "waiting until all is still".into(),
+        State::Turn(leg) => format!("leg {leg} of {last}: turning"),
+        State::Settle(leg) | State::Dwell(leg) | State::Weigh(leg) => format!("leg {leg} of {last}: measuring"),
+        State::Compute | State::Verdict => "solving".into(),
+        State::Store => "storing".into(),
+        State::Correcting => "correcting".into(),
+        State::StandBy => "standing by".into(),
+        State::Stopping => "stopping".into(),
+        State::Parking => "parking".into(),
+        State::Parked => "parked".into(),
+        State::Stranded => "stranded".into(),
+    }
+}
+
+fn worst(progress: &Segmented) -> String {
     let sigmas = quantity::sigmas(&progress.estimate.sigmas);
     let worst = sigmas[..block::ACCEL_BIAS].iter().copied().fold(0.0, f64::max);
-    format!("segment {}, worst of the 12: {} arcsec", progress.segments, quantity::significant(worst))
+    format!("worst of the 12: {} arcsec", quantity::significant(worst))
 }

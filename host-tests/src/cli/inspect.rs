@@ -36,10 +36,10 @@ pub fn run(arguments: &InspectArguments) -> anyhow::Result<Ending> {
     let request = Request { log: &arguments.log, layout, unit };
     let counter = progress::counter("rows");
     let found = request.run(|doing, rows| {
-        counter.set_message(doing);
+        counter.set_message(doing.into());
         counter.set_position(rows);
     });
-    counter.finish_and_clear();
+    drop(counter);
     let found = found?;
     write(arguments, &unit, &found)?;
     say!("{}", text(&arguments.log, &found));

@@ -2,7 +2,7 @@
 
 use super::Ending;
 use super::arguments::{Arguments, CompletionsArguments};
-use super::output::say;
+use super::output::must_sayln;
 use clap::CommandFactory;
 
 pub fn completions(arguments: &CompletionsArguments) -> anyhow::Result<Ending> {
@@ -29,6 +29,6 @@ pub fn page() -> anyhow::Result<Ending> {
 }
 
 fn print(text: &[u8]) -> anyhow::Result<Ending> {
-    say!("{}", std::str::from_utf8(text)?);
+    must_sayln!("{}", std::str::from_utf8(text)?.trim_end());
     Ok(Ending::Done)
 }

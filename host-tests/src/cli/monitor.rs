@@ -1,6 +1,6 @@
 //! `rins monitor`
 
-use super::output::{say, sayln};
+use super::output::{is_quiet, must_sayln};
 use super::{Ending, files, history};
 use crate::history::History;
 use crate::monitor::{Client, Event, View, lines, open};
@@ -57,9 +57,6 @@ pub struct MonitorArguments {
     /// Unlock what `--configure` and `--erase` need
     #[arg(long)]
     unlock: bool,
-    /// Say how it ends, and nothing else
-    #[arg(long)]
-    quiet: bool,
 }
 
 /// What can be read.
@@ -90,23 +87,42 @@ pub fn run(arguments: &MonitorArguments) -> Result<Ending> {
     }
     if arguments.erase {
         client.ask_unlocked(&Command::Erase, |_| ())?;
-        tell(arguments, "the stored calibrations are erased");
+        tell("the stored calibrations are erased");
     }
     if arguments.abort {
         client.ask(&Command::Abort, |_| ())?;
-        tell(arguments, "the run is given up");
+        tell("the run is given up");
     }
     let once = arguments.abort || arguments.erase || arguments.read.is_some() || config.is_some();
     if once { Ok(Ending::Done) } else { follow(&mut client, arguments) }
 }
 
+/// A configuration, every key of which is one.
 fn configured(path: &Path) -> Result<SelfCalibrationConfig> {
-    Ok(TomlFile::read(path)?.parse()?)
+    let file = TomlFile::read(path)?;
+    let config: SelfCalibrationConfig = file.parse()?;
+    let known = toml::Value::try_from(&config)?;
+    match unknown_key(&file.parse()?, &known) {
+        Some((table, key)) => Err(file.wrong_value(&table, &key, "there is no such key").into()),
+        None => Ok(config),
+    }
 }
 
-fn tell(arguments: &MonitorArguments, text: &str) {
-    if !arguments.quiet {
-        sayln!("{text}");
+/// The first key that is not among those known, with its table.
+fn unknown_key(found: &toml::Value, known: &toml::Value) -> Option<(String, String)> {
+    let tables = found.as_table().zip(known.as_table())?;
+    tables.0.iter().find_map(|(key, value)| match tables.1.get(key) {
+        None => Some((String::new(), key.clone())),
+        Some(known) => unknown_key(value, known).map(|(table, inner)| {
+            let inside = if table.is_empty() { key.clone() } else { format!("{key}.{table}") };
+            (inside, inner)
+        }),
+    })
+}
+
+fn tell(text: &str) {
+    if !is_quiet() {
+        must_sayln!("{text}");
     }
 }
 
@@ -145,7 +161,7 @@ fn read(client: &mut Client, item: ReadArgument, json: Option<&Path>) -> Result<
             match json {
                 Some(path) => write_json(path, &events.iter().map(EventReport::from).collect::<Vec<_>>()),
                 None => {
-                    events.iter().rev().for_each(|event| sayln!("{}", told(event)));
+                    events.iter().rev().for_each(|event| must_sayln!("{}", told(event)));
                     Ok(())
                 }
             }
@@ -232,7 +248,7 @@ fn configure(client: &mut Client, config: &SelfCalibrationConfig) -> Result<()> 
 }
 
 fn print_toml(value: &impl Serialize) -> Result<()> {
-    say!("{}", toml::to_string(value)?);
+    must_sayln!("{}", toml::to_string(value)?.trim_end());
     Ok(())
 }
 
@@ -240,7 +256,7 @@ fn print_toml(value: &impl Serialize) -> Result<()> {
 
 /// Shows what comes until the user has seen enough, or until the run that was started has ended.
 fn follow(client: &mut Client, arguments: &MonitorArguments) -> Result<Ending> {
-    let mut show = Show::new(arguments);
+    let mut show = Show::new();
     let answer = client.ask(&Command::Hello, |event| show.event(event))?;
     show.event(&Event::Answer(0, answer));
     if arguments.start {
@@ -280,10 +296,10 @@ struct Screen {
 }
 
 impl Show {
-    fn new(arguments: &MonitorArguments) -> Self {
+    fn new() -> Self {
         let term = Term::stdout();
-        let screen = (term.is_term() && !arguments.quiet).then(|| Screen::new(term));
-        Self { view: View::default(), screen, quiet: arguments.quiet, started: false, note: String::new() }
+        let screen = (term.is_term() && !is_quiet()).then(|| Screen::new(term));
+        Self { view: View::default(), screen, quiet: is_quiet(), started: false, note: String::new() }
     }
 
     fn event(&mut self, event: &Event) {
@@ -293,7 +309,7 @@ impl Show {
         }
         let verdict = self.quiet && matches!(event, Event::Message(message) if is_end(message));
         if self.screen.is_none() && (verdict || !self.quiet) {
-            lines(event).iter().for_each(|line| sayln!("{line}"));
+            lines(event).iter().for_each(|line| must_sayln!("{line}"));
         }
     }
 
@@ -366,5 +382,28 @@ impl Screen {
         let _ = self.term.clear_last_lines(self.lines);
         let _ = self.term.write_line(&text.join("\n"));
         (self.lines, self.drawn) = (text.len(), Some(Instant::now()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_configuration_with_an_unknown_key_is_refused_even_where_all_is_optional() {
+        let Assignment::SelfCalibrate(config) = Assignment::default() else { panic!("the default") };
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("config.toml");
+        let text = toml::to_string(&config).unwrap();
+        let refusal = |text: String| {
+            std::fs::write(&path, text).unwrap();
+            configured(&path).map_or_else(|error| format!("{error:#}"), |_| "fine".into())
+        };
+        assert_eq!(refusal(text.clone()), "fine");
+        assert_eq!(refusal(format!("utc_s = 1700000000\n{text}")), "fine");
+        let message = refusal(format!("uct_s = 1700000000\n{text}"));
+        assert!(message.ends_with("config.toml:1: uct_s: there is no such key"), "{message}");
+        let message = refusal(text.replace("[pace]\n", "[pace]\nlongest = 5.0\n"));
+        assert!(message.ends_with(": longest: there is no such key"), "{message}");
     }
 }

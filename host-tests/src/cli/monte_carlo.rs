@@ -13,6 +13,7 @@ use rins_selfcal::error_model::{PARAMETERS, ParameterInfo};
 use rins_selfcal::method::Method;
 use rins_selfcal::scheme::Scheme;
 use serde::Serialize;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 /// Errors of Bai's Table 1, arcsec.
@@ -31,8 +32,13 @@ pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
     say!("{}", head(arguments, &monte_carlo));
     let bar = progress::bar(arguments.runs, "runs");
     let start = Instant::now();
-    let methods = monte_carlo.run(|| bar.inc(1))?;
-    bar.finish_and_clear();
+    let refused = AtomicU64::new(0);
+    let methods = monte_carlo.run(|accepted| {
+        let refused = refused.fetch_add(u64::from(!accepted), Ordering::Relaxed) + u64::from(!accepted);
+        bar.set_message(format!("{refused} not accepted so far"));
+        bar.inc(1);
+    })?;
+    drop(bar);
     let wall = start.elapsed();
     if let Some(path) = &arguments.json {
         write_json(path, &Report::new(arguments, &monte_carlo, &methods))?;

@@ -18,10 +18,6 @@ use rins_selfcal::scheme::Scheme;
 use rins_selfcal::units::DEG;
 use std::path::Path;
 use std::sync::Mutex;
-use std::time::{Duration, Instant};
-
-/// Between two lines of progress where the standard error is no terminal.
-const TELL: Duration = Duration::from_secs(10);
 
 pub fn run(arguments: &PlanArguments) -> anyhow::Result<Ending> {
     let inputs = [("--config", arguments.config.as_deref()), ("--noise", arguments.noise.as_deref().map(Path::new))];
@@ -59,23 +55,17 @@ fn refuse_unobserved(prediction: &Prediction) -> anyhow::Result<()> {
 
 fn search(request: &PlanRequest, name: &str) -> anyhow::Result<Planned> {
     let bar = progress::bar(request.evaluations, "schemes");
-    let state = Mutex::new((f64::INFINITY, Instant::now()));
+    let best = Mutex::new(f64::INFINITY);
     let progress = |looked_at, value: f64| {
-        bar.inc(looked_at);
-        let Ok(mut state) = state.lock() else { return };
-        let (best, told) = &mut *state;
-        if value < *best {
+        if let Ok(mut best) = best.lock()
+            && value < *best
+        {
             *best = value;
-            bar.set_message(format!("best {}", significant(value)));
+            bar.set_message(format!("best so far: {}", significant(value)));
         }
-        if bar.is_hidden() && told.elapsed() >= TELL {
-            *told = Instant::now();
-            eprintln!("{} of {} schemes, best {}", bar.position(), request.evaluations, significant(*best));
-        }
+        bar.inc(looked_at);
     };
-    let planned = plan(request, name, &progress);
-    bar.finish_and_clear();
-    Ok(planned?)
+    Ok(plan(request, name, &progress)?)
 }
 
 fn legs(scheme: &Scheme) -> String {

@@ -2,7 +2,7 @@
 
 use super::Ending;
 use super::arguments::ReplayArguments;
-use super::output::{say, sayln};
+use super::output::{is_quiet, must_sayln, note, say, sayln};
 use super::{files, progress};
 use crate::log::{Layout, Mapping};
 use crate::page::{Content, Previous, write_page};
@@ -50,14 +50,14 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
     if let (Some(config), Some([configured, measured])) = (&arguments.config, replay.other_rate_hz()?) {
         let (config, log) = (config.display(), arguments.log.display());
         let measured = (measured * 1e3).round() / 1e3;
-        eprintln!(
-            "note: {config}: rate_hz = {configured}, but {measured} Hz by the stamps of {log}; gaps are counted at {configured} Hz"
+        note!(
+            "{config}: rate_hz = {configured}, but {measured} Hz by the stamps of {log}; gaps are counted at {configured} Hz"
         );
     }
     let mut signals = Signals::default();
     let counter = progress::counter("rows");
     let outcome = replay.run(|rows| counter.set_position(rows), |reading| signals.note(reading))?;
-    counter.finish_and_clear();
+    drop(counter);
     if let Some(path) = &arguments.csv_estimates {
         write_estimates(path, &outcome.live).with_context(|| path.display().to_string())?;
     }
@@ -101,6 +101,10 @@ pub fn report(content: &Content, json: Option<&Path>, page: Option<&Path>, head:
     if let Some(path) = page {
         write_page(path, content)?;
     }
+    if is_quiet() {
+        let verdict: Vec<String> = std::iter::once(outcome.verdict_name().into()).chain(outcome.reasons()).collect();
+        must_sayln!("{}", verdict.join("; "));
+    }
     sayln!("{head}{}", table::samples(outcome));
     sayln!("{}", table::parameters(outcome, truth));
     say!("{}{}", table::optional_states(outcome), table::verdict(outcome));
@@ -124,7 +128,7 @@ fn unit(arguments: &ReplayArguments) -> anyhow::Result<(UnitConfig, Origin)> {
     }
     if let Some(beside) = config_beside(&arguments.log) {
         let beside = beside.display();
-        eprintln!("note: {beside} is not used; give it as --config {beside} if it describes this unit");
+        note!("{beside} is not used; give it as --config {beside} if it describes this unit");
     }
     Ok(Default::default())
 }

@@ -50,7 +50,7 @@ fn write_log(run: &VirtualRun, path: &Path) -> anyhow::Result<u64> {
             bar.set_position(number);
         }
     }
-    bar.finish_and_clear();
+    drop(bar);
     writer.finish()?;
     Ok(samples)
 }
