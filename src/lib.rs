@@ -24,6 +24,8 @@
 //! along the outer and z along the inner axis; s IMU; a, g the accelerometers' and the gyros' own axes. `rot_ab` takes
 //! b-components to a-components. SI units, radians.
 //!
+//! [`guide`] leads from a first calibration to the reasons of a rejected one.
+//!
 //! Source of the method: Bai et al., "A System-Level Self-Calibration Method for Installation Errors in a Dual-Axis
 //! Rotational Inertial Navigation System", Sensors 2019, 19(18), 4005.
 #![cfg_attr(not(test), no_std)]
@@ -42,6 +44,7 @@ pub mod drivers;
 pub mod error_model;
 pub mod estimator;
 pub mod gimbal;
+pub mod guide;
 pub mod intake;
 pub mod kalman;
 pub mod linear;
