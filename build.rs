@@ -82,6 +82,7 @@ fn link_board() -> Result<(), String> {
     println!("cargo:rustc-link-search={root}/{folder}");
     for argument in ["--nmagic", "-Tlink.x", "-Tdefmt.x"] {
         println!("cargo:rustc-link-arg-bin=firmware={argument}");
+        println!("cargo:rustc-link-arg-examples={argument}");
     }
     Ok(())
 }
