@@ -286,15 +286,16 @@ fn what_is_damaged_is_named_where_it_is() {
     assert_eq!(refused(&log, ""), "damaged.csv:4: a quote (\") is not closed");
     std::fs::write(&log, with(2, "2.01,\"0\",0,0,0,0,9.8,0,0")).unwrap();
     assert_eq!(read(&log, "").len(), 6000);
-    // A flipped byte in compressed data: what follows is no row, and the damage is what is wrong.
-    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    // A damaged byte in compressed data: the row is short, and the damage is what is wrong.
+    let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::none());
     std::io::Write::write_all(&mut encoder, with(0, &rows[0]).as_bytes()).unwrap();
     let mut bytes = encoder.finish().unwrap();
     let middle = bytes.len() / 2;
-    bytes[middle] ^= 0x55;
+    let comma = bytes[middle..].iter().position(|byte| *byte == b',').unwrap();
+    bytes[middle + comma] = b'x';
     let log = written("damaged.csv.gz", bytes);
     let message = refused(&log, "");
-    assert!(["deflate", "gzip"].iter().any(|word| message.contains(word)), "{message}");
+    assert!(message.contains("gzip"), "{message}");
     // Raw matrices are read, not written: no text goes into one.
     let error = LogWriter::create(&scratch("out.f64"), false).err().expect("refused").to_string();
     assert!(
