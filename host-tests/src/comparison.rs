@@ -4,9 +4,10 @@
 //! heading are those of the vehicle, which may have moved; they are shown, and do not count. A largest change of n normal
 //! numbers stays below `quantile((1 + CONFIDENCE^(1/n)) / 2)`, so results agree up to there.
 
-use crate::quantity;
-use crate::saved::{Saved, SavedSite};
-use rins_selfcal::error_model::{PARAMETERS, block};
+use crate::quantity::{self, fixed};
+use crate::report::SiteReport;
+use crate::saved::Saved;
+use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS, block};
 use statrs::distribution::{ContinuousCDF, Normal};
 
 /// Probability with which two right results agree.
@@ -70,6 +71,21 @@ impl Comparison {
         let beyond = |index: &usize| self.changes[*index].is_some_and(|change| change.normalized().abs() > self.limit);
         (0..block::ATTITUDE).filter(beyond)
     }
+
+    /// The conclusion in one line.
+    pub fn in_words(&self) -> String {
+        let limit = fixed(self.limit, 2);
+        let named = self.changed().filter_map(|index| {
+            let change = self.changes[index]?;
+            Some(format!("{} by {} sigma", PARAMETER_INFO[index].name, fixed(change.normalized(), 1)))
+        });
+        let named: Vec<_> = named.collect();
+        if named.is_empty() {
+            format!("agree: no change beyond {limit} sigma, attitude and heading aside")
+        } else {
+            format!("differ beyond {limit} sigma: {}", named.join(", "))
+        }
+    }
 }
 
 fn limit(count: usize) -> f64 {
@@ -100,11 +116,11 @@ fn notes(first: &Saved, second: &Saved) -> Vec<String> {
     notes
 }
 
-fn other_site(a: &SavedSite, b: &SavedSite) -> Option<String> {
+fn other_site(a: &SiteReport, b: &SiteReport) -> Option<String> {
     let moved = (a.latitude_deg - b.latitude_deg).abs() > SITE_DEG || (a.height_m - b.height_m).abs() > SITE_M;
     let gravity = (a.gravity_m_s2 / b.gravity_m_s2 - 1.0).abs() > SITE_GRAVITY;
     let words =
-        |site: &SavedSite| format!("{} deg, {} m, {:.6} m/s^2", site.latitude_deg, site.height_m, site.gravity_m_s2);
+        |site: &SiteReport| format!("{} deg, {} m, {:.6} m/s^2", site.latitude_deg, site.height_m, site.gravity_m_s2);
     (moved || gravity).then(|| format!("the sites differ: {} and {}", words(a), words(b)))
 }
 

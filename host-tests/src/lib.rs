@@ -33,6 +33,7 @@ pub mod faults;
 pub mod gimbal_plant;
 pub mod history;
 pub mod inspect;
+pub mod json_file;
 pub mod kinematics;
 pub mod line;
 pub mod log;

@@ -5,8 +5,10 @@ mod figures;
 mod paste;
 
 use crate::calibration::Outcome;
+use crate::comparison::Comparison;
 use crate::quantity::{self, fixed, rounded, significant};
 use crate::report::{CONVENTION, CalibrationReport, correction};
+use crate::saved::Saved;
 use crate::signals::Signals;
 use crate::table::{self, GROUPS};
 use crate::truth::ParameterTable;
@@ -17,8 +19,6 @@ use rins_selfcal::error_model::PARAMETER_INFO;
 use rins_selfcal::observability::INSTALLATION_STATES;
 use rins_selfcal::scheme::{Leg, Scheme};
 use rins_selfcal::segment::SegmentKind;
-use serde::Deserialize;
-use std::collections::BTreeMap;
 use std::path::Path;
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
@@ -39,7 +39,7 @@ pub struct Content<'a> {
     /// Where the samples come from, in words.
     pub source: &'a str,
     /// The calibration before this one.
-    pub previous: Option<&'a Previous>,
+    pub previous: Option<&'a Saved>,
 }
 
 impl<'a> Content<'a> {
@@ -82,42 +82,6 @@ fn scheme_seen(outcome: &Outcome, signals: &Signals) -> Option<Scheme> {
         begin_s = end_s;
     }
     Some(scheme)
-}
-
-/// Another calibration to compare with, from the JSON of its result.
-#[derive(Clone, Debug)]
-pub struct Previous {
-    /// Where it comes from, in words.
-    pub source: String,
-    /// Values in report units.
-    pub values: ParameterTable,
-    /// Sigmas in report units.
-    pub sigmas: ParameterTable,
-}
-
-impl Previous {
-    /// Reads the result that `--json` wrote.
-    ///
-    /// # Errors
-    /// One line that names the file and what is wrong with it.
-    pub fn read(path: &Path) -> anyhow::Result<Self> {
-        #[derive(Deserialize)]
-        struct Parameter {
-            value: f64,
-            sigma: f64,
-        }
-        #[derive(Deserialize)]
-        struct Result {
-            parameters: BTreeMap<String, Parameter>,
-        }
-        let context = || path.display().to_string();
-        let text = std::fs::read_to_string(path).with_context(context)?;
-        let Result { parameters } = serde_json::from_str(&text).with_context(context)?;
-        let of = |part: fn(&Parameter) -> f64| {
-            ParameterTable(std::array::from_fn(|index| parameters.get(PARAMETER_INFO[index].name).map(part)))
-        };
-        Ok(Self { source: context(), values: of(|parameter| parameter.value), sigmas: of(|parameter| parameter.sigma) })
-    }
 }
 
 /// Writes the page.
@@ -357,18 +321,16 @@ fn fit(outcome: &Outcome) -> anyhow::Result<Markup> {
     })
 }
 
-fn comparison(outcome: &Outcome, previous: &Previous) -> anyhow::Result<Markup> {
-    let (values, sigmas) = (quantity::values(&outcome.estimate().errors), quantity::sigmas(&outcome.estimate().sigmas));
-    let change = |index: usize| {
-        let (before, sigma) = (previous.values.0[index]?, previous.sigmas.0[index]?);
-        outcome.is_estimated(index).then(|| quantity::error(index, values[index], before) / sigmas[index].hypot(sigma))
-    };
-    let changes: Vec<_> =
-        (0..PARAMETER_INFO.len()).filter_map(|index| Some((PARAMETER_INFO[index].name, change(index)?))).collect();
-    let (names, changes): (Vec<&str>, Vec<f64>) = changes.into_iter().unzip();
+fn comparison(outcome: &Outcome, previous: &Saved) -> anyhow::Result<Markup> {
+    let comparison = Comparison::new(previous, &Saved::of(outcome));
+    let changes = PARAMETER_INFO.iter().zip(&comparison.changes);
+    let changes = changes.filter_map(|(info, change)| Some((info.name, change.as_ref()?.normalized())));
+    let (names, changes): (Vec<&str>, Vec<f64>) = changes.unzip();
     Ok(html! {
-        p { "With " (previous.source) "." }
-        (shown(figures::changes(&names, &changes), "changes", "Beyond the dashed lines, the unit has changed or one of the two is wrong.")?)
+        p { "With " (previous.path.display()) ": they " (comparison.in_words()) "." }
+        @if !comparison.notes.is_empty() { ul { @for note in &comparison.notes { li { (note) } } } }
+        (shown(figures::changes(&names, &changes, comparison.limit), "changes",
+            "Beyond the dashed lines, the unit has changed or one of the two is wrong; attitude and heading are the vehicle's and do not count.")?)
     })
 }
 

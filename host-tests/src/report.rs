@@ -15,7 +15,7 @@ use rins_selfcal::store::StoredCalibration;
 use rins_selfcal::units::DEG;
 use rins_selfcal::verdict::CHANNEL_NAMES;
 use serde::ser::SerializeMap;
-use serde::{Serialize, Serializer};
+use serde::{Deserialize, Serialize, Serializer};
 use std::path::Path;
 
 /// Signs, frames and how to apply a result.
@@ -66,11 +66,14 @@ pub struct Software {
 pub const SOFTWARE: Software = Software { name: "rins-selfcal", version: env!("CARGO_PKG_VERSION") };
 
 /// Where the unit stood.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 pub struct SiteReport {
-    latitude_deg: f64,
-    height_m: f64,
-    gravity_m_s2: f64,
+    /// Latitude, deg.
+    pub latitude_deg: f64,
+    /// Height, m.
+    pub height_m: f64,
+    /// Gravity, m/s^2.
+    pub gravity_m_s2: f64,
 }
 
 impl From<&Site> for SiteReport {

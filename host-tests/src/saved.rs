@@ -1,5 +1,9 @@
 //! Results read back from the file that `--json` writes.
 
+use crate::calibration::{Outcome, method_name};
+use crate::json_file::{self, JsonFileError};
+use crate::quantity;
+use crate::report::SiteReport;
 use crate::truth::ParameterTable;
 use rins_selfcal::error_model::{Calibration, PARAMETER_INFO, PARAMETERS};
 use serde::Deserialize;
@@ -9,24 +13,9 @@ use std::path::{Path, PathBuf};
 /// Why a result cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum SavedError {
-    /// The file cannot be read.
-    #[error("{}: {cause}", path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What the system says.
-        cause: std::io::Error,
-    },
-    /// It is no result.
-    #[error("{}:{line}: {message}", path.display())]
-    Content {
-        /// The file.
-        path: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// What is wrong.
-        message: String,
-    },
+    /// It cannot be read, or is no result.
+    #[error(transparent)]
+    File(#[from] JsonFileError),
     /// A parameter is no parameter, or has no number.
     #[error("{}: parameters: {message}", path.display())]
     Parameter {
@@ -59,31 +48,20 @@ impl<'de> Deserialize<'de> for UnitName {
     }
 }
 
-/// Where the unit stood.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-pub struct SavedSite {
-    /// Latitude, deg.
-    pub latitude_deg: f64,
-    /// Height, m.
-    pub height_m: f64,
-    /// Gravity, m/s^2.
-    pub gravity_m_s2: f64,
-}
-
 #[derive(Deserialize)]
 struct Contents {
     verdict: String,
     method: Option<String>,
     scheme: Option<String>,
     temperature_c: Option<f64>,
-    site: Option<SavedSite>,
+    site: Option<SiteReport>,
     parameters: BTreeMap<String, SavedParameter>,
 }
 
 /// A result.
 #[derive(Clone, Debug)]
 pub struct Saved {
-    /// The file.
+    /// The file it is from.
     pub path: PathBuf,
     /// "accepted" or "rejected".
     pub verdict: String,
@@ -94,7 +72,7 @@ pub struct Saved {
     /// Of the IMU.
     pub temperature_c: Option<f64>,
     /// Where the unit stood.
-    pub site: Option<SavedSite>,
+    pub site: Option<SiteReport>,
     /// Those that the method estimates.
     pub parameters: [Option<SavedParameter>; PARAMETERS],
 }
@@ -105,12 +83,7 @@ impl Saved {
     /// # Errors
     /// One line that names the file and what of it is wrong.
     pub fn read(path: &Path) -> Result<Self, SavedError> {
-        let text = std::fs::read_to_string(path).map_err(|cause| SavedError::Io { path: path.into(), cause })?;
-        let contents: Contents = serde_json::from_str(&text).map_err(|error| {
-            let text = error.to_string();
-            let message = text.rsplit_once(" at line ").map_or(text.as_str(), |(message, _)| message).into();
-            SavedError::Content { path: path.into(), line: error.line().max(1), message }
-        })?;
+        let contents: Contents = json_file::read(path)?;
         let wrong = |message: String| SavedError::Parameter { path: path.into(), message };
         Ok(Self {
             path: path.into(),
@@ -121,6 +94,23 @@ impl Saved {
             temperature_c: contents.temperature_c,
             site: contents.site,
         })
+    }
+
+    /// A result of this process, as if it had been written and read back.
+    pub fn of(outcome: &Outcome) -> Self {
+        let estimate = outcome.estimate();
+        let (values, sigmas) = (quantity::values(&estimate.errors), quantity::sigmas(&estimate.sigmas));
+        let parameter = |index: usize| SavedParameter { value: values[index], sigma: sigmas[index], unit: None };
+        let temperature_c = f64::from(outcome.solution.temperature_c);
+        Self {
+            path: "this result".into(),
+            verdict: outcome.verdict_name().into(),
+            method: Some(method_name(outcome.setup.method).into()),
+            scheme: outcome.setup.scheme.clone(),
+            temperature_c: Some(temperature_c).filter(|temperature| temperature.is_finite()),
+            site: Some(SiteReport::from(&outcome.setup.site)),
+            parameters: std::array::from_fn(|index| outcome.is_estimated(index).then(|| parameter(index))),
+        }
     }
 
     /// Whether it was accepted.

@@ -1,12 +1,14 @@
 //! The true parameters of an instrument by name and in report units, and the file that carries them, TRUTH.json.
 
+use crate::json_file::{self, JsonFileError};
+use crate::report::write_json;
 use rins_selfcal::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS};
 use rins_selfcal::linear::Vector;
 use serde::de::{Error as _, MapAccess, Visitor};
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::fmt;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Some or all of the 28 parameters in report units, a map from name to value in files. An unknown or repeated name is an
 /// error.
@@ -96,37 +98,6 @@ pub struct Truth {
     pub reachable_sigma: Option<ParameterTable>,
 }
 
-/// Why a truth file cannot be read or written.
-#[derive(Debug, thiserror::Error)]
-pub enum TruthError {
-    /// The file cannot be opened, read or written.
-    #[error("{}: {cause}", path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What the system says.
-        cause: std::io::Error,
-    },
-    /// The text is not a truth file.
-    #[error("{}:{line}: {message}", path.display())]
-    Content {
-        /// The file.
-        path: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// What is wrong; names the key.
-        message: String,
-    },
-}
-
-impl TruthError {
-    fn content(path: &Path, error: &serde_json::Error) -> Self {
-        let text = error.to_string();
-        let message = text.rsplit_once(" at line ").map_or(text.as_str(), |(message, _)| message);
-        Self::Content { path: path.into(), line: error.line().max(1), message: message.into() }
-    }
-}
-
 impl Truth {
     /// The truth about an instrument with these errors.
     pub fn new(errors: &InstrumentErrors<f64>) -> Self {
@@ -139,19 +110,16 @@ impl Truth {
     ///
     /// # Errors
     /// One line that names the file and, for its contents, line and key.
-    pub fn read(path: &Path) -> Result<Self, TruthError> {
-        let text = std::fs::read_to_string(path).map_err(|cause| TruthError::Io { path: path.into(), cause })?;
-        serde_json::from_str(&text).map_err(|error| TruthError::content(path, &error))
+    pub fn read(path: &Path) -> Result<Self, JsonFileError> {
+        json_file::read(path)
     }
 
     /// Writes a file.
     ///
     /// # Errors
     /// One line that names the file.
-    pub fn write(&self, path: &Path) -> Result<(), TruthError> {
-        let io = |cause| TruthError::Io { path: path.into(), cause };
-        let text = serde_json::to_string_pretty(self).map_err(|error| io(error.into()))?;
-        std::fs::write(path, text + "\n").map_err(io)
+    pub fn write(&self, path: &Path) -> anyhow::Result<()> {
+        write_json(path, self)
     }
 }
 

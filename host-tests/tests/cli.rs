@@ -701,6 +701,12 @@ fn results_are_compared_in_sigmas_of_their_difference() {
     assert_eq!(row[5], "4.00", "{agree}");
     changed("Sgyz", -4.5);
     assert!(run(2, &["compare", &cal, &other]).contains("differ beyond 4.11 sigma: Sgyz by -4.5 sigma"));
+    let page = scratch("compare.html");
+    let replay = ["replay", &data("sample.csv.gz"), "--config", &data("sample.toml")];
+    run(0, &[&replay[..], &["--previous", &other, "--report", &page]].concat());
+    let page = fs::read_to_string(&page).unwrap();
+    assert!(page.contains("compare-b.json: they differ beyond 4.11 sigma: Sgyz by 4.5 sigma."));
+    assert!(page.contains("<li>the methods differ: two-stage and joint"));
     changed("heading", 50.0);
     run(0, &["compare", &cal, &other]);
     fs::write(&other, "{\"verdict\": \"accepted\",\n\"parameters\": {\"Sgxx\": {\"value\": 1, \"sigma\": 1}}}")

@@ -6,8 +6,9 @@ use super::progress::Progress;
 use super::{Ending, files, progress, replay};
 use crate::closed_loop::{Ended, PowerUp, Terms};
 use crate::emulator::Run;
-use crate::page::{Content, Previous};
+use crate::page::Content;
 use crate::quantity;
+use crate::saved::Saved;
 use crate::truth::Truth;
 use crate::virtual_run::VirtualRun;
 use anyhow::Context;
@@ -107,7 +108,7 @@ fn conclude(
     match ended {
         Ended::Judged(outcome) => {
             let truth = Truth::new(&run.unit.errors);
-            let previous = arguments.previous.as_deref().map(Previous::read).transpose()?;
+            let previous = arguments.previous.as_deref().map(Saved::read).transpose()?;
             let content = Content {
                 outcome,
                 truth: Some(&truth.parameters),

@@ -7,7 +7,6 @@ use crate::comparison::Comparison;
 use crate::quantity::{fixed, rounded, significant};
 use crate::saved::Saved;
 use crate::table::by_parameter;
-use rins_selfcal::error_model::PARAMETER_INFO;
 
 pub fn run(arguments: &CompareArguments) -> anyhow::Result<Ending> {
     let (first, second) = (Saved::read(&arguments.first)?, Saved::read(&arguments.second)?);
@@ -16,18 +15,8 @@ pub fn run(arguments: &CompareArguments) -> anyhow::Result<Ending> {
     for note in &comparison.notes {
         sayln!("note: {note}");
     }
-    let changed: Vec<_> = comparison.changed().collect();
-    let limit = fixed(comparison.limit, 2);
-    if changed.is_empty() {
-        sayln!("agree: no change beyond {limit} sigma, attitude and heading aside");
-        return Ok(Ending::Done);
-    }
-    let named = changed.iter().filter_map(|index| {
-        let change = comparison.changes[*index]?;
-        Some(format!("{} by {} sigma", PARAMETER_INFO[*index].name, fixed(change.normalized(), 1)))
-    });
-    sayln!("differ beyond {limit} sigma: {}", named.collect::<Vec<_>>().join(", "));
-    Ok(Ending::NotAccepted)
+    sayln!("{}", comparison.in_words());
+    Ok(if comparison.changed().next().is_none() { Ending::Done } else { Ending::NotAccepted })
 }
 
 fn table(comparison: &Comparison, first: &Saved, second: &Saved) -> String {

@@ -5,10 +5,11 @@ use super::arguments::ReplayArguments;
 use super::output::{is_quiet, must_sayln, note, say, sayln};
 use super::{files, progress};
 use crate::log::{Layout, Mapping};
-use crate::page::{Content, Previous, write_page};
+use crate::page::{Content, write_page};
 use crate::quantity;
 use crate::replay::{Replay, config_beside};
 use crate::report::{CalibrationReport, write_json};
+use crate::saved::Saved;
 use crate::signals::Signals;
 use crate::table;
 use crate::truth::Truth;
@@ -37,7 +38,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
     ];
     files::check(&inputs, &outputs)?;
     let truth = arguments.truth.as_deref().map(Truth::read).transpose()?;
-    let previous = arguments.previous.as_deref().map(Previous::read).transpose()?;
+    let previous = arguments.previous.as_deref().map(Saved::read).transpose()?;
     let (unit, origin) = unit(arguments)?;
     let replay = Replay {
         path: arguments.log.clone(),

@@ -147,8 +147,12 @@ pub fn contributions(outcome: &Outcome) -> Drawn {
 }
 
 /// Change of every parameter since another calibration, in combined sigmas.
-pub fn changes(names: &[&str], changes: &[f64]) -> Drawn {
-    Figure::new("change since the previous calibration, in combined sigmas", WIDE).bars(names, changes, &[-3.0, 3.0])
+pub fn changes(names: &[&str], changes: &[f64], limit: f64) -> Drawn {
+    Figure::new("change since the previous calibration, in combined sigmas", WIDE).bars(
+        names,
+        changes,
+        &[-limit, limit],
+    )
 }
 
 fn estimated(outcome: &Outcome) -> impl Iterator<Item = usize> + '_ {
