@@ -160,9 +160,9 @@ impl View {
 fn named(hello: &Hello) -> String {
     format!(
         "rins-selfcal {}, protocol {}, store format {}, f{}, {} states",
-        hello.software,
+        hello.software.escape_debug(),
         hello.protocol,
-        char::from(hello.store_format),
+        char::from(hello.store_format).escape_debug(),
         hello.scalar_bits,
         hello.states
     )
