@@ -144,7 +144,7 @@ mod tests {
             let row = std::format!("//! | `{name}` | ");
             let lines: std::vec::Vec<_> = GUIDE.lines().filter(|line| line.starts_with(&row)).collect();
             assert_eq!(lines.len(), 1, "{name}");
-            assert!(lines[0].split(" | ").all(|cell| cell.len() > 6), "{name}");
+            assert!(lines[0].split(" | ").skip(2).all(|cell| cell.len() > 6), "{name}");
         }
         for name in explained!(Change: Step Ramp Slip EncoderScale Outlier EarthRate Heading) {
             assert!(GUIDE.contains(&std::format!("`{name}`, ")), "{name}");
