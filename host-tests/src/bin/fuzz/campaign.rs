@@ -41,7 +41,7 @@ impl Tally {
     }
 
     fn join(mut self, other: Self) -> Self {
-        other.0.iter().for_each(|(name, (count, input))| self.add(*name, *count, input));
+        other.0.iter().for_each(|(name, (count, input))| self.add(name, *count, input));
         self
     }
 }
