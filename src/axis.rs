@@ -142,12 +142,23 @@ impl<T: Real> Axis<T> {
         }
     }
 
+    /// The same axis, with other limits and another motor; it is where it was, on the same turn, and not controlled.
+    pub fn reconfigured(&self, limits: &AxisLimits, data: &MotorAndLoad) -> Self {
+        let fresh = Self::new(limits, data);
+        let mode = if self.is_controlled() { fresh.mode } else { self.mode };
+        Self { mode, ticks: self.ticks, missing: self.missing, encoder_fault: self.encoder_fault, ..fresh }
+    }
+
     /// Takes in an encoder reading, `periods` after the one before. The first decides the turn: the one within the travel,
     /// of several the one nearest to zero.
     pub fn observe(&mut self, reading: Result<Angle, EncoderFault>, periods: u64) {
         let Some(before) = self.ticks else {
             self.ticks = reading.ok().map(|angle| self.within_travel(i64::from(angle.ticks() as i32)));
             self.missing = if self.ticks.is_some() { 0 } else { self.missing.saturating_add(1) };
+            // Told to stand before anybody knew where: there.
+            if let Some(ticks) = self.ticks.filter(|_| self.is_controlled()) {
+                self.mode = Mode::Holding { ticks };
+            }
             return;
         };
         let periods = periods.clamp(1, 1000);

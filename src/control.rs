@@ -178,11 +178,9 @@ impl<T: Real, S: SpiDevice, B: MotorBridge> Control<T, S, B> {
         Ok((angles, self.status()))
     }
 
-    /// Takes other limits and motors, while the axes stand; they are held where they are.
+    /// Takes other limits and motors, while the axes stand: [`Gimbal::reconfigure`].
     pub fn reconfigure(&mut self, limits: &[AxisLimits; 2], motors: &[MotorAndLoad; 2]) {
-        self.gimbal = Gimbal::new(limits, motors);
-        self.gimbal.command(MotionCommand::Hold);
-        self.fault_us = None;
+        self.gimbal.reconfigure(limits, motors);
     }
 
     /// Commands that came too late to take effect when they should have.

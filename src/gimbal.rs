@@ -97,6 +97,8 @@ pub struct Gimbal<T: Real> {
     state: State,
     time_us: Option<u64>,
     move_us: u64,
+    /// Taken; wraps.
+    commands: u16,
 }
 
 impl<T: Real> Gimbal<T> {
@@ -108,6 +110,20 @@ impl<T: Real> Gimbal<T> {
             state: State::Released,
             time_us: None,
             move_us: 0,
+            commands: 0,
+        }
+    }
+
+    /// Takes other limits and motors, while the axes stand. Axes that are held stay held where they are; after a fault, or
+    /// where they were let go, nothing is controlled.
+    pub fn reconfigure(&mut self, limits: &[AxisLimits; 2], motors: &[MotorAndLoad; 2]) {
+        for ((axis, limits), motor) in self.axes.iter_mut().zip(limits).zip(motors) {
+            *axis = axis.reconfigured(limits, motor);
+        }
+        if matches!(self.state, State::Obeying(_)) {
+            self.state = State::Obeying(None);
+            let now_us = self.time_us.unwrap_or(0);
+            self.axes.iter_mut().for_each(|axis| axis.hold(now_us));
         }
     }
 
@@ -126,6 +142,7 @@ impl<T: Real> Gimbal<T> {
     /// Takes a command. It ends what was under way, and forgets the fault.
     pub fn command(&mut self, command: MotionCommand) {
         let now_us = self.time_us.unwrap_or(0);
+        self.commands = self.commands.wrapping_add(1);
         self.state = match command {
             MotionCommand::Hold => State::Obeying(None),
             MotionCommand::Release => State::Releasing,
@@ -142,6 +159,16 @@ impl<T: Real> Gimbal<T> {
         self.proceed(now_us);
     }
 
+    /// Takes a command that was computed from a status. If a fault has come up since, the command only counts: it must not
+    /// end what that fault has begun.
+    pub fn command_seen(&mut self, command: MotionCommand, seen: &GimbalStatus) {
+        if self.status().fault == seen.fault {
+            self.command(command);
+        } else {
+            self.commands = self.commands.wrapping_add(1);
+        }
+    }
+
     /// How the axes are.
     pub fn status(&self) -> GimbalStatus {
         let now_us = self.time_us.unwrap_or(0);
@@ -152,7 +179,7 @@ impl<T: Real> Gimbal<T> {
             arrived: !waits && self.axes.iter().all(|axis| axis.has_arrived(now_us)),
             at_rest: !waits && self.axes.iter().all(|axis| axis.is_at_rest(now_us)),
             move_us: self.move_us,
-            commands: 0,
+            commands: self.commands,
             fault,
         }
     }
@@ -162,7 +189,10 @@ impl<T: Real> Gimbal<T> {
         for (index, bridge) in (0_u8..).zip(sensed.bridges) {
             let Some(axis) = self.axes.get_mut(usize::from(index)) else { continue };
             let fault = axis.fault(now_us);
-            // Of a bridge that drives nothing, nothing is to be said.
+            // Of a bridge that drives nothing, nothing is to be said; but it is not switched on again to short a winding.
+            if bridge.is_err() && !axis.is_controlled() {
+                axis.free(Drive::Off, now_us);
+            }
             let of_bridge = bridge.err().filter(|_| axis.is_controlled()).map(FaultKind::Bridge);
             let kind = of_bridge.or(fault);
             // An axis that brakes beyond the end of its travel is doing what it can.
@@ -172,7 +202,7 @@ impl<T: Real> Gimbal<T> {
                 self.stop(Fault { axis: index, angle_rad, kind }, now_us);
             }
         }
-        if matches!(self.state, State::Stopped(_)) {
+        if matches!(self.state, State::Stopped(_) | State::Releasing) {
             self.axes.iter_mut().for_each(|axis| axis.open_if_it_turns(now_us));
         }
     }
@@ -229,6 +259,65 @@ mod tests {
     use super::*;
     use crate::angle::rad_to_ticks;
     use crate::units::DEG;
+
+    /// Whole periods in which the encoders show this, deg.
+    fn periods(gimbal: &mut Gimbal<f64>, count: u64, angles_deg: [f64; 2]) -> [Drive<f64>; 2] {
+        let encoders = angles_deg.map(|angle_deg| Ok(Angle::from_ticks(rad_to_ticks(angle_deg * DEG) as u32)));
+        let mut drives = [Drive::Off; 2];
+        for _ in 0..count {
+            let now_us = gimbal.time_us.unwrap_or(0) + PERIOD_US;
+            drives = gimbal.control(now_us, &Sensed { encoders, bridges: [Ok(()); 2] });
+        }
+        drives
+    }
+
+    #[test]
+    fn other_limits_leave_axes_where_they_are() {
+        let (limits, motors) = ([AxisLimits::default(); 2], [MotorAndLoad::default(); 2]);
+        let mut gimbal = Gimbal::<f64>::new(&limits, &motors);
+        // The outer axis is turned by hand, at 20 deg/s and beyond a whole turn.
+        periods(&mut gimbal, 1, [0.0, 30.0]);
+        for tenths in 0..=4000 {
+            periods(&mut gimbal, 5, [f64::from(tenths) * 0.1, 30.0]);
+        }
+        periods(&mut gimbal, 1000, [400.0, 30.0]);
+        gimbal.command(MotionCommand::Hold);
+        periods(&mut gimbal, 1000, [400.0, 30.0]);
+        assert!(gimbal.status().arrived);
+        gimbal.reconfigure(&limits, &motors);
+        let drives = periods(&mut gimbal, 1000, [400.0, 30.0]);
+        assert_eq!(gimbal.status().fault, None);
+        assert!(drives.iter().all(|drive| matches!(drive, Drive::Duty(_))), "they are held");
+        let close = |index: usize, deg: f64| (gimbal.axes[index].angle_rad() - deg * DEG).abs() < 1e-6;
+        assert!(close(0, 400.0) && close(1, 30.0) && gimbal.status().arrived);
+        gimbal.command(MotionCommand::Release);
+        periods(&mut gimbal, 1000, [400.0, 30.0]);
+        gimbal.reconfigure(&limits, &motors);
+        assert_eq!(periods(&mut gimbal, 10, [400.0, 30.0]), [Drive::Brake; 2], "let go they stay");
+    }
+
+    #[test]
+    fn a_bridge_at_fault_is_not_switched_on_again_to_short_a_winding() {
+        let mut gimbal = Gimbal::<f64>::new(&[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2]);
+        periods(&mut gimbal, 10, [0.0; 2]);
+        let hot = Sensed { encoders: [Ok(Angle::default()); 2], bridges: [Err(BridgeFault::Overcurrent), Ok(())] };
+        assert_eq!(gimbal.control(11 * PERIOD_US, &hot), [Drive::Off, Drive::Brake]);
+        assert_eq!(periods(&mut gimbal, 100, [0.0; 2]), [Drive::Off, Drive::Brake]);
+    }
+
+    #[test]
+    fn a_command_from_before_a_fault_only_counts() {
+        let mut gimbal = Gimbal::<f64>::new(&[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2]);
+        periods(&mut gimbal, 10, [0.0; 2]);
+        gimbal.command(MotionCommand::Hold);
+        let before = gimbal.status();
+        let hot = Sensed { encoders: [Ok(Angle::default()); 2], bridges: [Err(BridgeFault::Overcurrent), Ok(())] };
+        gimbal.control(11 * PERIOD_US, &hot);
+        gimbal.command_seen(MotionCommand::Hold, &before);
+        assert!(gimbal.status().fault.is_some() && gimbal.status().commands == 2);
+        gimbal.command_seen(MotionCommand::Hold, &gimbal.status());
+        assert!(gimbal.status().fault.is_none() && gimbal.status().commands == 3);
+    }
 
     /// An outer axis that goes on at 20 deg/s whatever its bridge is told, until it is switched off.
     #[test]

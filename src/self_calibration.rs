@@ -492,9 +492,9 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     fn input(&mut self, sample: &RawSample<T>, last_us: u64, gimbal: &GimbalStatus) -> Input {
         let now_us = sample.time_us;
         let lost = now_us.saturating_sub(last_us) > self.longest_silence_us();
-        let loss = lost.then_some(AbortReason::SampleLoss);
-        let fault = loss.or(gimbal.fault.map(AbortReason::Gimbal));
-        let abort = self.abort.take().or(fault);
+        let (commanded, loss) = (self.abort.take(), lost.then_some(AbortReason::SampleLoss));
+        // An axis that has failed must not be parked, whatever else ends the run.
+        let abort = gimbal.fault.map(AbortReason::Gimbal).or(commanded).or(loss);
         Input {
             now_us,
             decision: self.decision,
