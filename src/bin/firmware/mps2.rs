@@ -29,6 +29,7 @@ use core::cell::{Cell, RefCell};
 use core::fmt::Write;
 use core::sync::atomic::{AtomicU32, Ordering};
 use cortex_m::interrupt::InterruptNumber;
+use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{NVIC, SCB, SYST};
 use critical_section::Mutex;
@@ -281,6 +282,8 @@ impl Mps2 {
             BUS.borrow(cs).set(Some(bus));
         });
         serial::start();
+        // Safety: no critical section rests on priorities.
+        unsafe { core.SCB.set_priority(SystemHandler::SysTick, 0xf0) };
         start_waking(&mut core.SYST);
         let store = CalibrationStore::new(eeprom());
         Some(Self { samples, nvic: core.NVIC, store, telemetry, restart, idle_ticks: 0 })
@@ -417,6 +420,8 @@ impl Board for Mps2 {
     }
 
     fn stop(stop: &Stop) -> ! {
+        // Control would switch them on again.
+        cortex_m::interrupt::disable();
         pipe_spi::motors_off();
         recorder::record(uptime_us(), Event::Stopped(stop.clone()));
         // For the host, where it does not wait for the next start.

@@ -20,6 +20,7 @@ use crate::{Scalar, recorder, stack, watchdog};
 use checked_flash::CheckedFlash;
 use clock::{CORE_HZ, Delay};
 use core::cell::{Cell, RefCell};
+use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{DWT, SCB};
 use critical_section::Mutex;
@@ -226,6 +227,8 @@ fn start_core() -> Option<()> {
     core.SYST.set_clock_source(SystClkSource::External);
     core.SYST.set_reload(CORE_HZ / 8 / 10 - 1);
     core.SYST.clear_current();
+    // Safety: no critical section rests on priorities.
+    unsafe { core.SCB.set_priority(SystemHandler::SysTick, 0xf0) };
     core.SYST.enable_interrupt();
     core.SYST.enable_counter();
     Some(())
@@ -338,14 +341,15 @@ impl Board for Stm32h743 {
     }
 
     fn finish(self, _status: Result<(), ()>) -> ! {
+        // Nothing is left to watch, and control would switch them on again.
+        cortex_m::interrupt::disable();
         motors_off();
         defmt::info!("motors off; stack used: {=usize} bytes of {=usize}", stack::used(), stack::bytes());
         for load in loads() {
             defmt::info!("{=u32} spans, {=u64} cycles, {=u32} of the longest", load.spans, load.ticks, load.longest);
         }
         loop {
-            watchdog::report(Task::Main, clock::now_us());
-            cortex_m::asm::wfi();
+            Self::feed_watchdog();
         }
     }
 
@@ -367,6 +371,8 @@ impl Board for Stm32h743 {
     }
 
     fn stop(stop: &Stop) -> ! {
+        // Control would switch them on again.
+        cortex_m::interrupt::disable();
         motors_off();
         recorder::record(clock::now_us(), Event::Stopped(stop.clone()));
         defmt::error!("{}", defmt::Display2Format(stop));

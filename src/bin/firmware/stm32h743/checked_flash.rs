@@ -21,6 +21,9 @@ const BANK: usize = 1;
 /// Bit of CCR: handlers of the highest priorities ignore faults of the data bus.
 const IGNORE_BUS_FAULTS: u32 = 1 << 8;
 
+/// Bits of SR that CCR clears: RM0433, FLASH_CCR.
+const CLEARABLE: u32 = 0x1fef_0000;
+
 /// Fault of the flash.
 #[derive(Clone, Copy, Debug)]
 pub enum FlashFault {
@@ -72,14 +75,24 @@ impl NorFlash for CheckedFlash {
     const ERASE_SIZE: usize = <ChipFlash as NorFlash>::ERASE_SIZE;
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), FlashFault> {
+        forget_flags();
         self.0.blocking_write(offset, bytes).map_err(FlashFault::Chip)
     }
 
     fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashFault> {
         // A sector takes up to 4 s.
         watchdog::progress(clock::now_us());
+        forget_flags();
         self.0.blocking_erase(from, to).map_err(FlashFault::Chip)
     }
+}
+
+/// Clears what earlier reads and writes have left, a corrected bit for one: the HAL takes every flag for a failure of its own.
+fn forget_flags() {
+    let bank = pac::FLASH.bank(BANK);
+    let flags = bank.sr().read().0;
+    // A flag of SR is cleared by the same bit of CCR: RM0433, FLASH_CCR.
+    bank.ccr().write(|clear| clear.0 = flags & CLEARABLE);
 }
 
 /// What was written or erased is not to be read from the cache.
