@@ -14,8 +14,8 @@ use cortex_m::singleton;
 use cortex_m_rt::{entry, exception};
 use critical_section::Mutex;
 use defmt_rtt as _;
-use embassy_stm32::interrupt;
 use embassy_stm32::pac::Interrupt;
+use embassy_stm32::{interrupt, pac};
 use rins_selfcal::assignment::Assignment;
 use rins_selfcal::calibrator::Calibrator;
 use rins_selfcal::estimator::MAX_SEGMENTS;
@@ -23,7 +23,7 @@ use rins_selfcal::gimbal::Gimbal;
 use rins_selfcal::queue::{Observed, SampleProducer, SampleQueue};
 use rins_selfcal::sample::CorrectedSample;
 use rins_selfcal::self_calibration::SelfCalibration;
-use rins_selfcal::servo::PERIOD_US;
+use rins_selfcal::servo::{Drive, PERIOD_US};
 use rins_selfcal::store::CalibrationStore;
 use rins_selfcal::store::Loaded;
 use rins_selfcal::store::medium::Eeprom;
@@ -31,6 +31,9 @@ use sensor_board::SensorBoard;
 
 /// Of the processor as your start-up code sets it; after reset.
 const CORE_HZ: u32 = 64_000_000;
+
+/// Line of the data-ready edge.
+const DATA_READY_LINE: usize = 15;
 
 static PRODUCER: Mutex<RefCell<Option<SampleProducer<'static, f64>>>> = Mutex::new(RefCell::new(None));
 static GIMBAL: Mutex<RefCell<Option<Gimbal<f64>>>> = Mutex::new(RefCell::new(None));
@@ -44,6 +47,8 @@ fn now_us() -> u64 {
 /// Data-ready: 200 Hz.
 #[interrupt]
 fn EXTI15_10() {
+    // The edge has been seen.
+    pac::EXTI.pr(0).write(|lines| lines.set_line(DATA_READY_LINE, true));
     critical_section::with(|cs| {
         let gimbal = GIMBAL.borrow_ref(cs).as_ref().map(Gimbal::status);
         if let (Some(producer), Some(gimbal)) = (PRODUCER.borrow_ref_mut(cs).as_mut(), gimbal) {
@@ -98,7 +103,7 @@ fn run() -> Option<()> {
     loop {
         while let Some(Observed { sample, gimbal }) = samples.pop() {
             let step = run.step(&sample, &gimbal, &mut |_message| { /* To your telemetry. */ });
-            step.motion.map(|motion| with_gimbal(|gimbal| gimbal.command(motion)));
+            step.motion.map(|motion| with_gimbal(|now| now.command_seen(motion, &gimbal)));
             if step.save {
                 // A calibration that cannot be stored still corrects.
                 let _ = run.record().map(|record| store.save(&record));
@@ -110,7 +115,7 @@ fn run() -> Option<()> {
         }
         let status = with_gimbal(|gimbal| gimbal.status())?;
         let motion = run.tick(now_us(), &status, &mut |_message| ());
-        motion.map(|motion| with_gimbal(|gimbal| gimbal.command(motion)));
+        motion.map(|motion| with_gimbal(|gimbal| gimbal.command_seen(motion, &status)));
         cortex_m::asm::wfi();
     }
 }
@@ -134,6 +139,8 @@ fn navigate(sample: &CorrectedSample<f64>) {
 
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
+    cortex_m::interrupt::disable();
+    SensorBoard::at_external_memory().drive([Drive::Off; 2]);
     loop {
         cortex_m::asm::bkpt();
     }

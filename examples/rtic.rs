@@ -25,6 +25,9 @@ mod app {
     /// Of the processor as your start-up code sets it; after reset.
     const CORE_HZ: u32 = 64_000_000;
 
+    /// Line of the data-ready edge.
+    const DATA_READY_LINE: usize = 15;
+
     /// Between control, at the higher priority, and the main loop.
     #[shared]
     struct Shared {
@@ -70,6 +73,8 @@ mod app {
     /// Data-ready: 200 Hz.
     #[task(binds = EXTI15_10, priority = 1, local = [producer], shared = [gimbal])]
     fn data_ready(context: data_ready::Context) {
+        // The edge has been seen.
+        embassy_stm32::pac::EXTI.pr(0).write(|lines| lines.set_line(DATA_READY_LINE, true));
         let mut shared = context.shared;
         let gimbal = shared.gimbal.lock(|gimbal| gimbal.status());
         // A sample that finds the queue full is counted by it.
@@ -96,7 +101,7 @@ mod app {
             while let Some(Observed { sample, gimbal: seen }) = samples.pop() {
                 let step = run.step(&sample, &seen, &mut |_message| { /* To your telemetry. */ });
                 if let Some(motion) = step.motion {
-                    gimbal.lock(|gimbal| gimbal.command(motion));
+                    gimbal.lock(|gimbal| gimbal.command_seen(motion, &seen));
                 }
                 if step.save {
                     // A calibration that cannot be stored still corrects.
@@ -109,7 +114,7 @@ mod app {
             }
             let (status, board_us) = (gimbal.lock(|gimbal| gimbal.status()), now_us.lock(|now_us| *now_us));
             if let Some(motion) = run.tick(board_us, &status, &mut |_message| ()) {
-                gimbal.lock(|gimbal| gimbal.command(motion));
+                gimbal.lock(|gimbal| gimbal.command_seen(motion, &status));
             }
             cortex_m::asm::wfi();
         }
@@ -118,6 +123,8 @@ mod app {
 
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
+    cortex_m::interrupt::disable();
+    sensor_board::SensorBoard::at_external_memory().drive([rins_selfcal::servo::Drive::Off; 2]);
     loop {
         cortex_m::asm::bkpt();
     }
