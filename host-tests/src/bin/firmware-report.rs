@@ -18,6 +18,7 @@ use rins_selfcal::method::Method;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::self_calibration::SelfCalibrationConfig;
 use rins_selfcal::sequencer::State;
+use rins_selfcal::servo::PERIOD_S;
 use rins_selfcal::telemetry::Message;
 use std::process::ExitCode;
 
@@ -80,12 +81,31 @@ fn report_image(name: &str, image: &Image) -> Result<bool> {
     for (work, load) in WORKS.iter().zip(&calibration.loads) {
         println!("  {work:<21}{:>8.0} {:>8.0}", load.mean_instructions, load.most_instructions);
     }
+    print_timing(&calibration);
     let forbidden = forbidden(&file);
     match forbidden.as_slice() {
         [] => println!("  no panic, no allocation linked"),
         names => names.iter().for_each(|name| println!("  linked: {name}")),
     }
     Ok(forbidden.is_empty())
+}
+
+/// The processor's clock on the NUCLEO-H743ZI2, Hz.
+const CORE_HZ: f64 = 480e6;
+
+/// What control at 1 kHz and sampling at 200 Hz ask of the processor, were every instruction a cycle at 480 MHz.
+fn print_timing(run: &Run) {
+    let [control, data_ready, ..] = run.loads;
+    let percent = |instructions: f64, interval_s: f64| 100.0 * instructions / (CORE_HZ * interval_s);
+    println!("  {:<21}{:>8} {:>8} {:>8}   instructions; % of the interval at 480 MHz", "", "latency", "in all", "%");
+    for (name, latency, load, interval_s) in [
+        ("control, 1 ms", run.control_latency, control, PERIOD_S),
+        ("data-ready, 5 ms", run.data_ready_latency, data_ready, 0.005),
+    ] {
+        let whole = latency + load.most_instructions;
+        println!("  {name:<21}{latency:>8.0} {whole:>8.0} {:>8.2}", percent(whole, interval_s));
+    }
+    println!("  late periods {}, late commands {}", run.late_periods, run.late_commands);
 }
 
 /// A whole calibration with short stops: its last part takes the most stack.
