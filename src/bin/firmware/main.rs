@@ -114,6 +114,7 @@ fn self_calibrate(
     while board.powered() {
         watchdog::report(Task::Main, board.now_us());
         while let Some(Observed { sample, gimbal }) = board.samples().pop() {
+            watchdog::progress(board.now_us());
             samples += 1;
             let (span, mut work) = (Span::start(), work_in(run.state()));
             let step = run.step(&sample, &gimbal, &mut |message| {
@@ -197,6 +198,7 @@ fn replay(
     while board.powered() {
         watchdog::report(Task::Main, board.now_us());
         while let Some(Observed { sample, .. }) = board.samples().pop() {
+            watchdog::progress(board.now_us());
             samples += 1;
             if let Some(progress) = calibrator.step(&sample) {
                 send(board, link, &Message::Segment(progress));
