@@ -306,6 +306,26 @@ mod tests {
     }
 
     #[test]
+    fn a_bridge_that_does_not_obey_is_switched_off_while_the_axes_are_let_go() {
+        let mut gimbal = Gimbal::<f64>::new(&[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2]);
+        periods(&mut gimbal, 10, [0.0; 2]);
+        gimbal.command(MotionCommand::Hold);
+        let (mut angle_deg, mut since_fault, mut last) = (0.0, 0, [Drive::Off; 2]);
+        for _ in 0..500 {
+            last = periods(&mut gimbal, 1, [angle_deg, 0.0]);
+            if last[0] != Drive::Off {
+                angle_deg += 20.0 * 1e-3;
+            }
+            since_fault += u32::from(gimbal.status().fault.is_some());
+            if since_fault == 15 {
+                gimbal.command(MotionCommand::Release);
+                since_fault += 1;
+            }
+        }
+        assert!(since_fault == 16 && last[0] == Drive::Off, "{since_fault} {last:?}");
+    }
+
+    #[test]
     fn a_command_from_before_a_fault_only_counts() {
         let mut gimbal = Gimbal::<f64>::new(&[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2]);
         periods(&mut gimbal, 10, [0.0; 2]);
