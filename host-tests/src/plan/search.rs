@@ -198,11 +198,16 @@ impl<'a, const STATES: usize> Chain<'a, STATES> {
                 }
             }
             if (number + 1) % TELL == 0 {
-                progress(TELL, best.0);
+                progress(TELL, self.told_value(&best.1));
             }
         }
-        progress(evaluations % TELL, best.0);
+        progress(evaluations % TELL, self.told_value(&best.1));
         best
+    }
+
+    /// What the objective says of a scheme in the end: of the worst sigma itself, not of the norm that stands for it.
+    fn told_value(&mut self, stands: &[Stand]) -> f64 {
+        self.value(&mut stands.to_vec(), f64::INFINITY).unwrap_or(f64::INFINITY)
     }
 
     fn accepts(&mut self, worse_by: f64, temperature: f64) -> bool {
