@@ -77,6 +77,7 @@ impl SelfCalibrationConfig {
             pace: Pace::default(),
             policy: PowerUpPolicy::default(),
             utc_s: None,
+            refuse_unobserved: true,
         }
     }
 }

@@ -56,6 +56,9 @@ pub struct SelfCalibrationConfig {
     pub policy: PowerUpPolicy,
     /// Time of power-up, seconds since 1970-01-01 UTC; `None` where there is no clock.
     pub utc_s: Option<u64>,
+    /// A scheme that would leave a parameter unobserved is refused before anything turns. Otherwise it is run, to see what
+    /// it shows, and the result rejected.
+    pub refuse_unobserved: bool,
 }
 
 const COMMANDED: Decision = Decision::Calibrate(Cause::Commanded);
@@ -679,11 +682,9 @@ fn prepare<T: Real, const STATES: usize>(
         return Err(ConfigError::States);
     }
     calibrator.restart(&config.run());
-    if let Some(parameter) = calibrator.rehearse(&config.scheme) {
-        return Err(ConfigError::Unobserved(parameter));
-    }
+    let unobserved = calibrator.rehearse(&config.scheme).filter(|_| config.refuse_unobserved);
     calibrator.restart(&config.run());
-    Ok(())
+    unobserved.map_or(Ok(()), |parameter| Err(ConfigError::Unobserved(parameter)))
 }
 
 fn calibration<T: Real>(estimate: &Estimate) -> Calibration<T> {
@@ -743,6 +744,19 @@ mod tests {
             let mut config = config();
             spoil(&mut config);
             assert_eq!(config.check(), Err(error), "number {number}");
+        }
+    }
+
+    #[test]
+    fn a_scheme_that_hides_parameters_is_refused_unless_it_is_wanted_all_the_same() {
+        let mut calibrator = std::boxed::Box::new(Calibrator::<f64, MAX_SEGMENTS>::UNCONFIGURED);
+        for name in ["8-position", "16-position"] {
+            let mut config = SelfCalibrationConfig { scheme: Scheme::named(name).expect("there"), ..config() };
+            // Sgxz
+            let refusal = SelfCalibration::new(config.clone(), None, &mut calibrator).err();
+            assert_eq!(refusal, Some(ConfigError::Unobserved(1)), "{name}");
+            config.refuse_unobserved = false;
+            assert!(SelfCalibration::new(config, None, &mut calibrator).is_ok(), "{name}");
         }
     }
 

@@ -57,6 +57,8 @@ pub struct Terms {
     pub noise_margin: f64,
     /// What the outer and the inner axis can do.
     pub axes: [AxisLimits; 2],
+    /// Whether a scheme that leaves parameters unobserved is refused, or run and its result rejected.
+    pub refuse_unobserved: bool,
 }
 
 impl Default for Terms {
@@ -69,6 +71,7 @@ impl Default for Terms {
             limits: VerdictLimits::default(),
             noise_margin: 1.0,
             axes: Default::default(),
+            refuse_unobserved: true,
         }
     }
 }
@@ -160,11 +163,19 @@ impl<'a> PowerUp<'a> {
     }
 
     fn assignment(&self) -> Assignment {
-        let Terms { policy, utc_s, pace, limits, noise_margin, axes } = self.terms;
+        let Terms { policy, utc_s, pace, limits, noise_margin, axes, refuse_unobserved } = self.terms;
         let mut calibrator = self.setup.config();
         calibrator.estimator.noise.margin = noise_margin;
         let usual = SelfCalibrationConfig::new(calibrator, self.run.scheme.clone());
-        Assignment::SelfCalibrate(SelfCalibrationConfig { policy, utc_s, pace, limits, axes, ..usual })
+        Assignment::SelfCalibrate(SelfCalibrationConfig {
+            policy,
+            utc_s,
+            pace,
+            limits,
+            axes,
+            refuse_unobserved,
+            ..usual
+        })
     }
 }
 

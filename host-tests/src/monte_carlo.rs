@@ -94,6 +94,8 @@ pub struct MonteCarlo {
     pub scheme: Scheme,
     /// What the outer and the inner axis can do.
     pub axes: [AxisLimits; 2],
+    /// Whether a scheme that leaves parameters unobserved is refused, or run and every result rejected.
+    pub refuse_unobserved: bool,
     /// Whether the core turns the axes, each method in a run of its own, or the scheme is played open loop.
     pub closed_loop: bool,
     /// Errors of the units.
@@ -145,7 +147,8 @@ impl MonteCarlo {
         for method in &self.methods {
             let setup = self.setup(*method).on_scheme(&self.scheme);
             let config = SelfCalibrationConfig::new(setup.config(), self.scheme.clone());
-            match refusal::check(&SelfCalibrationConfig { axes: self.axes, ..config }) {
+            let (axes, refuse_unobserved) = (self.axes, self.refuse_unobserved);
+            match refusal::check(&SelfCalibrationConfig { axes, refuse_unobserved, ..config }) {
                 Err(ConfigError::Segments) if !self.closed_loop => {}
                 Err(error) => return Err(refusal::refused(error, &self.scheme, &self.axes)),
                 Ok(()) => {}
@@ -169,7 +172,8 @@ impl MonteCarlo {
             return Ok(both.map(|(outcome, bounds)| RunResult::new(outcome, bounds, &run.unit)).collect());
         }
         let power_up = |(setup, bounds): (Setup, &[f64; STATES])| {
-            let terms = Terms { axes: self.axes, ..Terms::default() };
+            let (axes, refuse_unobserved) = (self.axes, self.refuse_unobserved);
+            let terms = Terms { axes, refuse_unobserved, ..Terms::default() };
             let setup = setup.on_scheme(&run.scheme);
             let ended = PowerUp::new(&run, &setup).on_terms(terms).in_process(|_| ())?;
             Ok(match ended {

@@ -48,6 +48,9 @@ fn numbers(error: ConfigError, scheme: &Scheme, axes: &[AxisLimits; 2]) -> Strin
                 scheme[0], scheme[1], limits[0], limits[1]
             )
         }
+        ConfigError::Unobserved(_) => {
+            "; `rins observability` shows all of it, and --run-unobserved runs it nevertheless".into()
+        }
         _ => String::new(),
     }
 }

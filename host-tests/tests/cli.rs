@@ -599,8 +599,16 @@ fn a_scheme_is_refused_by_name_leg_and_reason() {
     );
     for command in [commands[0], commands[3], commands[4]] {
         let message = refused(&[command, &["--scheme", "8-position"]].concat());
-        assert!(message.ends_with("scheme 8-position is refused: the scheme leaves Sgxz unobserved"), "{message}");
+        assert!(message.contains("scheme 8-position is refused: the scheme leaves Sgxz unobserved"), "{message}");
     }
+    // Nor is that which hides parameters, where it is asked for; but what they are cannot be accepted.
+    let stdout = run(2, &[commands[0], &["--scheme", "8-position", "--run-unobserved"]].concat());
+    let ending = &stdout[stdout.find("verdict: rejected").expect("rejected")..];
+    for hidden in ["accel_scale_x", "accel_scale_y"] {
+        assert!(ending.contains(&format!("{hidden} is not observed")), "{stdout}");
+    }
+    let stdout = run(0, &[commands[4], &["--scheme", "16-position", "--run-unobserved"]].concat());
+    assert!(stdout.contains("0 accepted (0 of them wrong), 2 rejected"), "{stdout}");
 }
 
 #[test]

@@ -26,6 +26,7 @@ fn statistics(effects: Effects, options: Options, scheme: &str) -> MethodStatist
         options,
         scheme: Scheme::named(scheme).expect("a scheme of the library"),
         axes: Default::default(),
+        refuse_unobserved: true,
         closed_loop: false,
         errors: ErrorSource::Fixed(Box::new(errors)),
         unit: UnitConfig::default(),

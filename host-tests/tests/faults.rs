@@ -58,6 +58,7 @@ fn near_a_pole_only_the_heading_suffers() {
         options: Options::default(),
         scheme: Scheme::named("fast-60").expect("a scheme of the library"),
         axes: Default::default(),
+        refuse_unobserved: true,
         closed_loop: false,
         errors: ErrorSource::Random(RandomErrors::default()),
         unit,

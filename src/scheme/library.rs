@@ -2,6 +2,13 @@
 //!
 //! Schemes of the literature are given by their positions; how long they stand there is our choice where the source leaves
 //! it open. A source that counts its positions from another attitude than (0, 0) gets a move to it, after a first stop.
+//!
+//! The modulation schemes `8-position` and `16-position` are no calibrations. Their half turns from level reverse the
+//! sensors' errors so that they average out, and leave the inner axis vertical: of the accelerometers only z ever feels
+//! gravity, so nothing tells their x and y scales, or gamma from gyro non-orthogonality. A run by them is refused, and
+//! where it is wanted all the same
+//! ([`refuse_unobserved`](crate::self_calibration::SelfCalibrationConfig::refuse_unobserved)) rejected in the end, with
+//! what it did find.
 
 use super::{Leg, Scheme};
 use crate::units::DEG;

@@ -159,6 +159,16 @@ pub struct TermsArguments {
     /// Stay up to this many times as long at a stop whose noise has as many times the configured variance
     #[arg(long, value_name = "RATIO", default_value_t = 1.0, value_parser = at_least_one)]
     noise_margin: f64,
+    #[command(flatten)]
+    unobserved: UnobservedArguments,
+}
+
+/// What is done about a scheme that leaves parameters unobserved.
+#[derive(Debug, Args)]
+pub struct UnobservedArguments {
+    /// Run a scheme that leaves parameters unobserved, to see what it shows: it is rejected in the end, not refused before
+    #[arg(long)]
+    pub run_unobserved: bool,
 }
 
 /// What the axes can do.
@@ -220,6 +230,7 @@ impl TermsArguments {
             pace: Pace { early_finish: self.early_finish, longest_s: self.longest_run, ..Pace::default() },
             limits: self.required_sigma.map_or(limits, |sigma| limits.requiring(sigma * ARCSEC)),
             noise_margin: self.noise_margin,
+            refuse_unobserved: !self.unobserved.run_unobserved,
             ..Terms::default()
         }
     }
@@ -493,6 +504,8 @@ pub struct MonteCarloArguments {
     pub scheme: SchemeArguments,
     #[command(flatten)]
     pub axes: AxisArguments,
+    #[command(flatten)]
+    pub unobserved: UnobservedArguments,
     /// Let the core turn the axes, as at power-up, and repeat disturbed stops [default: play the scheme open loop]
     #[arg(long)]
     pub closed_loop: bool,

@@ -92,6 +92,7 @@ fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo> {
         options: arguments.options.options(),
         scheme: arguments.scheme.scheme(longest)?,
         axes: arguments.axes.axes(),
+        refuse_unobserved: !arguments.unobserved.run_unobserved,
         closed_loop: arguments.closed_loop,
         errors: arguments::errors(&arguments.errors)?,
         rate_hz: arguments::rate_hz(&unit),
