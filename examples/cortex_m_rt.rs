@@ -103,7 +103,7 @@ fn run() -> Option<()> {
     loop {
         while let Some(Observed { sample, gimbal }) = samples.pop() {
             let step = run.step(&sample, &gimbal, &mut |_message| { /* To your telemetry. */ });
-            step.motion.map(|motion| with_gimbal(|now| now.command_seen(motion, &gimbal)));
+            step.motion.map(|motion| with_gimbal(|now| now.command_seen(motion, gimbal.time_us)));
             if step.save {
                 // A calibration that cannot be stored still corrects.
                 let _ = run.record().map(|record| store.save(&record));
@@ -115,7 +115,7 @@ fn run() -> Option<()> {
         }
         let status = with_gimbal(|gimbal| gimbal.status())?;
         let motion = run.tick(now_us(), &status, &mut |_message| ());
-        motion.map(|motion| with_gimbal(|gimbal| gimbal.command_seen(motion, &status)));
+        motion.map(|motion| with_gimbal(|gimbal| gimbal.command_seen(motion, status.time_us)));
         cortex_m::asm::wfi();
     }
 }

@@ -101,7 +101,7 @@ mod app {
             while let Some(Observed { sample, gimbal: seen }) = samples.pop() {
                 let step = run.step(&sample, &seen, &mut |_message| { /* To your telemetry. */ });
                 if let Some(motion) = step.motion {
-                    gimbal.lock(|gimbal| gimbal.command_seen(motion, &seen));
+                    gimbal.lock(|gimbal| gimbal.command_seen(motion, seen.time_us));
                 }
                 if step.save {
                     // A calibration that cannot be stored still corrects.
@@ -114,7 +114,7 @@ mod app {
             }
             let (status, board_us) = (gimbal.lock(|gimbal| gimbal.status()), now_us.lock(|now_us| *now_us));
             if let Some(motion) = run.tick(board_us, &status, &mut |_message| ()) {
-                gimbal.lock(|gimbal| gimbal.command_seen(motion, &status));
+                gimbal.lock(|gimbal| gimbal.command_seen(motion, status.time_us));
             }
             cortex_m::asm::wfi();
         }

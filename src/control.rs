@@ -6,8 +6,7 @@
 //! interrupt, which nothing may interrupt anyway, is the longest; the others last microseconds.
 //!
 //! Every sample carries the status that belongs to it, and a command takes effect [`COMMAND_DELAY_US`] after the status that
-//! it was computed from: what a run does depends on its samples, and not on how fast the main loop was. A command that was
-//! computed before a fault came up is dropped.
+//! it was computed from: what a run does depends on its samples, and not on how fast the main loop was.
 
 use crate::angle::Angle;
 use crate::angle_history::AngleHistory;
@@ -71,10 +70,7 @@ pub struct Control<T: Real, S, B> {
     losses: [Loss; 2],
     driven: [Result<(), BridgeFault>; 2],
     pending: Deque<Pending, COMMANDS>,
-    /// Commands taken, dropped ones included; wraps.
-    commands: u16,
     late_commands: u32,
-    fault_us: Option<u64>,
 }
 
 impl<T: Real, S: SpiDevice, B: MotorBridge> Control<T, S, B> {
@@ -88,9 +84,7 @@ impl<T: Real, S: SpiDevice, B: MotorBridge> Control<T, S, B> {
             losses: [Loss::Status; 2],
             driven: [Ok(()); 2],
             pending: Deque::new(),
-            commands: 0,
             late_commands: 0,
-            fault_us: None,
         }
     }
 
@@ -108,7 +102,6 @@ impl<T: Real, S: SpiDevice, B: MotorBridge> Control<T, S, B> {
                 Drive::Off => Drive::Off,
             });
         }
-        self.fault_us = self.gimbal.status().fault.and(self.fault_us.or(Some(start_us)));
     }
 
     fn read(&mut self, axis: usize, now_us: &impl Fn() -> u64) -> Result<Angle, EncoderFault> {
@@ -136,15 +129,7 @@ impl<T: Real, S: SpiDevice, B: MotorBridge> Control<T, S, B> {
             && seen_us.saturating_add(COMMAND_DELAY_US) <= now_us
         {
             let _ = self.pending.pop_front();
-            self.take(command, seen_us);
-        }
-    }
-
-    fn take(&mut self, command: MotionCommand, seen_us: u64) {
-        self.commands = self.commands.wrapping_add(1);
-        if self.fault_us.is_none_or(|fault_us| fault_us <= seen_us) {
-            self.fault_us = None;
-            self.gimbal.command(command);
+            self.gimbal.command_seen(command, seen_us);
         }
     }
 
@@ -156,7 +141,7 @@ impl<T: Real, S: SpiDevice, B: MotorBridge> Control<T, S, B> {
         if self.pending.is_full()
             && let Some(oldest) = self.pending.pop_front()
         {
-            self.take(oldest.command, oldest.seen_us);
+            self.gimbal.command_seen(oldest.command, oldest.seen_us);
         }
         // There is room now.
         let _ = self.pending.push_back(Pending { command, seen_us });
@@ -164,7 +149,7 @@ impl<T: Real, S: SpiDevice, B: MotorBridge> Control<T, S, B> {
 
     /// How the axes are.
     pub fn status(&self) -> GimbalStatus {
-        GimbalStatus { commands: self.commands, ..self.gimbal.status() }
+        self.gimbal.status()
     }
 
     /// The angles of (outer, inner) at a time, and how the axes are.

@@ -97,8 +97,10 @@ pub struct Gimbal<T: Real> {
     state: State,
     time_us: Option<u64>,
     move_us: u64,
-    /// Taken; wraps.
+    /// Taken, dropped ones included; wraps.
     commands: u16,
+    /// The control period since which there is a fault, us.
+    fault_us: Option<u64>,
 }
 
 impl<T: Real> Gimbal<T> {
@@ -111,6 +113,7 @@ impl<T: Real> Gimbal<T> {
             time_us: None,
             move_us: 0,
             commands: 0,
+            fault_us: None,
         }
     }
 
@@ -136,6 +139,7 @@ impl<T: Real> Gimbal<T> {
         }
         self.watch(now_us, sensed);
         self.proceed(now_us);
+        self.fault_us = self.fault().and(self.fault_us.or(Some(now_us)));
         self.axes.each_mut().map(|axis| axis.drive(now_us))
     }
 
@@ -143,6 +147,7 @@ impl<T: Real> Gimbal<T> {
     pub fn command(&mut self, command: MotionCommand) {
         let now_us = self.time_us.unwrap_or(0);
         self.commands = self.commands.wrapping_add(1);
+        self.fault_us = None;
         self.state = match command {
             MotionCommand::Hold => State::Obeying(None),
             MotionCommand::Release => State::Releasing,
@@ -159,10 +164,10 @@ impl<T: Real> Gimbal<T> {
         self.proceed(now_us);
     }
 
-    /// Takes a command that was computed from a status. If a fault has come up since, the command only counts: it must not
-    /// end what that fault has begun.
-    pub fn command_seen(&mut self, command: MotionCommand, seen: &GimbalStatus) {
-        if self.status().fault == seen.fault {
+    /// Takes a command that was computed from the status of the time `seen_us`. If a fault has come up since, the command
+    /// only counts: it must not end what that fault has begun.
+    pub fn command_seen(&mut self, command: MotionCommand, seen_us: u64) {
+        if self.fault_us.is_none_or(|fault_us| fault_us <= seen_us) {
             self.command(command);
         } else {
             self.commands = self.commands.wrapping_add(1);
@@ -173,15 +178,18 @@ impl<T: Real> Gimbal<T> {
     pub fn status(&self) -> GimbalStatus {
         let now_us = self.time_us.unwrap_or(0);
         let waits = matches!(self.state, State::Obeying(Some(_)));
-        let fault = if let State::Stopped(fault) = self.state { Some(fault) } else { None };
         GimbalStatus {
             time_us: now_us,
             arrived: !waits && self.axes.iter().all(|axis| axis.has_arrived(now_us)),
             at_rest: !waits && self.axes.iter().all(|axis| axis.is_at_rest(now_us)),
             move_us: self.move_us,
             commands: self.commands,
-            fault,
+            fault: self.fault(),
         }
+    }
+
+    const fn fault(&self) -> Option<Fault> {
+        if let State::Stopped(fault) = self.state { Some(fault) } else { None }
     }
 
     /// Looks for faults, and stops both axes for the first.
@@ -333,9 +341,9 @@ mod tests {
         let before = gimbal.status();
         let hot = Sensed { encoders: [Ok(Angle::default()); 2], bridges: [Err(BridgeFault::Overcurrent), Ok(())] };
         gimbal.control(11 * PERIOD_US, &hot);
-        gimbal.command_seen(MotionCommand::Hold, &before);
+        gimbal.command_seen(MotionCommand::Hold, before.time_us);
         assert!(gimbal.status().fault.is_some() && gimbal.status().commands == 2);
-        gimbal.command_seen(MotionCommand::Hold, &gimbal.status());
+        gimbal.command_seen(MotionCommand::Hold, gimbal.status().time_us);
         assert!(gimbal.status().fault.is_none() && gimbal.status().commands == 3);
     }
 
