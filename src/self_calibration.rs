@@ -160,10 +160,12 @@ fn positive(x: &f64) -> bool {
 }
 
 impl SelfCalibrationConfig {
-    /// Checks every number, so that nothing that follows can fail on one.
+    /// Checks every number, so that nothing that follows can fail on one. Not inlined, as what prepares a run: the rehearsal
+    /// needs the stack.
     ///
     /// # Errors
     /// The first thing that is wrong.
+    #[inline(never)]
     pub fn check(&self) -> Result<(), ConfigError> {
         let estimator = &self.calibrator.estimator;
         let (noise, site) = (&estimator.noise, &estimator.site);
@@ -362,6 +364,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     /// Looks at the board's clock, us: call it on every turn of the main loop, after the samples, and at least ten times a
     /// second. Where usable samples have failed to come for too long, the run ends and the axes are brought to rest by
     /// the command returned. They are parked when samples come again.
+    #[inline(never)]
     pub fn tick(
         &mut self,
         board_us: u64,
@@ -424,10 +427,16 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     /// the calibration in use stays.
     ///
     /// # Errors
-    /// What is wrong with it; everything stays as it was.
+    /// What is wrong with it; the configuration stays as it was. So do segments and covariance, unless the scheme had to be
+    /// rehearsed to find it out, which takes their memory.
     #[inline(never)]
     pub fn reconfigure(&mut self, config: SelfCalibrationConfig) -> Result<(), ConfigError> {
-        prepare(&config, self.calibrator)?;
+        if let Err(error) = prepare(&config, self.calibrator) {
+            if matches!(error, ConfigError::Unobserved(_)) {
+                self.calibrator.restart(&self.config.run());
+            }
+            return Err(error);
+        }
         self.sequencer.reconfigure(config.scheme.clone(), config.pace);
         self.config = config;
         Ok(())
@@ -673,6 +682,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
 }
 
 /// Checks a configuration against itself and the scheme against the calibrator, which is ready for a run after that.
+#[inline(never)]
 fn prepare<T: Real, const STATES: usize>(
     config: &SelfCalibrationConfig,
     calibrator: &mut Calibrator<T, MAX_SEGMENTS, STATES>,
