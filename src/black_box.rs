@@ -2,11 +2,12 @@
 //!
 //! ```text
 //! slot, little-endian   0-3      sequence number from 0, which gives the place: the remainder by the number of slots
-//!                       4..60    postcard of time and event, then zeros
+//!                       4..60    postcard of time, event and repeats, then zeros
 //!                       60-63    CRC-32/ISO-HDLC of all before
 //! ```
 //! An event is one slot: what a reset cuts in the middle is one event. Whatever the memory holds at power-on is a black box,
-//! most likely an empty one.
+//! most likely an empty one. Starts that all end alike, as those of an instrument whose IMU is broken, are folded into one, so
+//! that what led to the first is still there.
 
 use crate::gimbal::Fault;
 use crate::liveness::Task;
@@ -174,6 +175,14 @@ pub struct Entry {
     pub time_us: u64,
     /// The event.
     pub event: Event,
+    /// Of a stop: how many further starts after this one went the same way, event for event; 255 for any more.
+    pub repeats: u8,
+}
+
+impl Entry {
+    fn is_stop(&self) -> bool {
+        matches!(self.event, Event::Stopped(_))
+    }
 }
 
 /// The memory. Any bytes are one.
@@ -209,6 +218,27 @@ impl<const N: usize> BlackBox<N> {
         decode(slot).filter(|entry| entry.sequence == sequence)
     }
 
+    /// Forgets the events of the last start, if they are those of the one before, and counts it there. For the next start.
+    pub fn fold(&mut self) {
+        let Some(last) = self.newest().filter(Entry::is_stop) else { return };
+        let back = |count: u32| last.sequence.checked_sub(count).and_then(|sequence| self.entry(sequence));
+        let is_end = |count: &u32| back(*count).is_none_or(|entry| entry.is_stop());
+        let Some(length) = (1..N as u32).find(is_end) else { return };
+        let alike = (0..length).all(|count| {
+            back(count).zip(back(length + count)).is_some_and(|(last, before)| last.event == before.event)
+        });
+        let Some(end) = back(length).filter(|_| alike) else { return };
+        self.record(&Entry { repeats: end.repeats.saturating_add(1), ..end });
+        (0..length).for_each(|count| self.forget(last.sequence.saturating_sub(count)));
+    }
+
+    fn forget(&mut self, sequence: u32) {
+        let place = (sequence as usize).checked_rem(N).and_then(|place| self.slots.get_mut(place));
+        if let Some(slot) = place {
+            *slot = [0; SLOT_BYTES];
+        }
+    }
+
     /// Records an event with the number after the newest one's.
     pub fn record(&mut self, entry: &Entry) {
         let place = (entry.sequence as usize).checked_rem(N).and_then(|place| self.slots.get_mut(place));
@@ -233,15 +263,16 @@ fn sequence(slot: &Slot) -> Option<u32> {
 
 fn decode(slot: &Slot) -> Option<Entry> {
     let sequence = sequence(slot)?;
-    let (time_us, event) = postcard::take_from_bytes(slot.get(SEQUENCE_BYTES..)?).ok()?.0;
-    Some(Entry { sequence, time_us, event })
+    // Earlier software has written no repeats: zero.
+    let (time_us, event, repeats) = postcard::take_from_bytes(slot.get(SEQUENCE_BYTES..)?).ok()?.0;
+    Some(Entry { sequence, time_us, event, repeats })
 }
 
 fn encode(entry: &Entry) -> Option<Slot> {
     let mut slot = [0; SLOT_BYTES];
     let (framed, crc) = slot.split_last_chunk_mut::<CRC_BYTES>()?;
     *framed.first_chunk_mut()? = entry.sequence.to_le_bytes();
-    postcard::to_slice(&(entry.time_us, &entry.event), framed.get_mut(SEQUENCE_BYTES..)?).ok()?;
+    postcard::to_slice(&(entry.time_us, &entry.event, entry.repeats), framed.get_mut(SEQUENCE_BYTES..)?).ok()?;
     *crc = CRC.checksum(framed).to_le_bytes();
     Some(slot)
 }
@@ -336,7 +367,7 @@ mod tests {
     use crate::sequencer::AbortReason;
 
     fn entry(sequence: u32) -> Entry {
-        Entry { sequence, time_us: 1000 * u64::from(sequence), event: Event::Judged(sequence as u16) }
+        Entry { sequence, time_us: 1000 * u64::from(sequence), event: Event::Judged(sequence as u16), repeats: 0 }
     }
 
     #[test]
@@ -369,6 +400,73 @@ mod tests {
         }
     }
 
+    /// Records events from the newest one's number on, at the times 1 ms, 2 ms, ...
+    fn record(black_box: &mut BlackBox<16>, events: &[Event]) {
+        let next = black_box.newest().map_or(0, |newest| newest.sequence + 1);
+        for (sequence, event) in (next..).zip(events.iter().cloned()) {
+            black_box.record(&Entry { sequence, time_us: 1000 * u64::from(sequence), event, repeats: 0 });
+        }
+    }
+
+    fn events(black_box: &BlackBox<16>) -> Vec<(u8, Event)> {
+        (0..64).filter_map(|sequence| black_box.entry(sequence)).map(|entry| (entry.repeats, entry.event)).collect()
+    }
+
+    #[test]
+    fn starts_that_end_alike_are_one_with_a_count() {
+        let stop = || Event::Stopped(Stop::Overdue(Task::Sampling));
+        let run = [Event::Restarted(Restart::PowerOn), Event::State(State::Turn(3)), stop()];
+        let again = [Event::Restarted(Restart::Stopped(Stop::Overdue(Task::Sampling))), stop()];
+        let mut black_box = BlackBox::<16>::new();
+        record(&mut black_box, &run);
+        black_box.fold();
+        for _ in 0..100 {
+            record(&mut black_box, &again);
+            black_box.fold();
+        }
+        let expected = run.iter().chain(&again).cloned().zip([0, 0, 0, 0, 99]).map(|(event, repeats)| (repeats, event));
+        assert_eq!(events(&black_box), expected.collect::<Vec<_>>());
+        // It stops before it can tell that it has started.
+        let mut black_box = BlackBox::<16>::new();
+        let stuck = Event::Stopped(Stop::board("no IMU"));
+        for _ in 0..100 {
+            record(&mut black_box, core::slice::from_ref(&stuck));
+            black_box.fold();
+        }
+        assert_eq!(events(&black_box), [(99, stuck)]);
+    }
+
+    #[test]
+    fn starts_that_differ_are_kept() {
+        let stops = [Task::Sampling, Task::Control, Task::Sampling].map(|task| Event::Stopped(Stop::Overdue(task)));
+        let mut black_box = BlackBox::<16>::new();
+        for stop in &stops {
+            record(&mut black_box, &[Event::Released, stop.clone()]);
+            black_box.fold();
+        }
+        record(&mut black_box, &[Event::Saved(true), stops[2].clone()]);
+        black_box.fold();
+        assert_eq!(events(&black_box).len(), 8);
+        // Longer than the memory.
+        let long: Vec<_> = (0..30).map(Event::Judged).chain([stops[0].clone()]).collect();
+        record(&mut black_box, &long);
+        let before = events(&black_box);
+        black_box.fold();
+        assert_eq!((events(&black_box), before.len()), (before, 16));
+    }
+
+    #[test]
+    fn an_event_of_earlier_software_has_no_repeats() {
+        let mut black_box = BlackBox::<4>::new();
+        black_box.record(&Entry { repeats: 7, ..entry(1) });
+        let slot = &mut black_box.slots[1];
+        let length = SEQUENCE_BYTES + postcard::to_slice(&(1000_u64, &entry(1).event), &mut [0; 56]).unwrap().len();
+        slot[length..].fill(0);
+        let crc = CRC.checksum(&slot[..SLOT_BYTES - CRC_BYTES]);
+        slot[SLOT_BYTES - CRC_BYTES..].copy_from_slice(&crc.to_le_bytes());
+        assert_eq!(black_box.newest(), Some(entry(1)));
+    }
+
     #[test]
     fn an_event_in_a_place_of_another_is_none() {
         let mut black_box = BlackBox::<4>::new();
@@ -391,7 +489,7 @@ mod tests {
             Event::Aborted(Abort { reason, during: State::Turn(u16::MAX) }),
         ];
         for event in events {
-            let entry = Entry { sequence: u32::MAX - 7, time_us: u64::MAX, event };
+            let entry = Entry { sequence: u32::MAX - 7, time_us: u64::MAX, event, repeats: u8::MAX };
             let mut black_box = BlackBox::<8>::new();
             black_box.record(&entry);
             assert_eq!(black_box.newest(), Some(entry));

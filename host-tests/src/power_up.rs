@@ -72,7 +72,7 @@ pub struct Memory {
 impl Memory {
     fn note(&mut self, time_us: u64, message: &Message) {
         if let Some(event) = Event::of(message) {
-            self.events.push(Entry { sequence: self.events.len() as u32, time_us, event });
+            self.events.push(Entry { sequence: self.events.len() as u32, time_us, event, repeats: 0 });
         }
     }
 }

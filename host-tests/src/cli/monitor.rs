@@ -204,17 +204,21 @@ struct EventReport {
     sequence: u32,
     time_s: f64,
     event: String,
+    repeats: u8,
 }
 
 impl From<&Entry> for EventReport {
     fn from(entry: &Entry) -> Self {
-        Self { sequence: entry.sequence, time_s: entry.time_us as f64 * 1e-6, event: entry.event.to_string() }
+        let (time_s, event) = (entry.time_us as f64 * 1e-6, entry.event.to_string());
+        Self { sequence: entry.sequence, time_s, event, repeats: entry.repeats }
     }
 }
 
 fn told(entry: &Entry) -> String {
-    let EventReport { sequence, time_s, event } = entry.into();
-    format!("{sequence:>6}  {time_s:>12.3} s  {event}")
+    let EventReport { sequence, time_s, event, repeats } = entry.into();
+    let repeats =
+        if repeats > 0 { format!("; starts that went so: {}", u16::from(repeats) + 1) } else { String::new() };
+    format!("{sequence:>6}  {time_s:>12.3} s  {event}{repeats}")
 }
 
 fn stored(client: &mut Client) -> Result<StoredCalibration> {

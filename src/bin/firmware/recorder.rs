@@ -30,6 +30,7 @@ pub fn start(hardware: Option<Restart>) -> Restart {
         if hardware == Some(Restart::PowerOn) {
             black_box.clear();
         }
+        black_box.fold();
         let last = black_box.newest();
         NEXT.store(last.as_ref().map_or(0, |last| last.sequence.wrapping_add(1)), Ordering::Relaxed);
         Restart::after(hardware, last)
@@ -39,7 +40,7 @@ pub fn start(hardware: Option<Restart>) -> Restart {
 /// Records an event of this time, us.
 pub fn record(time_us: u64, event: Event) {
     let sequence = NEXT.load(Ordering::Relaxed);
-    with(|black_box| black_box.record(&Entry { sequence, time_us, event }));
+    with(|black_box| black_box.record(&Entry { sequence, time_us, event, repeats: 0 }));
     NEXT.store(sequence.wrapping_add(1), Ordering::Relaxed);
 }
 
