@@ -4,46 +4,17 @@
 //!
 //! Gives the linker the memory of the board that the firmware is built for.
 
-use serde::Deserialize;
+#[path = "src/scheme/limits.rs"]
+mod limits;
+#[path = "src/scheme/table.rs"]
+mod table;
+
+use limits::{MAX_LEGS, MAX_NAME_BYTES};
 use std::path::Path;
 use std::{env, fs};
+use table::SchemeTable;
 
 const VARIABLE: &str = "RINS_SCHEME";
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SchemeTable {
-    #[serde(default)]
-    name: String,
-    #[serde(default = "twenty")]
-    rate_deg_s: f64,
-    #[serde(default = "twenty")]
-    acceleration_deg_s2: f64,
-    first_stop_s: f64,
-    #[serde(default = "once")]
-    periods: u8,
-    legs: Vec<LegTable>,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct LegTable {
-    outer_deg: f64,
-    inner_deg: f64,
-    stop_s: f64,
-}
-
-fn twenty() -> f64 {
-    20.0
-}
-
-fn once() -> u8 {
-    1
-}
-
-/// Most legs and longest name that the core holds.
-const MAX_LEGS: usize = 48;
-const MAX_NAME: usize = 32;
 
 /// Feature of a board, folder of its memory, its processor.
 const BOARDS: [[&str; 3]; 3] = [
@@ -54,6 +25,8 @@ const BOARDS: [[&str; 3]; 3] = [
 
 fn main() {
     println!("cargo:rerun-if-changed=build.rs");
+    println!("cargo:rerun-if-changed=src/scheme/limits.rs");
+    println!("cargo:rerun-if-changed=src/scheme/table.rs");
     compile_scheme();
     if env::var("CARGO_CFG_TARGET_OS").is_ok_and(|system| system == "none") && has_feature("firmware") {
         link_board().unwrap_or_else(|error| println!("cargo::error={error}"));
@@ -106,19 +79,15 @@ fn expression(path: &str) -> Result<String, String> {
     println!("cargo:rerun-if-changed={path}");
     let text = fs::read_to_string(path).map_err(|error| error.to_string())?;
     let scheme: SchemeTable = toml::from_str(&text).map_err(|error| error.to_string())?;
-    let SchemeTable { mut name, rate_deg_s, acceleration_deg_s2, first_stop_s, periods, legs } = scheme;
-    if name.is_empty() {
-        let stem = Path::new(path).file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
-        // Eight characters are at most 32 bytes.
-        name = stem.chars().take(8).collect();
-    }
+    let name = scheme.name_or(Path::new(path));
+    let SchemeTable { rate_deg_s, acceleration_deg_s2, first_stop_s, periods, legs, .. } = scheme;
     let numbers = legs.iter().flat_map(|leg| [leg.outer_deg, leg.inner_deg, leg.stop_s]);
     let all = [rate_deg_s, acceleration_deg_s2, first_stop_s].into_iter().chain(numbers);
     if !all.into_iter().all(f64::is_finite) {
         return Err("a number is not finite".into());
     }
-    if name.len() > MAX_NAME {
-        return Err(format!("the name has more than {MAX_NAME} bytes"));
+    if name.len() > MAX_NAME_BYTES {
+        return Err(format!("the name has more than {MAX_NAME_BYTES} bytes"));
     }
     if legs.len() > MAX_LEGS {
         return Err(format!("{} legs, at most {MAX_LEGS} fit", legs.len()));

@@ -1,6 +1,7 @@
 //! Rotation schemes as data: which way to turn, how fast, how long to stand.
 
 pub mod library;
+mod limits;
 
 use crate::method::Method;
 use crate::profile::Profile;
@@ -8,13 +9,11 @@ use crate::units::DEG;
 use core::fmt;
 use heapless::{String, Vec};
 use library::{BAI, LIBRARY, LibraryScheme, compiled_in, of_quarters};
+pub use limits::{MAX_LEGS, MAX_NAME_BYTES};
 use serde::{Deserialize, Serialize};
 
 /// Standing time after arrival before a stop counts, s.
 pub const SETTLING_S: f64 = 0.3;
-
-/// Most legs of one period.
-pub const MAX_LEGS: usize = 48;
 
 /// One move and the stop after it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -31,7 +30,7 @@ pub struct Leg {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scheme {
     /// Name, for reports.
-    pub name: String<32>,
+    pub name: String<MAX_NAME_BYTES>,
     /// Rate of a turning axis, rad/s.
     pub rate_rad_s: f64,
     /// Acceleration at the ends of a move, rad/s^2.

@@ -11,43 +11,15 @@
 //! ]
 //! ```
 
+#[path = "../../src/scheme/table.rs"]
+mod table;
+
 use crate::toml_file::{TomlFile, TomlFileError};
 use rins_selfcal::scheme::library::NAMES;
-use rins_selfcal::scheme::{Leg, MAX_LEGS, Scheme, SchemeError};
+use rins_selfcal::scheme::{Leg, MAX_LEGS, MAX_NAME_BYTES, Scheme, SchemeError};
 use rins_selfcal::units::DEG;
-use serde::{Deserialize, Serialize};
 use std::path::Path;
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SchemeTable {
-    #[serde(default)]
-    name: String,
-    #[serde(default = "twenty")]
-    rate_deg_s: f64,
-    #[serde(default = "twenty")]
-    acceleration_deg_s2: f64,
-    first_stop_s: f64,
-    #[serde(default = "once")]
-    periods: u8,
-    legs: Vec<LegTable>,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct LegTable {
-    outer_deg: f64,
-    inner_deg: f64,
-    stop_s: f64,
-}
-
-fn twenty() -> f64 {
-    20.0
-}
-
-fn once() -> u8 {
-    1
-}
+use table::{LegTable, SchemeTable};
 
 /// The library's scheme of this name, or else in this file; `stop_s` and `periods` take the place of the scheme's own.
 ///
@@ -80,7 +52,8 @@ pub fn read_scheme(path: &Path) -> Result<Scheme, TomlFileError> {
     if table.legs.len() > MAX_LEGS {
         return Err(file.wrong_value("", "legs", &format!("{} legs, at most {MAX_LEGS} fit", table.legs.len())));
     }
-    let scheme = from_table(&table, path).ok_or_else(|| file.wrong_value("", "name", "longer than 32 bytes"))?;
+    let scheme = from_table(&table, path)
+        .ok_or_else(|| file.wrong_value("", "name", &format!("longer than {MAX_NAME_BYTES} bytes")))?;
     match scheme.check() {
         Ok(()) => Ok(scheme),
         Err(error) => Err(file.wrong_value("", key_of(&scheme, error), &error.to_string())),
@@ -111,11 +84,8 @@ pub fn write_scheme(path: &Path, scheme: &Scheme) -> Result<(), TomlFileError> {
 }
 
 fn from_table(table: &SchemeTable, path: &Path) -> Option<Scheme> {
-    let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
-    // Eight characters are at most 32 bytes.
-    let name = if table.name.is_empty() { stem.chars().take(8).collect() } else { table.name.clone() };
     Some(Scheme {
-        name: name.as_str().try_into().ok()?,
+        name: table.name_or(path).as_str().try_into().ok()?,
         rate_rad_s: table.rate_deg_s * DEG,
         acceleration_rad_s2: table.acceleration_deg_s2 * DEG,
         first_stop_s: table.first_stop_s,
