@@ -1,8 +1,9 @@
-//! What the data-ready interrupt does: read the IMU, make one raw sample of it and the angles at its stamp, queue it with
-//! the gimbal's status.
+//! What the interrupt of the IMU does, data-ready or that of a UART: read the IMU, make one raw sample of it and the angles
+//! at its stamp, queue it with the gimbal's status.
 
 use crate::angle::Angle;
 use crate::drivers::adis16495::Adis16495;
+use crate::drivers::kvh1750::Kvh1750;
 use crate::drivers::{ImuFault, ImuReading};
 use crate::gimbal::GimbalStatus;
 use crate::linear::Real;
@@ -73,6 +74,48 @@ impl<'q, T: Real, S: SpiDevice> Acquisition<'q, T, S> {
     /// There is no sample, and the queue has counted the reason.
     pub fn on_data_ready(&mut self, edge_us: u64, view_at: impl FnOnce(u64) -> View) -> Result<(), Loss> {
         self.sampler.take(self.imu.read(edge_us), view_at)
+    }
+}
+
+/// An IMU that sends by itself, on its way to the queue: in the interrupt of its UART
+///
+/// ```
+/// use rins_selfcal::acquisition::{Streaming, View};
+/// use rins_selfcal::drivers::kvh1750::{Kvh1750, Settings};
+/// use rins_selfcal::queue::SampleQueue;
+///
+/// # fn received() -> [u8; 3] { [0xfe, 0x81, 0xff] }
+/// # fn now_us() -> u64 { 0 }
+/// # fn view_at(_: u64) -> View { Err(rins_selfcal::queue::Loss::Status) }
+/// let mut queue = SampleQueue::<f64, 64>::new();
+/// let (producer, samples) = queue.split();
+/// let mut streaming = Streaming::new(Kvh1750::new(&Settings::default()), producer);
+/// // The UART's interrupt; `view_at` asks `Control::view`.
+/// for byte in received() {
+///     streaming.on_byte(byte, now_us(), view_at);
+/// }
+/// # assert!(samples.is_empty());
+/// ```
+pub struct Streaming<'q, T: Real> {
+    imu: Kvh1750,
+    sampler: Sampler<'q, T>,
+}
+
+impl<'q, T: Real> Streaming<'q, T> {
+    /// Puts the parts together.
+    pub fn new(imu: Kvh1750, producer: SampleProducer<'q, T>) -> Self {
+        Self { imu, sampler: Sampler::new(producer) }
+    }
+
+    /// Takes in a byte, which came at `now_us`. The last of a message tells what became of its sample: if there is none, the
+    /// queue has counted the reason.
+    pub fn on_byte(&mut self, byte: u8, now_us: u64, view_at: impl FnOnce(u64) -> View) -> Option<Result<(), Loss>> {
+        self.imu.push(byte, now_us).map(|reading| self.sampler.take(reading, view_at))
+    }
+
+    /// The IMU.
+    pub fn imu(&self) -> &Kvh1750 {
+        &self.imu
     }
 }
 

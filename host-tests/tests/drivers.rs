@@ -12,12 +12,15 @@ use host_tests::chips::kvh1750::Kvh1750Chip;
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
+use rins_selfcal::acquisition::Streaming;
 use rins_selfcal::angle::Angle;
 use rins_selfcal::drivers::adis16495::{self, Adis16495, Clock, FilterBank, StartFault};
 use rins_selfcal::drivers::biss::{BissEncoder, EncoderFault, Mounting, Resolution};
 use rins_selfcal::drivers::bridge::{Bridge, BridgeFault};
 use rins_selfcal::drivers::kvh1750::{self, Kvh1750};
 use rins_selfcal::drivers::{ImuFault, ImuReading};
+use rins_selfcal::gimbal::GimbalStatus;
+use rins_selfcal::queue::{Loss, Losses, Observed, SampleQueue};
 use std::cell::RefCell;
 use std::convert::Infallible;
 use std::rc::Rc;
@@ -313,6 +316,38 @@ fn every_whole_message_of_a_damaged_stream_is_read_and_no_other() {
     let lost = 100_000 - whole;
     // A message cut within its header is missed, and not told of as damaged; one told of may be made of two.
     assert!(missed <= lost && missed + told >= lost - 1, "{missed} missed, {told} told of {lost}");
+}
+
+/// Byte by byte at 921 600 baud, as in the interrupt of a UART: 200 intervals of a 200 Hz unit whose outer axis turns at
+/// 20 deg/s, of which every tenth message arrives damaged.
+#[test]
+fn a_streaming_imu_fills_the_queue_with_the_angles_of_its_stamps() {
+    let (mut chip, mut queue) = (Kvh1750Chip::default(), SampleQueue::<f64, 256>::new());
+    let (producer, mut samples) = queue.split();
+    let mut streaming = Streaming::new(Kvh1750::new(&kvh1750::Settings::default()), producer);
+    let outer = |time_us: u64| Angle::from_ticks((time_us as f64 * 1e-6 * 20.0 / 360.0 * 2_f64.powi(32)) as u32);
+    let status = |time_us| GimbalStatus { time_us, ..GimbalStatus::default() };
+    let view = |time_us| Ok(([outer(time_us), Angle::default()], status(time_us)));
+    for interval in 1..=200_u64 {
+        let mut message = chip.message([0.349, 0.0, 0.0], [0.0, 0.0, 9.806_65], 30.0);
+        if interval % 10 == 0 {
+            message[20] ^= 1;
+        }
+        let taken: Vec<_> = (1..)
+            .zip(message)
+            .filter_map(|(bytes, byte)| streaming.on_byte(byte, interval * 5000 + bytes * 10_000_000 / 921_600, view))
+            .collect();
+        assert_eq!(taken, [if interval % 10 == 0 { Err(Loss::Crc) } else { Ok(()) }]);
+    }
+    assert_eq!(samples.losses(), Losses { crc: 20, ..Losses::default() });
+    let taken: Vec<_> = std::iter::from_fn(|| samples.pop()).collect();
+    assert_eq!(taken.len(), 180);
+    for (interval, Observed { sample, gimbal }) in (1..).filter(|interval| interval % 10 != 0).zip(taken) {
+        // The middle of the interval, to a microsecond of rounding.
+        assert!(sample.time_us.abs_diff(interval * 5000 - 2500) <= 1, "{} {interval}", sample.time_us);
+        assert_eq!((sample.outer, gimbal), (outer(sample.time_us), status(sample.time_us)));
+        assert!((sample.omega_g.x - 0.349).abs() < 1e-7 && (sample.force_a.z - 9.806_65).abs() < 1e-6);
+    }
 }
 
 /// A single precision number of the KVH and the steps of the ADIS16495 against the noise of a navigation unit at 200 Hz.
