@@ -17,6 +17,7 @@ use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
 use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::calibrator::CalibratorConfig;
 use rins_selfcal::estimator::BASIC_STATES;
+use rins_selfcal::link::PROTOCOL_VERSION;
 use rins_selfcal::method::Method;
 use rins_selfcal::policy::PowerUpPolicy;
 use rins_selfcal::scheme::Scheme;
@@ -74,8 +75,9 @@ fn commanded_followed_read_and_erased(port: &Path) {
     let json = directory.path().join("stored.json");
     let read = ["--read", "calibration", "--json", json.to_str().expect("a name")];
 
-    // It has looked at its first samples.
-    while !text(&monitor(port, &["--read", "status"]).stdout).contains("StandBy") {}
+    // It has looked at its first samples, of which it has had some for each look.
+    let stands_by = |_: u32| text(&monitor(port, &["--read", "status"]).stdout).contains("StandBy");
+    assert!((0..100).any(stands_by), "it does not come to stand by");
     let nothing = monitor(port, &read);
     let (abort, locked) = (monitor(port, &["--abort"]), monitor(port, &["--erase"]));
     let run = monitor(port, &["--start"]);
@@ -92,7 +94,8 @@ fn commanded_followed_read_and_erased(port: &Path) {
     assert!(text(&locked.stderr).contains("--unlock"), "{}", text(&locked.stderr));
     let said = text(&run.stdout);
     assert_eq!(run.status.code(), Some(0), "{said}{}", text(&run.stderr));
-    for part in ["protocol 1", "turning, leg 18 of 18", "segment 37: worst", "verdict  accepted", "stored   yes"] {
+    let protocol = format!("protocol {PROTOCOL_VERSION}");
+    for part in [protocol.as_str(), "turning, leg 18 of 18", "segment 37: worst", "verdict  accepted", "stored   yes"] {
         assert!(said.contains(part), "{part}: {said}");
     }
     assert!(found.status.success(), "{}", text(&found.stderr));

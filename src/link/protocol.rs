@@ -40,7 +40,7 @@ pub enum Command {
     /// Change the configuration, until power-off. Only when unlocked, and while no run is under way.
     Set(Setting),
     /// Erase the stored calibration; corrections go on with the one in use until power-off. Only when unlocked, and while
-    /// no run is under way.
+    /// no run is under way. It takes seconds; what the sample queue has no room for meanwhile is not corrected, but counted.
     Erase,
 }
 
