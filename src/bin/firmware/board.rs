@@ -16,6 +16,16 @@ pub use crate::mps2::Mps2 as ThisBoard;
 #[cfg(feature = "stm32h743")]
 pub use crate::stm32h743::Stm32h743 as ThisBoard;
 
+/// What every board has for the main loop.
+pub struct Parts<M> {
+    /// Samples of the data-ready interrupt.
+    pub samples: SampleConsumer<'static, Scalar>,
+    /// Calibration records.
+    pub store: CalibrationStore<M>,
+    /// Why the software has started.
+    pub restart: Restart,
+}
+
 /// A board, as the main loop has it.
 pub trait Board: Sized {
     /// Memory that keeps calibrations while the power is off.
@@ -39,14 +49,8 @@ pub trait Board: Sized {
     /// Does something with what the control interrupt has, in a critical section; `None` before [`Self::begin`].
     fn with_control<R>(&mut self, act: impl FnOnce(&mut Control<Scalar, Self::Spi, Self::Bridge>) -> R) -> Option<R>;
 
-    /// Why the software has started.
-    fn restart(&self) -> &Restart;
-
-    /// Samples of the data-ready interrupt.
-    fn samples(&mut self) -> &mut SampleConsumer<'static, Scalar>;
-
-    /// Calibration records.
-    fn store(&mut self) -> &mut CalibrationStore<Self::Memory>;
+    /// Samples, store and the reason of the start.
+    fn parts(&mut self) -> &mut Parts<Self::Memory>;
 
     /// Gives a frame of a message to whoever has this board on a bench.
     fn show(&mut self, _frame: &[u8]) {}

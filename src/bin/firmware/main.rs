@@ -97,7 +97,7 @@ fn self_calibrate(
     calibrator: &mut ImageCalibrator,
 ) -> Result<(), ()> {
     let (stored, scheme) = (load(board, link), config.scheme.name.clone());
-    let restart = board.restart().clone();
+    let restart = board.parts().restart.clone();
     send(board, link, &Message::Restarted(restart));
     let gimbal = Gimbal::new(&config.axes, &config.motors);
     // Borrowed where it is: moved out, it would be on the stack twice.
@@ -113,7 +113,7 @@ fn self_calibrate(
     let mut samples = 0;
     while board.powered() {
         watchdog::report(Task::Main, board.now_us());
-        while let Some(Observed { sample, gimbal }) = board.samples().pop() {
+        while let Some(Observed { sample, gimbal }) = board.parts().samples.pop() {
             watchdog::progress(board.now_us());
             samples += 1;
             let (span, mut work) = (Span::start(), work_in(run.state()));
@@ -152,11 +152,11 @@ fn command(board: &mut impl Board, motion: Option<MotionCommand>, seen_us: u64) 
 /// Answers the commands that have come in, and tells the status.
 #[inline(never)]
 fn serve(board: &mut impl Board, link: &mut Link, run: &mut SelfCalibration<'_, Scalar, STATES>) {
-    let moment = Moment { now_us: board.now_us(), missing: board.samples().losses().total() };
+    let moment = Moment { now_us: board.now_us(), missing: board.parts().samples.losses().total() };
     let before = (run.config().axes, run.config().motors);
     link.note_overrun(inbox::lost());
     let bytes = core::iter::from_fn(inbox::pop);
-    link.serve(bytes, moment, run, &mut Memories { store: board.store(), event: recorder::event });
+    link.serve(bytes, moment, run, &mut Memories { store: &mut board.parts().store, event: recorder::event });
     let (axes, motors) = (run.config().axes, run.config().motors);
     if (axes, motors) != before {
         board.with_control(|control| control.reconfigure(&axes, &motors));
@@ -197,7 +197,7 @@ fn replay(
     let mut samples = 0;
     while board.powered() {
         watchdog::report(Task::Main, board.now_us());
-        while let Some(Observed { sample, .. }) = board.samples().pop() {
+        while let Some(Observed { sample, .. }) = board.parts().samples.pop() {
             watchdog::progress(board.now_us());
             samples += 1;
             if let Some(progress) = calibrator.step(&sample) {
@@ -216,7 +216,7 @@ fn replay(
 /// Stores the run's result; whether that went well.
 #[inline(never)]
 fn save(board: &mut impl Board, run: &SelfCalibration<'_, Scalar, STATES>) -> bool {
-    let Some(saved) = run.record().map(|record| board.store().save(&record)) else { return false };
+    let Some(saved) = run.record().map(|record| board.parts().store.save(&record)) else { return false };
     if let Ok(failed @ 1..) = saved {
         defmt::warn!("{=usize} slots of the store did not take the record; the next one did", failed);
     }
@@ -226,14 +226,14 @@ fn save(board: &mut impl Board, run: &SelfCalibration<'_, Scalar, STATES>) -> bo
 /// The stored calibration, if there is a good one.
 #[inline(never)]
 fn load(board: &mut impl Board, link: &mut Link) -> Option<StoredCalibration> {
-    let (record, damaged, fault) = match board.store().load() {
+    let (record, damaged, fault) = match board.parts().store.load() {
         Ok(Loaded::Empty) => (None, false, false),
         Ok(Loaded::Found { record, damage }) => (Some(record), damage.is_some(), false),
         Ok(Loaded::Corrupt { .. }) => (None, true, false),
         Err(_) => (None, false, true),
     };
     // Where the next record needs an erase, it is done now, while nothing waits for it.
-    if board.store().prepare().is_err() {
+    if board.parts().store.prepare().is_err() {
         defmt::warn!("no record can be stored");
     }
     let found = record.is_some();
@@ -248,7 +248,7 @@ fn load(board: &mut impl Board, link: &mut Link) -> Option<StoredCalibration> {
 }
 
 fn report_queue(board: &mut impl Board, link: &mut Link, samples: u64) {
-    let losses = board.samples().losses();
+    let losses = board.parts().samples.losses();
     defmt::info!("{=u64} samples, {=u32} missing", samples, losses.total());
     send(board, link, &Message::Queue { samples, losses });
 }

@@ -22,7 +22,7 @@ mod register;
 mod semihosting;
 mod serial;
 
-use crate::board::Board;
+use crate::board::{Board, Parts};
 use crate::work::{Span, Work, count, loads};
 use crate::{Scalar, recorder, stack, watchdog};
 use core::cell::{Cell, RefCell};
@@ -38,7 +38,7 @@ use pipe_pins::{BridgePin, EncoderSpi, input};
 use pipe_spi::{Chip, POWERED, PipeBus, PipeSpi};
 use register::{Register, Timer};
 use rins_selfcal::acquisition::Acquisition;
-use rins_selfcal::black_box::{Event, Restart, Stop};
+use rins_selfcal::black_box::{Event, Stop};
 use rins_selfcal::control::Control;
 use rins_selfcal::drivers::adis16495::{Adis16495, Settings};
 use rins_selfcal::drivers::biss::{BissEncoder, Mounting, Resolution};
@@ -46,7 +46,7 @@ use rins_selfcal::drivers::bridge::Bridge;
 use rins_selfcal::gimbal::Gimbal;
 use rins_selfcal::link::Link;
 use rins_selfcal::liveness::Task;
-use rins_selfcal::queue::{Loss, SampleConsumer, SampleQueue};
+use rins_selfcal::queue::{Loss, SampleQueue};
 use rins_selfcal::servo::PERIOD_US;
 use rins_selfcal::store::CalibrationStore;
 use semihosting::{File, exit};
@@ -255,11 +255,9 @@ fn start_waking(systick: &mut SYST) {
 
 /// The board.
 pub struct Mps2 {
-    samples: SampleConsumer<'static, Scalar>,
+    parts: Parts<Eeprom>,
     nvic: NVIC,
-    store: CalibrationStore<Eeprom>,
     telemetry: File,
-    restart: Restart,
     idle_ticks: u64,
 }
 
@@ -285,8 +283,8 @@ impl Mps2 {
         // Safety: no critical section rests on priorities.
         unsafe { core.SCB.set_priority(SystemHandler::SysTick, 0xf0) };
         start_waking(&mut core.SYST);
-        let store = CalibrationStore::new(eeprom());
-        Some(Self { samples, nvic: core.NVIC, store, telemetry, restart, idle_ticks: 0 })
+        let parts = Parts { samples, store: CalibrationStore::new(eeprom()), restart };
+        Some(Self { parts, nvic: core.NVIC, telemetry, idle_ticks: 0 })
     }
 
     /// What the host's file `run` holds, in words.
@@ -300,7 +298,7 @@ impl Mps2 {
             with_control(|control| control.late_commands()).unwrap_or(0).into(),
             LATENCIES[0].load(Ordering::Relaxed).into(),
             LATENCIES[1].load(Ordering::Relaxed).into(),
-            self.samples.deepest().into(),
+            self.parts.samples.deepest().into(),
             QUEUE_LENGTH as u64 - 1,
         ];
         let loads = loads();
@@ -326,12 +324,8 @@ impl Board for Mps2 {
         }
     }
 
-    fn restart(&self) -> &Restart {
-        &self.restart
-    }
-
-    fn samples(&mut self) -> &mut SampleConsumer<'static, Scalar> {
-        &mut self.samples
+    fn parts(&mut self) -> &mut Parts<Eeprom> {
+        &mut self.parts
     }
 
     fn begin(&mut self, gimbal: Gimbal<Scalar>) {
@@ -349,10 +343,6 @@ impl Board for Mps2 {
 
     fn with_control<R>(&mut self, act: impl FnOnce(&mut BoardControl) -> R) -> Option<R> {
         with_control(act)
-    }
-
-    fn store(&mut self) -> &mut CalibrationStore<Eeprom> {
-        &mut self.store
     }
 
     fn transmit(&mut self, link: &mut Link) {
@@ -387,7 +377,7 @@ impl Board for Mps2 {
     fn wait(&mut self) {
         // An interrupt between look and sleep stays pending and ends the sleep.
         critical_section::with(|_| {
-            if self.samples.is_empty() && self.powered() {
+            if self.parts.samples.is_empty() && self.powered() {
                 let start = ticks();
                 cortex_m::asm::wfi();
                 self.idle_ticks += ticks() - start;

@@ -14,7 +14,7 @@ mod checked_flash;
 mod clock;
 mod serial;
 
-use crate::board::Board;
+use crate::board::{Board, Parts};
 use crate::work::{Span, Work, count, loads};
 use crate::{Scalar, recorder, stack, watchdog};
 use checked_flash::CheckedFlash;
@@ -50,7 +50,7 @@ use rins_selfcal::drivers::bridge::{Bridge, NoPin};
 use rins_selfcal::gimbal::Gimbal;
 use rins_selfcal::link::Link;
 use rins_selfcal::liveness::Task;
-use rins_selfcal::queue::{Loss, SampleConsumer, SampleQueue};
+use rins_selfcal::queue::{Loss, SampleQueue};
 use rins_selfcal::servo::PERIOD_US;
 use rins_selfcal::store::CalibrationStore;
 use rins_selfcal::store::medium;
@@ -124,12 +124,10 @@ fn SysTick() {
 
 /// The board.
 pub struct Stm32h743 {
-    samples: SampleConsumer<'static, Scalar>,
+    parts: Parts<CalibrationFlash>,
     /// Encoders, bridges and the timer of the control periods, until control begins.
     devices: Option<Devices>,
-    store: CalibrationStore<CalibrationFlash>,
     _serial: Uart<'static, Blocking>,
-    restart: Restart,
     _clock_of_imu: SimplePwm<'static, TIM3>,
     _data_ready: CapturePin<'static, TIM2, Ch4>,
 }
@@ -191,12 +189,11 @@ impl Stm32h743 {
             bridge(pwm.ch2, output(p.PE10), output(p.PE12), Input::new(p.PE15, Pull::Up)),
         ];
         let serial = serial::start(p.USART3, p.PD9, p.PD8)?;
+        let flash = medium::Flash::new(CheckedFlash(Flash::new_blocking(p.FLASH)), CALIBRATIONS);
         Some(Self {
-            samples,
+            parts: Parts { samples, store: CalibrationStore::new(flash), restart },
             devices: Some(([outer, inner], bridges, p.TIM6)),
-            store: CalibrationStore::new(medium::Flash::new(CheckedFlash(Flash::new_blocking(p.FLASH)), CALIBRATIONS)),
             _serial: serial,
-            restart,
             _clock_of_imu: imu_clock,
             _data_ready: CapturePin::new(p.PB11, Pull::Down),
         })
@@ -288,12 +285,8 @@ impl Board for Stm32h743 {
         }
     }
 
-    fn restart(&self) -> &Restart {
-        &self.restart
-    }
-
-    fn samples(&mut self) -> &mut SampleConsumer<'static, Scalar> {
-        &mut self.samples
+    fn parts(&mut self) -> &mut Parts<CalibrationFlash> {
+        &mut self.parts
     }
 
     fn begin(&mut self, gimbal: Gimbal<Scalar>) {
@@ -307,10 +300,6 @@ impl Board for Stm32h743 {
 
     fn with_control<R>(&mut self, act: impl FnOnce(&mut BoardControl) -> R) -> Option<R> {
         with_control(act)
-    }
-
-    fn store(&mut self) -> &mut CalibrationStore<CalibrationFlash> {
-        &mut self.store
     }
 
     fn transmit(&mut self, link: &mut Link) {
@@ -334,7 +323,7 @@ impl Board for Stm32h743 {
     fn wait(&mut self) {
         // An interrupt between look and sleep stays pending and ends the sleep.
         critical_section::with(|_| {
-            if self.samples.is_empty() {
+            if self.parts.samples.is_empty() {
                 cortex_m::asm::wfi();
             }
         });
