@@ -75,7 +75,9 @@ impl Link {
         self.hello = Some(hello);
     }
 
-    /// Takes in a byte; the one that ends a command gives it, with its number.
+    /// Takes in a byte; the one that ends a command gives it, with its number. Not inlined, as others here: frames and what
+    /// they carry are large, and the stack of one is free again when the next needs it.
+    #[inline(never)]
     pub fn receive(&mut self, byte: u8) -> Option<(u16, Command)> {
         match self.decoder.push(byte)? {
             Ok(frame) => match frame.read() {
@@ -97,6 +99,7 @@ impl Link {
     }
 
     /// Answers the command of this number.
+    #[inline(never)]
     pub fn reply(&mut self, number: u16, answer: &Answer) {
         let mut frame = [0; MAX_FRAME_BYTES];
         self.put(encode(number, answer, &mut frame), Lane::Urgent);
@@ -134,6 +137,7 @@ impl Link {
     }
 
     /// Tells something that nobody asked for.
+    #[inline(never)]
     fn volunteer(&mut self, answer: &Answer) {
         let mut frame = [0; MAX_FRAME_BYTES];
         let lane = if matches!(answer, Answer::Status(_)) { Lane::Routine } else { Lane::Urgent };

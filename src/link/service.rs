@@ -83,17 +83,31 @@ impl Link {
     ) {
         for byte in bytes {
             if let Some((number, command)) = self.receive(byte) {
-                let answer = self.carry_out(&command, moment, run, archive).unwrap_or_else(Answer::Refused);
-                self.reply(number, &answer);
+                self.answer(number, &command, moment, run, archive);
             }
+        }
+    }
+
+    /// Carries out and replies.
+    #[inline(never)]
+    fn answer<T: Real, const STATES: usize>(
+        &mut self,
+        number: u16,
+        command: &Command,
+        moment: Moment,
+        run: &mut SelfCalibration<'_, T, STATES>,
+        archive: &mut impl Archive,
+    ) {
+        match self.carry_out(command, moment, run, archive) {
+            Ok(answer) => self.reply(number, &answer),
+            Err(refusal) => self.reply(number, &Answer::Refused(refusal)),
         }
     }
 
     /// Tells the status where it is due: twice a second.
     pub fn tell_status<T: Real, const STATES: usize>(&mut self, moment: Moment, run: &SelfCalibration<'_, T, STATES>) {
         if self.is_status_due(moment.now_us) {
-            let status = status(moment, run, self.counts(), &self.lock);
-            self.volunteer(&Answer::Status(status));
+            self.volunteer(&Answer::Status(status(moment, run, self.counts(), &self.lock)));
         }
     }
 
@@ -158,6 +172,7 @@ fn abort<T: Real, const STATES: usize>(run: &mut SelfCalibration<'_, T, STATES>)
     Ok(Answer::Done)
 }
 
+#[inline(never)]
 fn set<T: Real, const STATES: usize>(
     setting: &Setting,
     run: &mut SelfCalibration<'_, T, STATES>,
@@ -175,6 +190,7 @@ fn erase(state: State, archive: &mut impl Archive) -> Result<Answer, Refusal> {
     Ok(Answer::Done)
 }
 
+#[inline(never)]
 fn read<T: Real, const STATES: usize>(
     item: Item,
     run: &SelfCalibration<'_, T, STATES>,

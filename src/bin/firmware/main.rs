@@ -67,9 +67,9 @@ fn main() -> ! {
 
 fn run(board: &mut impl Board, link: &mut Link, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
     link.greet(Hello::new::<Scalar>(STATES));
-    match assignment(board) {
+    match &assignment(board) {
         Assignment::SelfCalibrate(config) => self_calibrate(board, link, config, calibrator),
-        Assignment::Replay(config) => replay(board, link, &config, calibrator),
+        Assignment::Replay(config) => replay(board, link, config, calibrator),
     }
 }
 
@@ -93,23 +93,46 @@ fn assignment(board: &mut impl Board) -> Assignment {
 fn self_calibrate(
     board: &mut impl Board,
     link: &mut Link,
-    config: SelfCalibrationConfig,
+    config: &SelfCalibrationConfig,
     calibrator: &mut ImageCalibrator,
 ) -> Result<(), ()> {
-    let (stored, scheme) = (load(board, link), config.scheme.name.clone());
+    // Borrowed where it is: moved out, it would be on the stack twice.
+    match &mut prepare(board, link, config, calibrator) {
+        Ok(run) => {
+            begin(board, &config.axes, &config.motors);
+            follow(board, link, run)
+        }
+        Err(error) => refuse(board, link, *error),
+    }
+}
+
+#[inline(never)]
+fn prepare<'c>(
+    board: &mut impl Board,
+    link: &mut Link,
+    config: &SelfCalibrationConfig,
+    calibrator: &'c mut ImageCalibrator,
+) -> Result<SelfCalibration<'c, Scalar, STATES>, ConfigError> {
+    let stored = load(board, link);
+    tell_restart(board, link);
+    defmt::info!("scheme {=str}", config.scheme.name.as_str());
+    SelfCalibration::new(config.clone(), stored.as_ref(), calibrator)
+}
+
+#[inline(never)]
+fn tell_restart(board: &mut impl Board, link: &mut Link) {
     let restart = board.parts().restart.clone();
     send(board, link, &Message::Restarted(restart));
-    let gimbal = Gimbal::new(&config.axes, &config.motors);
-    // Borrowed where it is: moved out, it would be on the stack twice.
-    let mut made = SelfCalibration::new(config, stored.as_ref(), calibrator);
-    let run = match &mut made {
-        Ok(run) => run,
-        Err(error) => {
-            defmt::error!("scheme {=str}", scheme.as_str());
-            return refuse(board, link, *error);
-        }
-    };
-    board.begin(gimbal);
+}
+
+/// Lets control and sampling begin.
+#[inline(never)]
+fn begin(board: &mut impl Board, axes: &[AxisLimits; 2], motors: &[MotorAndLoad; 2]) {
+    board.begin(Gimbal::new(axes, motors));
+}
+
+/// Samples and commands in, motion commands and messages out, until the instrument is switched off.
+fn follow(board: &mut impl Board, link: &mut Link, run: &mut SelfCalibration<'_, Scalar, STATES>) -> Result<(), ()> {
     let mut samples = 0;
     while board.powered() {
         watchdog::report(Task::Main, board.now_us());
@@ -165,6 +188,7 @@ fn serve(board: &mut impl Board, link: &mut Link, run: &mut SelfCalibration<'_, 
     board.transmit(link);
 }
 
+#[inline(never)]
 fn refuse(board: &mut impl Board, link: &mut Link, error: ConfigError) -> Result<(), ()> {
     defmt::error!("the configuration is refused: {}", defmt::Display2Format(&error));
     send(board, link, &Message::Refused(error));
@@ -193,7 +217,7 @@ fn replay(
         return refuse(board, link, ConfigError::States);
     }
     calibrator.restart(config);
-    board.begin(Gimbal::new(&[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2]));
+    begin(board, &[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2]);
     let mut samples = 0;
     while board.powered() {
         watchdog::report(Task::Main, board.now_us());
