@@ -183,8 +183,20 @@ fn the_library_is_compared_in_one_table() {
             assert!(is_about(printed, documented), "{name}: {documented} in the README, but {printed}");
         }
     }
+}
+
+#[test]
+fn what_a_scheme_brings_is_told_segment_by_segment() {
     let plot = scratch("sigmas.svg");
-    run(&["observability", "--scheme", "fast-60", "--plot", plot.to_str().unwrap()]);
+    let text = run(&["observability", "--scheme", "fast-60", "--plot", plot.to_str().unwrap()]);
+    let against_time = text.lines().skip_while(|line| cells(line, "  ").first() != Some(&"end s"));
+    let rows: Vec<Vec<&str>> = against_time.take_while(|line| !line.is_empty()).map(|row| cells(row, "  ")).collect();
+    // Five stops and four moves; what the last of them leaves is the sigma of each.
+    assert_eq!((rows.len(), rows[0].len()), (10, 13), "{text}");
+    for (name, sigma) in rows[0].iter().zip(&rows[9]).skip(1) {
+        let of_parameter = |line: &&str| cells(line, "  ").starts_with(&[name, sigma]);
+        assert!(text.lines().any(|line| of_parameter(&line)), "{name} {sigma}: {text}");
+    }
     let drawn = fs::read_to_string(plot).unwrap();
     assert!(drawn.starts_with("<svg") && drawn.matches("<polyline").count() >= 12);
 }

@@ -13,9 +13,11 @@ use crate::report::write_json;
 use crate::table;
 use rayon::prelude::*;
 use rins_selfcal::method::Method;
+use rins_selfcal::observability::INSTALLATION_STATES;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::scheme::library::LIBRARY;
 use rins_selfcal::segment::SegmentKind;
+use std::iter;
 
 /// Parameters named for each segment: those that it brought most.
 const NAMED_GAINS: usize = 3;
@@ -114,13 +116,14 @@ fn text(prediction: &Prediction) -> String {
     };
     format!(
         "scheme {}, {:.1} s, {} method\n\nBai's 12 states, stacked along the scheme\n{}\ninformation gained, bits, and worst \
-         sigma of Bai's 12\n{}\nall states: rank {} of {}, condition number {}, weakest direction: {}\n{hidden}worst of \
-         Bai's 12: {} arcsec{}{}\n\n{}",
+         sigma of Bai's 12\n{}\nsigmas of Bai's 12 against time, arcsec\n{}\nall states: rank {} of {}, condition \
+         number {}, weakest direction: {}\n{hidden}worst of Bai's 12: {} arcsec{}{}\n\n{}",
         prediction.scheme,
         prediction.duration_s,
         prediction.method,
         ranks(prediction),
         segments(prediction),
+        against_time(prediction),
         prediction.rank,
         prediction.states,
         significant(prediction.condition_number),
@@ -161,6 +164,21 @@ fn largest_gains(gain: &SegmentGain) -> String {
     gains.sort_by(|a, b| b.1.total_cmp(&a.1));
     let worth = gains.iter().filter(|(_, bits)| *bits >= LEAST_GAIN).take(NAMED_GAINS);
     worth.map(|(name, bits)| format!("{name} {bits:.1}")).collect::<Vec<_>>().join(", ")
+}
+
+fn of_twelve(gain: &SegmentGain) -> impl Iterator<Item = (&'static str, f64)> {
+    gain.sigmas.0.iter().take(INSTALLATION_STATES).copied()
+}
+
+/// Sigmas of Bai's twelve after every segment.
+fn against_time(prediction: &Prediction) -> String {
+    let names = prediction.segments.first().into_iter().flat_map(of_twelve).map(|(name, _)| name);
+    let columns: Vec<_> = iter::once("end s").chain(names).collect();
+    let row = |gain: &SegmentGain| {
+        let sigmas = of_twelve(gain).map(|(_, sigma)| significant(sigma));
+        iter::once(format!("{:.1}", gain.time_s)).chain(sigmas).collect()
+    };
+    table::of_numbers(&columns, prediction.segments.iter().map(row))
 }
 
 /// All predicted sigmas, by parameter and optional state.
