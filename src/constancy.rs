@@ -29,6 +29,10 @@ const HIGHEST_LIMIT: f64 = 5.0;
 const LOWEST_LIMIT: f64 = 4.0;
 /// Found this many sigmas before it alone uses up the tolerance; noise needs its part.
 const RESERVE_SIGMAS: f64 = 0.5;
+/// The scale of an encoder shows in all that follows its onset, so the tests of all onsets are nearly one: 2e-4 for all of
+/// them. That affords a lower limit, and to find it when it uses up this part of the tolerance.
+const LOWEST_SCALE_LIMIT: f64 = 3.7;
+const TOLERATED_SCALE_PART: f64 = 0.45;
 /// An installation error may be wrong by so many sigmas, or by so much, rad.
 const TOLERANCE_SIGMAS: f64 = 4.5;
 const TOLERANCE_RAD: f64 = ARCSEC;
@@ -334,7 +338,12 @@ impl<const STATES: usize> Suspect<STATES> {
             let tolerance = (TOLERANCE_SIGMAS * parameter_sigma).max(TOLERANCE_RAD);
             harm.max(f64::from(*wrong).abs() * sigma / tolerance)
         });
-        let limit = (harm.max(f64::MIN_POSITIVE).recip() - RESERVE_SIGMAS).clamp(LOWEST_LIMIT, HIGHEST_LIMIT);
+        let without_harm = harm.max(f64::MIN_POSITIVE).recip();
+        let limit = match self.change {
+            Change::EncoderScale(_) => (TOLERATED_SCALE_PART * without_harm).max(LOWEST_SCALE_LIMIT),
+            _ => (without_harm - RESERVE_SIGMAS).max(LOWEST_LIMIT),
+        };
+        let limit = limit.min(HIGHEST_LIMIT);
         let size = self.score * sigma * sigma;
         Suspicion { change: self.change, segment: self.segment, size, sigmas: self.score * sigma, limit }
     }
