@@ -18,6 +18,7 @@
 //! ```
 
 pub mod apt;
+pub mod bai;
 pub mod bench;
 pub mod calibration;
 pub mod chips;

@@ -7,8 +7,10 @@
 //! [effects]
 //! lever_arm_m = [0.02, -0.01, 0.03]
 //! ```
+//! The same may be given in place of a file's name, in one line: `parameters = { Sgxy = -233.615 }`.
 //! A file of noise holds the table `[noise]` of UNIT.toml.
 
+use crate::bai::{TABLE_1, TABLE_3, Twelve};
 use crate::toml_file::{TomlFile, TomlFileError};
 use crate::truth::ParameterTable;
 use crate::unit::Noise;
@@ -21,12 +23,6 @@ use rins_selfcal::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 use std::path::Path;
-
-/// Table 1 of Bai, arcsec.
-const TABLE_1: [f64; 12] = [16.0, 16.0, 16.0, 16.0, 16.0, 16.0, 10.0, 10.0, 10.0, 100.0, 100.0, 100.0];
-/// Reference values of Table 3 of Bai, arcsec.
-const TABLE_3: [f64; 12] =
-    [-233.615, -195.180, -79.467, 39.603, -421.075, -84.660, 31.373, -36.911, -31.490, -13.828, 111.383, -247.518];
 
 /// The errors of a unit and what else it does.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -50,7 +46,7 @@ struct NoiseFile {
     noise: Noise,
 }
 
-/// The errors of this name, `table1`, `table3` or `real`, or else in this file. `seed` gives `real` its heading.
+/// The errors of this name, `table1`, `table3` or `real`, or else in this file or text. `seed` gives `real` its heading.
 ///
 /// # Errors
 /// One line that names the file and, for its contents, line and key.
@@ -60,17 +56,19 @@ pub fn errors_named(name: &str, seed: u64) -> Result<UnitErrors, TomlFileError> 
         "table1" => plain(table1()),
         "table3" => plain(table3()),
         "real" => plain(real(seed)),
-        _ if !Path::new(name).exists() => Err(TomlFileError::Name { name: name.into(), known: "table1, table3, real" }),
-        _ => {
-            let file = TomlFile::read(Path::new(name))?;
-            let ErrorsFile { parameters, effects } = file.parse()?;
-            if let Some(parameter) = parameters.not_finite() {
-                return Err(file.wrong_value("parameters", parameter, "must be finite"));
-            }
-            effects.check().map_err(|(key, what)| file.wrong_value("effects", key, what))?;
-            Ok(UnitErrors { errors: parameters.to_errors(), effects })
-        }
+        _ if Path::new(name).exists() => errors_of(&TomlFile::read(Path::new(name))?),
+        _ if name.contains('=') => errors_of(&TomlFile::of_text("--errors", name)),
+        _ => Err(TomlFileError::Name { name: name.into(), known: "table1, table3, real" }),
     }
+}
+
+fn errors_of(file: &TomlFile) -> Result<UnitErrors, TomlFileError> {
+    let ErrorsFile { parameters, effects } = file.parse()?;
+    if let Some(parameter) = parameters.not_finite() {
+        return Err(file.wrong_value("parameters", parameter, "must be finite"));
+    }
+    effects.check().map_err(|(key, what)| file.wrong_value("effects", key, what))?;
+    Ok(UnitErrors { errors: parameters.to_errors(), effects })
 }
 
 /// The noise of this name, `bai`, `navigation` or `tactical`, or else in this file.
@@ -120,7 +118,7 @@ pub fn real(seed: u64) -> InstrumentErrors<f64> {
     }
 }
 
-fn installation(arcsec: &[f64; 12]) -> InstrumentErrors<f64> {
+fn installation(arcsec: &Twelve) -> InstrumentErrors<f64> {
     let mut table = ParameterTable::default();
     table.0[..12].copy_from_slice(&arcsec.map(Some));
     table.to_errors()
@@ -238,6 +236,17 @@ mod tests {
         assert!((noise.sigma_omega_rad_s(200.0) / (0.2 * ARCSEC) - 1.0).abs() < 1e-14);
         // A rate error over one sample interval of 5 ms is an angle.
         assert!((noise.sigma_reference_rad(200.0) / (0.7 * ARCSEC * 0.005) - 1.0).abs() < 1e-14);
+    }
+
+    #[test]
+    fn errors_may_be_given_in_one_line() {
+        let found = errors_named("parameters = { Sgxy = 3.0, gyro_bias_x = 0.5 }", 0).unwrap().errors.to_vector();
+        assert!((found[0] / ARCSEC - 3.0).abs() < 1e-12 && (found.sum() - 3.0 * ARCSEC - 0.5 * DEG_H).abs() < 1e-15);
+        let effects = errors_named("effects.base_tilt_drift_arcsec_h = [2.0, 0.0]", 0).unwrap().effects;
+        assert_eq!(effects.base_tilt_drift_arcsec_h, [2.0, 0.0]);
+        let message = |text| errors_named(text, 0).unwrap_err().to_string();
+        assert_eq!(message("parameters = { Sgxx = 1.0 }"), "--errors:1: parameters: unknown parameter `Sgxx`");
+        assert_eq!(message("effects.hunting_hz = -1.0"), "--errors:1: hunting_hz: must be finite and not negative");
     }
 
     #[test]

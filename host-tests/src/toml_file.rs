@@ -50,6 +50,11 @@ impl TomlFile {
         Ok(Self { path: path.into(), text })
     }
 
+    /// A text that is no file; errors give its name in place of a path.
+    pub fn of_text(name: &str, text: &str) -> Self {
+        Self { path: name.into(), text: text.into() }
+    }
+
     /// The contents as a value.
     ///
     /// # Errors
