@@ -123,17 +123,17 @@ pub struct RunResult {
 }
 
 impl MonteCarlo {
-    /// All runs on all cores; per method its results in the order of the runs. `on_run` is called after each, with
-    /// whether all its methods accepted.
+    /// All runs on all cores; per method its results in the order of the runs. `on_run` is called after each, with the
+    /// result of each method.
     ///
     /// # Errors
     /// What the core has against the configuration.
-    pub fn run(&self, on_run: impl Fn(bool) + Sync) -> Result<Vec<MethodStatistics>> {
+    pub fn run(&self, on_run: impl Fn(&[RunResult]) + Sync) -> Result<Vec<MethodStatistics>> {
         self.check()?;
         let of_every_run = matches!(self.errors, ErrorSource::Fixed(_)).then(|| self.bounds(&self.virtual_run(0)));
         let runs = (0..self.runs).into_par_iter().map(|run| {
             let results = self.run_one(run, of_every_run.as_deref());
-            on_run(results.as_ref().is_ok_and(|results| results.iter().all(|result| result.accepted)));
+            results.iter().for_each(|results| on_run(results));
             results
         });
         let results: Vec<Vec<RunResult>> = runs.collect::<Result<_>>()?;
@@ -190,7 +190,8 @@ impl MonteCarlo {
         self.methods.iter().map(|method| bounds(&self.setup(*method), &run.unit, &run.scheme)).collect()
     }
 
-    fn virtual_run(&self, run: u64) -> VirtualRun {
+    /// Unit and noise of one run.
+    pub fn virtual_run(&self, run: u64) -> VirtualRun {
         let drawn = self.errors.draw(derived_seed(self.seed, run, Stream::Errors));
         VirtualRun {
             unit: VirtualUnit {
@@ -207,13 +208,26 @@ impl MonteCarlo {
 }
 
 impl MonteCarlo {
-    fn setup(&self, method: Method) -> Setup {
+    /// A method as it is set up.
+    pub fn setup(&self, method: Method) -> Setup {
         let options = if method == Method::Joint { self.options } else { Options::default() };
         Setup { options, ..Setup::new(&self.unit, self.rate_hz, method, self.precision) }
     }
 }
 
 impl RunResult {
+    /// Whether it was accepted.
+    pub fn accepted(&self) -> bool {
+        self.accepted
+    }
+
+    /// The largest sigma of the twelve installation errors, arcsec, and their largest error in sigmas.
+    pub fn worst(&self) -> [f64; 2] {
+        let twelve = &self.states[..block::ACCEL_BIAS];
+        let largest = |of: &dyn Fn(&ErrorAndSigma) -> f64| twelve.iter().map(of).fold(0.0, f64::max);
+        [largest(&|state| state.sigma), largest(&|state| (state.error / state.sigma).abs())]
+    }
+
     /// Of a run that gave no result, for this reason.
     fn none(reason: String) -> Self {
         Self {

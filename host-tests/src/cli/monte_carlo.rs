@@ -3,8 +3,9 @@
 use super::arguments::{self, MethodsArgument, MonteCarloArguments};
 use super::output::{say, sayln};
 use super::{Ending, files, progress};
+use crate::bai::TABLE_1_ERRORS;
 use crate::calibration::method_name;
-use crate::monte_carlo::{CONFIDENCE, FitStatistics, MethodStatistics, MonteCarlo};
+use crate::monte_carlo::{CONFIDENCE, FitStatistics, MethodStatistics, MonteCarlo, RunResult};
 use crate::quantity::{fixed, rounded, significant, states};
 use crate::report::{Named, SOFTWARE, Software, write_json};
 use crate::statistics::{ErrorStatistics, TOLERANCE};
@@ -13,12 +14,9 @@ use rins_selfcal::error_model::{PARAMETERS, ParameterInfo};
 use rins_selfcal::method::Method;
 use rins_selfcal::scheme::Scheme;
 use serde::Serialize;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::fmt;
+use std::sync::Mutex;
 use std::time::Instant;
-
-/// Errors of Bai's Table 1, arcsec.
-const BAI_TABLE_1_ERRORS: [f64; 12] =
-    [0.389, 0.575, 0.474, 0.488, 0.544, 0.406, 0.255, 0.164, 0.119, 0.145, 0.042, 0.067];
 
 /// What the column is.
 const BAI_TABLE_1_NOTE: &str = "Bai Table 1: errors of Bai's own simulation as published (Sensors 2019, 19, 4005, Table 1), to compare with RMS error\n";
@@ -32,10 +30,12 @@ pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
     say!("{}", head(arguments, &monte_carlo));
     let bar = progress::bar(arguments.runs, "runs");
     let start = Instant::now();
-    let refused = AtomicU64::new(0);
-    let methods = monte_carlo.run(|accepted| {
-        let refused = refused.fetch_add(u64::from(!accepted), Ordering::Relaxed) + u64::from(!accepted);
-        bar.set_message(format!("{refused} not accepted so far"));
+    let so_far = Mutex::new(SoFar::default());
+    let methods = monte_carlo.run(|results| {
+        if let Ok(mut so_far) = so_far.lock() {
+            so_far.note(results);
+            bar.set_message(so_far.to_string());
+        }
         bar.inc(1);
     })?;
     drop(bar);
@@ -53,6 +53,30 @@ pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
     }
     progress::wall_time(wall);
     Ok(Ending::Done)
+}
+
+/// What has come of the runs up to now, of all methods.
+#[derive(Default)]
+struct SoFar {
+    refused: u64,
+    /// Largest sigma of the twelve, arcsec, and largest error in sigmas.
+    worst: [f64; 2],
+}
+
+impl SoFar {
+    fn note(&mut self, results: &[RunResult]) {
+        self.refused += u64::from(!results.iter().all(RunResult::accepted));
+        for worst in results.iter().map(RunResult::worst) {
+            self.worst = [0, 1].map(|number| self.worst[number].max(worst[number]));
+        }
+    }
+}
+
+impl fmt::Display for SoFar {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [sigma, error] = self.worst.map(significant);
+        write!(f, "worst sigma {sigma} arcsec, largest error {error} sigma; {} not accepted so far", self.refused)
+    }
 }
 
 /// What is run.
@@ -82,7 +106,8 @@ fn stops(scheme: &Scheme) -> String {
     if shortest < longest { format!("{shortest} to {longest} s") } else { format!("{longest} s") }
 }
 
-fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo> {
+/// What the arguments ask for.
+pub fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo> {
     let unit = arguments::unit_config(arguments.config.as_ref(), arguments.noise.as_deref(), arguments.rate)?;
     let longest = if matches!(arguments.method, MethodsArgument::Joint) { Method::Joint } else { Method::TwoStage };
     Ok(MonteCarlo {
@@ -124,7 +149,7 @@ fn errors(method: &MethodStatistics, beside_bai: bool) -> String {
     table::by_state(&columns, |index| {
         let mut cells = error_cells(method.states[index].as_ref()?, method.normalized_bounds);
         if beside_bai {
-            let theirs = BAI_TABLE_1_ERRORS.get(index).copied();
+            let theirs = TABLE_1_ERRORS.get(index).copied();
             cells.push(table::number_or_none(theirs, |error| format!("{error:.3}")));
         }
         Some(cells)
@@ -182,7 +207,7 @@ fn side_by_side(joint: &MethodStatistics, two_stage: &MethodStatistics) -> Strin
 
 /// Contents of the JSON file.
 #[derive(Serialize)]
-struct Report<'a> {
+pub struct Report<'a> {
     runs: u64,
     scheme: &'a str,
     periods: u8,
@@ -224,7 +249,7 @@ struct ParameterStatistics {
 }
 
 impl<'a> Report<'a> {
-    fn new(arguments: &'a MonteCarloArguments, monte_carlo: &'a MonteCarlo, methods: &[MethodStatistics]) -> Self {
+    pub fn new(arguments: &'a MonteCarloArguments, monte_carlo: &'a MonteCarlo, methods: &[MethodStatistics]) -> Self {
         Self {
             runs: arguments.runs,
             scheme: monte_carlo.scheme.name.as_str(),
