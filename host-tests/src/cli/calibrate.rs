@@ -133,7 +133,7 @@ fn conclude(
     }
 }
 
-/// A run as it goes: time, leg, angles of the axes, worst sigma; what is out of the ordinary stays to be read.
+/// A run as it goes: time, leg, angles of the axes, worst sigma of the twelve, in 80 columns; what is out of the ordinary stays to be read.
 struct Live<'a> {
     progress: Progress,
     power_up: &'a PowerUp<'a>,
@@ -162,8 +162,9 @@ impl<'a> Live<'a> {
             _ => return,
         }
         let angles = self.power_up.signals().borrow().points().last().map_or_else(String::new, |point| {
-            let [outer, inner] = point.angles_rad.map(|angle| angle.to_degrees() + 0.0);
-            format!("outer {outer:.1} deg, inner {inner:.1} deg")
+            // Without the sign of a zero.
+            let [outer, inner] = point.angles_rad.map(|angle| (angle.to_degrees() * 10.0).round() / 10.0 + 0.0);
+            format!("outer {outer:.1}, inner {inner:.1} deg")
         });
         let parts = [self.doing.borrow().clone(), angles, self.known.borrow().clone()];
         self.progress.set_message(parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join("; "));
@@ -175,8 +176,8 @@ fn in_words(state: State, legs: u16) -> String {
     match state {
         State::PowerUp => "power-up".into(),
         State::AwaitStill => "waiting until all is still".into(),
-        State::Turn(leg) => format!("leg {leg} of {last}: turning"),
-        State::Settle(leg) | State::Dwell(leg) | State::Weigh(leg) => format!("leg {leg} of {last}: measuring"),
+        State::Turn(leg) => format!("leg {leg} of {last}, turning"),
+        State::Settle(leg) | State::Dwell(leg) | State::Weigh(leg) => format!("leg {leg} of {last}, measuring"),
         State::Compute | State::Verdict => "solving".into(),
         State::Store => "storing".into(),
         State::Correcting => "correcting".into(),
@@ -191,5 +192,5 @@ fn in_words(state: State, legs: u16) -> String {
 fn worst(progress: &Segmented) -> String {
     let sigmas = quantity::sigmas(&progress.estimate.sigmas);
     let worst = sigmas[..block::ACCEL_BIAS].iter().copied().fold(0.0, f64::max);
-    format!("worst of the 12: {} arcsec", quantity::significant(worst))
+    format!("worst sigma {} arcsec", quantity::significant(worst))
 }

@@ -1,7 +1,8 @@
 //! Progress on the standard error: a live view on a terminal, else a line now and then.
 
 use super::output::is_quiet;
-use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar, ProgressState, ProgressStyle};
+use std::fmt;
 use std::io::Write;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
@@ -19,7 +20,7 @@ pub struct Progress {
 
 /// A bar of `length` steps, counted in `unit`, with the time left, and below it what is told.
 pub fn bar(length: u64, unit: &'static str) -> Progress {
-    let template = format!("{{bar:40}} {{pos}}/{{len}} {unit}, {{eta}} left\n{{wide_msg}}");
+    let template = format!("{{bar:40}} {{pos}}/{{len}} {unit}{{left}}\n{{wide_msg}}");
     Progress::new(ProgressBar::new(length), &template, unit)
 }
 
@@ -28,10 +29,19 @@ pub fn counter(unit: &'static str) -> Progress {
     Progress::new(ProgressBar::new_spinner(), &format!("{{spinner}} {{human_pos}} {unit}  {{wide_msg}}"), unit)
 }
 
+/// The time left, once something is done.
+fn left(state: &ProgressState, text: &mut dyn fmt::Write) {
+    if state.pos() > 0 {
+        // A string takes all.
+        let _ = write!(text, ", {:#} left", HumanDuration(state.eta()));
+    }
+}
+
 impl Progress {
     fn new(bar: ProgressBar, template: &str, unit: &'static str) -> Self {
         let bar = if is_quiet() { ProgressBar::hidden() } else { bar };
         let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+        let style = style.with_key("left", left);
         let now = Instant::now();
         Self { bar: bar.with_style(style), unit, begun: now, told: Mutex::new(now) }
     }
