@@ -348,9 +348,10 @@ impl Show {
 
     fn picture(&mut self, client: &Client) {
         let Some(screen) = &mut self.screen else { return };
-        let mut lines = self.view.screen(client.dropped(), client.missing());
-        lines.push(format!("{KEYS}   {}", self.note));
-        screen.draw(&lines);
+        let keys = format!("{KEYS}   {}", self.note);
+        let width = screen.term.size().1.into();
+        let view = self.view.screen(width, client.dropped(), client.missing());
+        screen.draw(std::iter::once(keys).chain(view));
     }
 }
 
@@ -378,10 +379,10 @@ impl Screen {
         self.drawn.is_none_or(|drawn| drawn.elapsed() >= PICTURE)
     }
 
-    fn draw(&mut self, lines: &[String]) {
+    fn draw(&mut self, lines: impl Iterator<Item = String>) {
         let (rows, columns) = self.term.size();
-        let fits = |line: &String| line.chars().take(columns.into()).collect::<String>();
-        let text: Vec<_> = lines.iter().take(usize::from(rows).saturating_sub(1)).map(fits).collect();
+        let fits = |line: String| line.chars().take(columns.into()).collect::<String>();
+        let text: Vec<_> = lines.take(usize::from(rows).saturating_sub(1)).map(fits).collect();
         // If the terminal is gone, so is whoever looks.
         let _ = self.term.clear_last_lines(self.lines);
         let _ = self.term.write_line(&text.join("\n"));

@@ -16,6 +16,8 @@ use rins_selfcal::verdict::Verdict;
 const BAR: usize = 32;
 /// Columns of estimates on the screen.
 const COLUMNS: usize = 2;
+/// A screen on which they have room with names and spaces in full, characters.
+const WIDE: usize = 110;
 
 /// What is known of an instrument.
 #[derive(Clone, Debug, Default)]
@@ -99,8 +101,9 @@ impl View {
         self.status.is_some_and(|status| status.unlocked)
     }
 
-    /// The screen, line by line.
-    pub fn screen(&self, dropped: Dropped, missing: u32) -> Vec<String> {
+    /// The screen, line by line, for so many characters a line; what matters most comes first, so that it is seen on a low
+    /// one too.
+    pub fn screen(&self, width: usize, dropped: Dropped, missing: u32) -> Vec<String> {
         let mut lines = vec![self.hello.as_ref().map_or_else(|| "waiting for the instrument".into(), named)];
         if let Some(status) = &self.status {
             lines.push(format!("state    {}", state(status)));
@@ -109,9 +112,6 @@ impl View {
         }
         if let Some((segments, estimate)) = &self.estimate {
             lines.push(format!("worst    {} after {segments} segments", worst(estimate)));
-            lines.push(String::new());
-            lines.extend(estimates(estimate));
-            lines.push(String::new());
         }
         if let Some([force, rate]) = self.corrected {
             let rate = rate.map(|rate| rate / DEG * 3600.0);
@@ -121,6 +121,7 @@ impl View {
         lines.extend(self.conclusion());
         lines.extend(self.warnings.iter().map(|warning| format!("warning  {warning}")));
         lines.extend(self.losses(dropped, missing));
+        lines.extend(self.estimate.iter().flat_map(|(_, estimate)| estimates(estimate, width)));
         lines
     }
 
@@ -208,16 +209,20 @@ fn worst(estimate: &Estimate) -> String {
     format!("sigma of the 12: {} arcsec", quantity::significant(worst))
 }
 
-fn estimates(estimate: &Estimate) -> Vec<String> {
+fn estimates(estimate: &Estimate, width: usize) -> Vec<String> {
     let (values, sigmas) = (quantity::values(&estimate.errors), quantity::sigmas(&estimate.sigmas));
     let cell = |index: usize| {
         let info = &PARAMETER_INFO[index];
         let sigma = quantity::rounded(sigmas[index], sigmas[index]);
         let value = quantity::rounded(values[index], sigmas[index]);
-        format!("{:<24} {value:>10} +- {sigma:<8} {:<6}", info.name, info.unit)
+        if width >= WIDE {
+            format!("{:<24} {value:>10} +- {sigma:<8} {:<6}", info.name, info.unit)
+        } else {
+            format!("{:<14.14}{value:>9} +-{sigma:<7}{:<6}", info.name, info.unit)
+        }
     };
     let rows = PARAMETERS.div_ceil(COLUMNS);
-    let row = |row: usize| (row..PARAMETERS).step_by(rows).map(cell).collect::<Vec<_>>().join("  ");
+    let row = |row: usize| (row..PARAMETERS).step_by(rows).map(cell).collect::<Vec<_>>().join(" ");
     (0..rows).map(|index| row(index).trim_end().to_owned()).collect()
 }
 
@@ -271,4 +276,29 @@ pub fn lines(event: &Event) -> Vec<String> {
         message => return warning(message).map(|warning| format!("warning  {warning}")).into_iter().collect(),
     };
     vec![line]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rins_selfcal::calibrator::Progress;
+    use rins_selfcal::error_model::InstrumentErrors;
+    use rins_selfcal::segment::SegmentKind;
+
+    #[test]
+    fn all_estimates_have_room_on_a_screen_of_80_by_24() {
+        let errors = InstrumentErrors { heading: -1e-3, ..InstrumentErrors::default() };
+        // Priors: the longest numbers.
+        let estimate = Estimate { errors, sigmas: PARAMETER_INFO.map(|info| 10_800.0 * info.unit_si) };
+        let progress = Progress { segments: 1, kind: SegmentKind::Stop, end_us: 1, estimate };
+        let mut view = View::default();
+        view.note(&Event::Message(Message::Segment(progress)));
+        view.note(&Event::Message(Message::Judged(Verdict::default())));
+        let screen = view.screen(80, Dropped::default(), 0);
+        // State, progress and angles are not known here; with the keys, 24.
+        assert!(screen.len() + 4 < 24 && screen.iter().all(|line| line.len() <= 80), "{screen:#?}");
+        let of_estimates = &screen[screen.len() - PARAMETERS / COLUMNS..];
+        assert!(of_estimates.iter().all(|line| line.matches("+-10800").count() == COLUMNS), "{of_estimates:#?}");
+        assert!(screen[..4].iter().any(|line| line == "verdict  accepted"), "{screen:#?}");
+    }
 }

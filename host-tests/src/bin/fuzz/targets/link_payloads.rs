@@ -92,7 +92,10 @@ fn as_host(frame: &[u8]) -> Option<Event> {
     let mut view = View::default();
     view.note(&event);
     assert!(
-        view.screen(Dropped::default(), 0).iter().chain(&lines(&event)).all(|line| !line.contains(char::is_control))
+        view.screen(80, Dropped::default(), 0)
+            .iter()
+            .chain(&lines(&event))
+            .all(|line| !line.contains(char::is_control))
     );
     Some(event)
 }
