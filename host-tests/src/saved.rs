@@ -6,25 +6,10 @@ use crate::quantity;
 use crate::report::SiteReport;
 use crate::truth::ParameterTable;
 use rins_selfcal::error_model::{Calibration, PARAMETER_INFO, PARAMETERS};
-use serde::Deserialize;
-use std::collections::BTreeMap;
+use serde::de::{Error as _, MapAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+use std::fmt;
 use std::path::{Path, PathBuf};
-
-/// Why a result cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum SavedError {
-    /// It cannot be read, or is no result.
-    #[error(transparent)]
-    File(#[from] JsonFileError),
-    /// A parameter is no parameter, or has no number.
-    #[error("{}: parameters: {message}", path.display())]
-    Parameter {
-        /// The file.
-        path: PathBuf,
-        /// Which, and what of it.
-        message: String,
-    },
-}
 
 /// Estimate and sigma, report units.
 #[derive(Clone, Copy, Debug, Deserialize)]
@@ -41,10 +26,10 @@ pub struct SavedParameter {
 struct UnitName(&'static str);
 
 impl<'de> Deserialize<'de> for UnitName {
-    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let name = String::deserialize(deserializer)?;
         let known = PARAMETER_INFO.iter().find(|info| info.unit == name);
-        known.map(|info| Self(info.unit)).ok_or_else(|| serde::de::Error::custom(format!("unknown unit `{name}`")))
+        known.map(|info| Self(info.unit)).ok_or_else(|| D::Error::custom(format!("unknown unit `{name}`")))
     }
 }
 
@@ -55,7 +40,45 @@ struct Contents {
     scheme: Option<String>,
     temperature_c: Option<f64>,
     site: Option<SiteReport>,
-    parameters: BTreeMap<String, SavedParameter>,
+    parameters: SavedParameters,
+}
+
+/// By index; a map from name in files.
+struct SavedParameters([Option<SavedParameter>; PARAMETERS]);
+
+impl<'de> Deserialize<'de> for SavedParameters {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_map(ParametersVisitor)
+    }
+}
+
+struct ParametersVisitor;
+
+impl<'de> Visitor<'de> for ParametersVisitor {
+    type Value = SavedParameters;
+
+    fn expecting(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str("a table of parameter names and estimates")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<SavedParameters, A::Error> {
+        let wrong = |message: String| A::Error::custom(format!("parameters: {message}"));
+        let mut parameters = [None; PARAMETERS];
+        while let Some(name) = map.next_key::<String>()? {
+            let index = PARAMETER_INFO.iter().position(|info| info.name == name);
+            let index = index.ok_or_else(|| wrong(format!("unknown parameter `{name}`")))?;
+            let parameter: SavedParameter = map.next_value()?;
+            if let Some(UnitName(unit)) = parameter.unit.filter(|unit| unit.0 != PARAMETER_INFO[index].unit) {
+                return Err(wrong(format!("{name} is in {unit}, not {}", PARAMETER_INFO[index].unit)));
+            }
+            let SavedParameter { value, sigma, .. } = parameter;
+            if !(value.is_finite() && sigma.is_finite() && sigma > 0.0) {
+                return Err(wrong(format!("{name}: value {value} and sigma {sigma} are no estimate")));
+            }
+            parameters[index] = Some(parameter);
+        }
+        if parameters.iter().all(Option::is_none) { Err(wrong("none".into())) } else { Ok(SavedParameters(parameters)) }
+    }
 }
 
 /// A result.
@@ -82,12 +105,11 @@ impl Saved {
     ///
     /// # Errors
     /// One line that names the file and what of it is wrong.
-    pub fn read(path: &Path) -> Result<Self, SavedError> {
+    pub fn read(path: &Path) -> Result<Self, JsonFileError> {
         let contents: Contents = json_file::read(path)?;
-        let wrong = |message: String| SavedError::Parameter { path: path.into(), message };
         Ok(Self {
             path: path.into(),
-            parameters: by_index(&contents.parameters).map_err(wrong)?,
+            parameters: contents.parameters.0,
             verdict: contents.verdict,
             method: contents.method,
             scheme: contents.scheme,
@@ -125,19 +147,27 @@ impl Saved {
     }
 }
 
-fn by_index(named: &BTreeMap<String, SavedParameter>) -> Result<[Option<SavedParameter>; PARAMETERS], String> {
-    let mut parameters = [None; PARAMETERS];
-    for (name, parameter) in named {
-        let index = PARAMETER_INFO.iter().position(|info| info.name == name);
-        let index = index.ok_or_else(|| format!("unknown parameter {name}"))?;
-        if let Some(UnitName(unit)) = parameter.unit.filter(|unit| unit.0 != PARAMETER_INFO[index].unit) {
-            return Err(format!("{name} is in {unit}, not {}", PARAMETER_INFO[index].unit));
-        }
-        let is_estimate = parameter.value.is_finite() && parameter.sigma.is_finite() && parameter.sigma > 0.0;
-        if !is_estimate {
-            return Err(format!("{name}: value {} and sigma {} are no estimate", parameter.value, parameter.sigma));
-        }
-        parameters[index] = Some(*parameter);
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_wrong_with_a_parameter_is_told_with_its_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("cal.json");
+        let message = |parameters: &str| {
+            std::fs::write(&path, format!("{{\"verdict\": \"accepted\",\n\"parameters\": {{\n{parameters}}}\n}}\n"))
+                .unwrap();
+            let read = Saved::read(&path).map_or_else(|error| error.to_string(), |_| "fine".into());
+            read.replace(&format!("{}/", folder.path().display()), "")
+        };
+        assert_eq!(message("\"Sgxy\": {\"value\": 1.0, \"sigma\": 0.1, \"unit\": \"arcsec\"}"), "fine");
+        let wrong = message("\"Sgxx\": {\"value\": 1.0, \"sigma\": 0.1}");
+        assert_eq!(wrong, "cal.json:3: parameters: unknown parameter `Sgxx`");
+        let wrong = message("\"Sgxy\": {\"value\": 1.0, \"sigma\": 0.1, \"unit\": \"ppm\"}");
+        assert_eq!(wrong, "cal.json:3: parameters: Sgxy is in ppm, not arcsec");
+        let wrong = message("\"Sgxy\": {\"value\": 1.0, \"sigma\": 0.0}");
+        assert_eq!(wrong, "cal.json:3: parameters: Sgxy: value 1 and sigma 0 are no estimate");
+        assert_eq!(message(""), "cal.json:3: parameters: none");
     }
-    if named.is_empty() { Err("none".into()) } else { Ok(parameters) }
 }
