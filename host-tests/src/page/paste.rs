@@ -20,9 +20,7 @@ const DIALECTS: [Dialect; 4] = [
         comment: "//",
         head: "",
         vector: |name, v| format!("pub const {}: [f64; 3] = [{}];\n", name.to_uppercase(), row(v)),
-        matrix: |name, m| {
-            format!("pub const {}: [[f64; 3]; 3] = [\n{}];\n", name.to_uppercase(), rows(m, "    [", "],\n"))
-        },
+        matrix: |name, m| declared(&format!("pub const {}: [[f64; 3]; 3]", name.to_uppercase()), ["[", "]"], m),
         scalar: |name, x| format!("pub const {}: f64 = {x:e};\n", name.to_uppercase()),
         apply: "",
     },
@@ -31,7 +29,7 @@ const DIALECTS: [Dialect; 4] = [
         comment: "//",
         head: "",
         vector: |name, v| format!("static const double {name}[3] = {{{}}};\n", row(v)),
-        matrix: |name, m| format!("static const double {name}[3][3] = {{\n{}}};\n", rows(m, "    {", "},\n")),
+        matrix: |name, m| declared(&format!("static const double {name}[3][3]"), ["{", "}"], m),
         scalar: |name, x| format!("static const double {name} = {x:e};\n"),
         apply: "",
     },
@@ -61,6 +59,11 @@ fn row(values: &[f64; 3]) -> String {
 
 fn rows(matrix: &[[f64; 3]; 3], open: &str, close: &str) -> String {
     matrix.iter().map(|values| format!("{open}{}{close}", row(values))).collect()
+}
+
+/// A matrix as a declaration, in brackets.
+fn declared(what: &str, [open, close]: [&str; 2], matrix: &[[f64; 3]; 3]) -> String {
+    format!("{what} = {open}\n{}{close};\n", rows(matrix, &format!("    {open}"), &format!("{close},\n")))
 }
 
 /// Name of each language and the correction in it.
