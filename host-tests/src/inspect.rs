@@ -214,6 +214,7 @@ impl Request<'_> {
             let setup = setup(noise);
             Observed::new(&setup, &covariance(&*noise::estimator(&setup, &whole)))
         });
+        let stops = turned::stops(&passage.segments);
         let mut found = Inspection {
             columns: Vec::new(),
             mapping: None,
@@ -222,8 +223,8 @@ impl Request<'_> {
             noise,
             channels,
             encoders,
-            nearest_scheme: turned::nearest(&passage.segments),
-            scheme: turned::scheme(&passage.segments, passage.pace),
+            nearest_scheme: turned::nearest(&stops),
+            scheme: turned::scheme(&stops, passage.pace),
             observed,
             remarks: Vec::new(),
             stopped_by: None,

@@ -2,10 +2,12 @@
 
 mod canvas;
 mod figures;
+mod frame;
 mod paste;
 
 use crate::calibration::Outcome;
 use crate::comparison::Comparison;
+use crate::inspect::turned;
 use crate::quantity::{self, fixed, rounded, significant};
 use crate::report::{CONVENTION, CalibrationReport, correction};
 use crate::saved::Saved;
@@ -13,17 +15,13 @@ use crate::signals::Signals;
 use crate::table::{self, GROUPS};
 use crate::truth::ParameterTable;
 use anyhow::Context;
-use canvas::Drawn;
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use frame::{Section, document, shown};
+use maud::{Markup, html};
 use rins_selfcal::error_model::PARAMETER_INFO;
 use rins_selfcal::observability::INSTALLATION_STATES;
-use rins_selfcal::scheme::{Leg, Scheme};
+use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::SegmentKind;
 use std::path::Path;
-use time::OffsetDateTime;
-use time::format_description::well_known::Rfc3339;
-
-const STYLE: &str = include_str!("page/style.css");
 
 /// What the page is made from; what is absent is left out.
 #[derive(Clone, Copy)]
@@ -42,46 +40,30 @@ pub struct Content<'a> {
     pub previous: Option<&'a Saved>,
 }
 
-impl<'a> Content<'a> {
-    /// Whether there is something to show in a section.
-    fn has(&self, section: &str) -> bool {
-        match section {
-            "motion" => self.signals.is_some(),
-            "comparison" => self.previous.is_some(),
-            _ => true,
-        }
-    }
-
+impl Content<'_> {
     /// The motion as a scheme, if it began near (0, 0): one that was run, or as the log shows it.
     fn motion(&self) -> Option<Scheme> {
         self.scheme.cloned().or_else(|| scheme_seen(self.outcome, self.signals?))
     }
 }
 
-/// The motion that the segments of a log show, at the usual rate.
+/// The motion that the stops of a log show, at the usual pace.
 fn scheme_seen(outcome: &Outcome, signals: &Signals) -> Option<Scheme> {
+    /// The base may be a little off the encoders' zeros.
     const NEAR_RAD: f64 = 0.1;
-    let mut scheme = Scheme { periods: 1, ..Scheme::bai(1.0, 1) };
-    scheme.name.clear();
-    scheme.legs.clear();
     let mut begin_s = signals.points().first()?.time_s;
+    let mut stops = Vec::new();
     for progress in &outcome.live {
         let end_s = progress.end_us as f64 * 1e-6;
-        let angles = signals.points().iter().take_while(|point| point.time_s <= end_s).last()?.angles_rad;
-        match progress.kind {
-            SegmentKind::Move => {}
-            SegmentKind::Stop if progress.segments == 1 && angles.iter().any(|angle| angle.abs() > NEAR_RAD) => {
-                return None;
-            }
-            SegmentKind::Stop if progress.segments == 1 => scheme.first_stop_s = end_s - begin_s,
-            SegmentKind::Stop => {
-                let [outer_rad, inner_rad] = angles;
-                scheme.legs.push(Leg { outer_rad, inner_rad, stop_s: end_s - begin_s }).ok()?;
-            }
+        if progress.kind == SegmentKind::Stop {
+            let angles = signals.points().iter().take_while(|point| point.time_s <= end_s).last()?.angles_rad;
+            let at_zero = stops.is_empty() && angles.iter().all(|angle| angle.abs() < NEAR_RAD);
+            stops.push(turned::stop(if at_zero { [0.0; 2] } else { angles }, end_s - begin_s));
         }
         begin_s = end_s;
     }
-    Some(scheme)
+    let usual = Scheme::bai(1.0, 1);
+    turned::scheme(&stops, [usual.rate_rad_s, usual.acceleration_rad_s2])
 }
 
 /// Writes the page.
@@ -94,50 +76,20 @@ pub fn write_page(path: &Path, content: &Content) -> anyhow::Result<()> {
 
 fn page(content: &Content) -> anyhow::Result<Markup> {
     let outcome = content.outcome;
-    Ok(html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                title { "RINS self-calibration: " (outcome.verdict_name()) }
-                style { (PreEscaped(STYLE)) }
-            }
-            body {
-                (verdict(outcome))
-                nav {
-                    @for (id, title) in SECTIONS.iter().filter(|(id, _)| content.has(id)) { a href={ "#" (id) } { (title) } }
-                }
-                (section(0, certificate(content)))
-                (section(1, correction_text(outcome)))
-                @if let Some(signals) = content.signals { (section(2, motion(content, signals)?)) }
-                (section(3, estimates(content)?))
-                (section(4, fit(outcome)?))
-                @if let Some(previous) = content.previous { (section(5, comparison(outcome, previous)?)) }
-                (section(6, result(outcome)?))
-                footer { "rins-selfcal " (env!("CARGO_PKG_VERSION")) ", " (now()) }
-            }
-        }
-    })
-}
-
-const SECTIONS: [(&str, &str); 7] = [
-    ("certificate", "Certificate"),
-    ("correction", "Correction"),
-    ("motion", "Motion and signals"),
-    ("estimates", "Estimates"),
-    ("fit", "Fit"),
-    ("comparison", "Comparison"),
-    ("result", "Result"),
-];
-
-fn section(number: usize, content: Markup) -> Markup {
-    let (id, title) = SECTIONS[number];
-    html! { section id=(id) { h2 { (title) } (content) } }
-}
-
-fn now() -> String {
-    OffsetDateTime::now_utc().replace_nanosecond(0).ok().and_then(|now| now.format(&Rfc3339).ok()).unwrap_or_default()
+    let mut sections = vec![
+        Section::new("certificate", "Certificate", certificate(content)),
+        Section::new("correction", "Correction", correction_text(outcome)),
+    ];
+    if let Some(signals) = content.signals {
+        sections.push(Section::new("motion", "Motion and signals", motion(content, signals)?));
+    }
+    sections.push(Section::new("estimates", "Estimates", estimates(content)?));
+    sections.push(Section::new("fit", "Fit", fit(outcome)?));
+    if let Some(previous) = content.previous {
+        sections.push(Section::new("comparison", "Comparison", comparison(outcome, previous)?));
+    }
+    sections.push(Section::new("result", "Result", result(outcome)?));
+    Ok(document(&format!("RINS self-calibration: {}", outcome.verdict_name()), &verdict(outcome), &sections))
 }
 
 // ------------------------------------------------------------------------------------------------------------- verdict
@@ -276,12 +228,6 @@ fn correction_text(outcome: &Outcome) -> Markup {
 }
 
 // ------------------------------------------------------------------------------------------------------------- figures
-
-fn shown(drawn: Drawn, name: &str, caption: &str) -> anyhow::Result<Markup> {
-    Ok(html! {
-        figure id=(name) { (PreEscaped(drawn?)) @if !caption.is_empty() { figcaption { (caption) } } }
-    })
-}
 
 fn motion(content: &Content, signals: &Signals) -> anyhow::Result<Markup> {
     let base = &content.outcome.estimate().errors;

@@ -1,4 +1,6 @@
 //! The scheme that a log's stops and moves follow.
+//!
+//! A log is its stops here: where both axes stand, counted over whole turns, and for how long.
 
 use rins_selfcal::angle::ticks_to_rad;
 use rins_selfcal::scheme::library::LIBRARY;
@@ -27,8 +29,14 @@ pub struct Likeness {
     pub stops_s: [f64; 2],
 }
 
-/// Angles of every stop after the first, rad, and its time, s.
-fn stops(segments: &[Segment<f64>]) -> Vec<Leg> {
+/// A stop at these angles, (outer, inner), that seems to be meant.
+pub fn stop(angles_rad: [f64; 2], stop_s: f64) -> Leg {
+    let [outer_rad, inner_rad] = angles_rad.map(rounded);
+    Leg { outer_rad, inner_rad, stop_s: (stop_s * TENTHS).round() / TENTHS }
+}
+
+/// All stops of a log.
+pub fn stops(segments: &[Segment<f64>]) -> Vec<Leg> {
     let mut at = [0.0; 2];
     let mut stops = Vec::new();
     for segment in segments {
@@ -38,8 +46,7 @@ fn stops(segments: &[Segment<f64>]) -> Vec<Leg> {
                 if stops.is_empty() {
                     at = [segment.outer, segment.inner].map(|angle| ticks_to_rad(i64::from(angle.ticks() as i32)));
                 }
-                let stop_s = ((segment.duration_s() + GUARD_S) * TENTHS).round() / TENTHS;
-                stops.push(Leg { outer_rad: rounded(at[0]), inner_rad: rounded(at[1]), stop_s });
+                stops.push(stop(at, segment.duration_s() + GUARD_S));
             }
         }
     }
@@ -53,10 +60,9 @@ fn rounded(angle_rad: f64) -> f64 {
     near * DEG
 }
 
-/// The scheme, by its stops and the pace of its moves; `None` where it does not start at (0, 0), is too long, or does not
-/// move.
-pub fn scheme(segments: &[Segment<f64>], pace: [f64; 2]) -> Option<Scheme> {
-    let stops = stops(segments);
+/// The scheme, by its stops and the pace of its moves, rad/s and rad/s^2; `None` where it does not start at (0, 0), is too
+/// long, or does not move.
+pub fn scheme(stops: &[Leg], pace: [f64; 2]) -> Option<Scheme> {
     let first = stops.first().filter(|first| (first.outer_rad, first.inner_rad) == (0.0, 0.0))?;
     if stops.len() > MAX_LEGS + 1 {
         return None;
@@ -70,15 +76,14 @@ pub fn scheme(segments: &[Segment<f64>], pace: [f64; 2]) -> Option<Scheme> {
         legs: stops[1..].iter().copied().collect(),
         periods: 1,
     };
-    if let Some(likeness) = nearest(segments).filter(|likeness| likeness.apart_deg * DEG < SAME_RAD) {
+    if let Some(likeness) = nearest(stops).filter(|likeness| likeness.apart_deg * DEG < SAME_RAD) {
         scheme.name = likeness.name.try_into().ok()?;
     }
     scheme.check().is_ok().then_some(scheme)
 }
 
 /// The scheme of the library with as many moves whose angles differ least.
-pub fn nearest(segments: &[Segment<f64>]) -> Option<Likeness> {
-    let found = stops(segments);
+pub fn nearest(found: &[Leg]) -> Option<Likeness> {
     let first = *found.first()?;
     let likeness = |name: &'static str, periods: u8| {
         let scheme = Scheme { periods, ..Scheme::named(name)? };
