@@ -15,6 +15,7 @@ mod output;
 mod plan;
 mod progress;
 mod replay;
+mod replicate;
 mod simulate;
 
 use arguments::{Arguments, Command};
@@ -59,6 +60,7 @@ fn run(arguments: Arguments) -> anyhow::Result<Ending> {
         Command::Observability(arguments) => observability::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Montecarlo(arguments) => monte_carlo::run(&arguments),
+        Command::Replicate(arguments) => replicate::run(&arguments),
         Command::Monitor(arguments) => monitor::run(&arguments),
         Command::History(arguments) => history::run(&arguments),
         Command::Completions(arguments) => manual::completions(&arguments),

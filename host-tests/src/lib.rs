@@ -10,6 +10,7 @@
 //! closed_loop, prediction -> plot, monte_carlo -^
 //! inspect: what a log of any columns is
 //! saved: a result read back -> comparison; history: all that an instrument keeps
+//! bai: what the source of the method publishes; replication: what is run to be laid beside it -> page
 //! monitor: the other end of the instrument's serial line, `line` the instrument's own end in this process
 //! plan: finds schemes; prediction then says what the core makes of them
 //! faults -> fault_campaign: can a disturbed run be accepted with a wrong answer?
@@ -52,6 +53,7 @@ pub mod presets;
 pub mod quantity;
 pub mod refusal;
 pub mod replay;
+pub mod replication;
 pub mod report;
 pub mod saved;
 pub mod scheme_file;

@@ -4,6 +4,7 @@ mod canvas;
 mod figures;
 mod frame;
 mod paste;
+mod replication;
 
 use crate::calibration::Outcome;
 use crate::comparison::Comparison;
@@ -22,6 +23,8 @@ use rins_selfcal::observability::INSTALLATION_STATES;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::SegmentKind;
 use std::path::Path;
+
+pub use replication::write_replication;
 
 /// What the page is made from; what is absent is left out.
 #[derive(Clone, Copy)]

@@ -2,6 +2,7 @@
 
 use crate::calibration::{Outcome, Setup};
 use crate::drive::SchemeDrive;
+use crate::plant::Reading;
 use crate::virtual_rins::{VirtualRins, VirtualUnit};
 use rins_selfcal::scheme::Scheme;
 
@@ -48,9 +49,15 @@ impl VirtualRun {
 
     /// The outcomes of calibrations that all see the same readings.
     pub fn calibrate(&self, setups: &[Setup]) -> Vec<Outcome> {
+        self.calibrate_noting(setups, |_| ())
+    }
+
+    /// As [`Self::calibrate`]; `note` sees each reading too.
+    pub fn calibrate_noting(&self, setups: &[Setup], mut note: impl FnMut(&Reading)) -> Vec<Outcome> {
         let mut chains: Vec<_> = setups.iter().map(|setup| setup.clone().on_scheme(&self.scheme).chain()).collect();
         let mut drive = self.drive();
         for reading in &mut drive {
+            note(&reading);
             for chain in &mut chains {
                 // The live estimates are part of the outcome.
                 let _ = chain.step(&reading);

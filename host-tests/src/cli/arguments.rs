@@ -87,6 +87,9 @@ pub enum Command {
         after_help = "Examples:\n  rins montecarlo --runs 1000 --scheme fast-120 --closed-loop\n  rins montecarlo --method two-stage --errors table1 --noise bai"
     )]
     Montecarlo(MonteCarloArguments),
+    /// Repeat what Bai et al. publish, and lay it beside theirs on a page; one to two minutes
+    #[command(after_help = "Example: rins replicate --report replication.html --json replication.json")]
+    Replicate(ReplicateArguments),
     /// Show an instrument on a serial line live, and command it
     #[command(
         after_help = "Examples:\n  rins monitor --port /dev/ttyACM0\n  rins monitor --port /dev/ttyACM0 --start --quiet\n  rins monitor --port tcp:10.0.0.7:4000 --read calibration --json cal.json"
@@ -535,6 +538,25 @@ pub struct MonteCarloArguments {
     /// Write the statistics
     #[arg(long, value_name = "OUT.json")]
     pub json: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct ReplicateArguments {
+    /// Page to write
+    #[arg(long, value_name = "OUT.html", default_value = "rins-replication.html")]
+    pub report: PathBuf,
+    /// Write the numbers
+    #[arg(long, value_name = "OUT.json")]
+    pub json: Option<PathBuf>,
+    /// Runs of each unit; of each effect alone at most 4
+    #[arg(long, value_name = "N", default_value_t = 40, value_parser = clap::value_parser!(u64).range(2..))]
+    pub runs: u64,
+    /// Time of every stop, s, 200 in the paper
+    #[arg(long, value_name = "S", default_value_t = 200.0, value_parser = seconds, allow_negative_numbers = true)]
+    pub stop: f64,
+    /// Of everything random
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
 }
 
 /// Which methods are compared.

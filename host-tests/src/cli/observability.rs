@@ -25,10 +25,8 @@ const NAMED_GAINS: usize = 3;
 const LEAST_GAIN: f64 = 0.1;
 
 pub fn run(arguments: &ObservabilityArguments) -> anyhow::Result<Ending> {
-    let unit = unit_config(arguments.config.as_ref(), arguments.noise.as_deref(), None)?;
-    let method = arguments.method.method();
-    let setup = arguments.method.setup(&unit);
     if arguments.all {
+        let setup = setup(arguments)?;
         let predictions = library(&setup);
         if let Some(path) = &arguments.json {
             write_json(path, &predictions)?;
@@ -36,7 +34,7 @@ pub fn run(arguments: &ObservabilityArguments) -> anyhow::Result<Ending> {
         say!("{}", comparison(&predictions));
         return Ok(Ending::Done);
     }
-    let scheme = arguments.scheme.scheme(method)?;
+    let (setup, scheme) = inputs(arguments)?;
     check_axes(&scheme, &arguments.axes.axes())?;
     let prediction = predicted(&setup, &scheme);
     if let Some(path) = &arguments.json {
@@ -53,6 +51,16 @@ pub fn run(arguments: &ObservabilityArguments) -> anyhow::Result<Ending> {
         sayln!("plot: {}", path.display());
     }
     Ok(Ending::Done)
+}
+
+/// What is known of the unit, and the scheme.
+pub fn inputs(arguments: &ObservabilityArguments) -> anyhow::Result<(Setup, Scheme)> {
+    Ok((setup(arguments)?, arguments.scheme.scheme(arguments.method.method())?))
+}
+
+fn setup(arguments: &ObservabilityArguments) -> anyhow::Result<Setup> {
+    let unit = unit_config(arguments.config.as_ref(), arguments.noise.as_deref(), None)?;
+    Ok(arguments.method.setup(&unit))
 }
 
 /// All schemes of the library, by the joint method.

@@ -245,7 +245,7 @@ fn range(values: impl Iterator<Item = f64>, margin: f64) -> Range<f64> {
 
 /// With room for the legend on the right, where there is one.
 fn with_legend(x: Range<f64>, lines: &[Line]) -> Range<f64> {
-    let room = if lines.len() > 1 { 0.1 * (x.end - x.start) } else { 0.0 };
+    let room = if lines.len() > 1 { 0.12 * (x.end - x.start) } else { 0.0 };
     x.start..x.end + room
 }
 

@@ -1,0 +1,278 @@
+//! `rins replicate`: runs what the paper ran, each study as the command that gives it alone.
+
+use super::arguments::{Arguments, Command, ReplicateArguments};
+use super::monte_carlo::{self, Report};
+use super::output::{say, sayln};
+use super::progress::{self, Progress};
+use super::{Ending, files};
+use crate::bai::{TABLE_1_ERRORS, TABLE_3_DIFFERENCES, Twelve};
+use crate::calibration::Setup;
+use crate::monte_carlo::MonteCarlo;
+use crate::page::write_replication;
+use crate::prediction::Prediction;
+use crate::quantity::significant;
+use crate::replication::{Foresight, Replication, Series, Study};
+use crate::report::{Named, SOFTWARE, Software, write_json};
+use crate::table;
+use anyhow::{Context, bail};
+use clap::Parser;
+use rayon::prelude::*;
+use rins_selfcal::error_model::PARAMETER_INFO;
+use rins_selfcal::method::Method;
+use rins_selfcal::observability::INSTALLATION_STATES;
+use serde::Serialize;
+use std::time::Instant;
+
+/// Runs of each effect alone: their mean shows it from the noise.
+const IGNORED_RUNS: u64 = 4;
+/// What is studied: name, title, errors, and further options of the joint method.
+const STUDIES: [(&str, &str, &str, &str); 14] = [
+    ("table1", "the unit of Table 1", "table1", ""),
+    ("table3", "the twelve errors of Table 3, all else zero", "table3", ""),
+    ("real", "the twelve errors of Table 3, and all else that a real unit has", "real", ""),
+    ("nothing", "no errors at all: noise alone", "parameters = {}", ""),
+    (
+        "accel-bias",
+        "accelerometer biases of 30 ug",
+        "parameters = { accel_bias_x = 30.0, accel_bias_y = -30.0, accel_bias_z = 30.0 }",
+        "",
+    ),
+    (
+        "accel-scale",
+        "accelerometer scale factors off by 100 ppm",
+        "parameters = { accel_scale_x = -100.0, accel_scale_y = 100.0, accel_scale_z = 100.0 }",
+        "",
+    ),
+    (
+        "gyro-bias",
+        "gyro biases of 0.005 deg/h",
+        "parameters = { gyro_bias_x = 0.005, gyro_bias_y = 0.005, gyro_bias_z = -0.005 }",
+        "",
+    ),
+    (
+        "gyro-scale",
+        "gyro scale factors off by 20 ppm",
+        "parameters = { gyro_scale_x = 20.0, gyro_scale_y = -20.0, gyro_scale_z = 20.0 }",
+        "",
+    ),
+    ("axes", "rotation axes 4 arcsec off perpendicular", "parameters = { axis_nonperpendicularity = 4.0 }", ""),
+    (
+        "attitude",
+        "base tilted by 1.7 and -2.3 deg, heading 137 deg",
+        "parameters = { base_roll = 1.7, base_pitch = -2.3, heading = 137.0 }",
+        "",
+    ),
+    (
+        "eccentricity",
+        "encoder eccentricity of 2 arcsec",
+        "effects.encoder_eccentricity = [{ amplitude_arcsec = 2.0 }, { amplitude_arcsec = 2.0 }]",
+        "--effects eccentricity",
+    ),
+    (
+        "second-harmonic",
+        "second harmonic of the encoders of 2 arcsec",
+        "effects.encoder_second_harmonic = [{ amplitude_arcsec = 2.0, phase_deg = 90.0 }, { amplitude_arcsec = 2.0, phase_deg = 90.0 }]",
+        "--effects second-harmonic",
+    ),
+    (
+        "tilt-drift",
+        "base that tilts by 2 arcsec/h",
+        "effects.base_tilt_drift_arcsec_h = [2.0, 2.0]",
+        "--effects tilt-drift",
+    ),
+    (
+        "bias-ramp",
+        "accelerometer biases that drift by 1 ug/h",
+        "effects.accel_bias_ramp_ug_h = [1.0, 1.0, 1.0]",
+        "--effects bias-ramp",
+    ),
+];
+/// Studies, from the start, that have all runs.
+const FULL_STUDIES: usize = 3;
+/// Schemes by the joint method, as `rins observability` takes them.
+const SCHEMES: [&str; 6] = [
+    "--scheme bai",
+    "--scheme bai --stop 20",
+    "--scheme bai --stop 10",
+    "--scheme fast-300",
+    "--scheme fast-180",
+    "--scheme fast-60",
+];
+
+pub fn run(arguments: &ReplicateArguments) -> anyhow::Result<Ending> {
+    let outputs = [("--json", arguments.json.as_deref()), ("--report", Some(arguments.report.as_path()))];
+    files::check(&[], &outputs)?;
+    let studies: Vec<_> = studies(arguments)?;
+    let bar = progress::bar(studies.iter().map(|study| study.monte_carlo.runs).sum(), "runs");
+    let started = Instant::now();
+    let found = replicate(arguments, &studies, &bar)?;
+    drop(bar);
+    if let Some(path) = &arguments.json {
+        write_json(path, &json(&found, &studies))?;
+    }
+    write_replication(&arguments.report, &found)?;
+    say!("{}", text(&found));
+    sayln!("report: {}", arguments.report.display());
+    if let Some(path) = &arguments.json {
+        sayln!("numbers: {}", path.display());
+    }
+    progress::wall_time(started.elapsed());
+    Ok(Ending::Done)
+}
+
+/// A study as its command says.
+struct Planned {
+    name: &'static str,
+    title: &'static str,
+    command: String,
+    arguments: super::arguments::MonteCarloArguments,
+    monte_carlo: MonteCarlo,
+}
+
+fn studies(arguments: &ReplicateArguments) -> anyhow::Result<Vec<Planned>> {
+    let planned = |(number, (name, title, errors, effects)): (usize, &(&'static str, &'static str, &str, &str))| {
+        let runs = if number < FULL_STUDIES { arguments.runs } else { arguments.runs.min(IGNORED_RUNS) };
+        let (runs, motion, seed) = (runs.to_string(), motion(arguments), arguments.seed.to_string());
+        let mut words = vec!["montecarlo", "--runs", &runs, "--method", "both", "--scheme", "bai"];
+        words.extend(motion.iter().map(String::as_str));
+        words.extend(["--errors", errors, "--noise", "bai", "--seed", &seed]);
+        words.extend(effects.split_whitespace());
+        let Command::Montecarlo(parsed) = parsed(&words)? else { bail!("no Monte Carlo: {words:?}") };
+        let monte_carlo = monte_carlo::monte_carlo(&parsed)?;
+        Ok(Planned { name, title, command: command_line(&words), arguments: parsed, monte_carlo })
+    };
+    STUDIES.iter().enumerate().map(planned).collect()
+}
+
+/// Stops and periods of the scheme.
+fn motion(arguments: &ReplicateArguments) -> Vec<String> {
+    ["--stop", &arguments.stop.to_string(), "--periods", "2"].map(String::from).to_vec()
+}
+
+fn parsed(words: &[&str]) -> anyhow::Result<Command> {
+    let parsed = Arguments::try_parse_from(std::iter::once(&"rins").chain(words));
+    parsed.with_context(|| words.join(" "))?.command.context("no command")
+}
+
+/// As a shell takes it.
+fn command_line(words: &[&str]) -> String {
+    let plain = |word: &str| word.chars().all(|letter| letter.is_ascii_alphanumeric() || "-._/=".contains(letter));
+    let quoted = words.iter().map(|word| if plain(word) { (*word).to_string() } else { format!("'{word}'") });
+    std::iter::once("rins".to_string()).chain(quoted).collect::<Vec<_>>().join(" ")
+}
+
+fn replicate(arguments: &ReplicateArguments, studies: &[Planned], bar: &Progress) -> anyhow::Result<Replication> {
+    let results: Vec<Study> = studies.par_iter().map(|planned| study(planned, bar)).collect::<anyhow::Result<_>>()?;
+    let mut results = results.into_iter();
+    let mut next = || results.next().context("one result for each study");
+    let (table_1, table_3, real) = (next()?, next()?, next()?);
+    let [of_table_1, _, of_real, ..] = studies else { bail!("no studies") };
+    let setup = of_table_1.monte_carlo.setup(Method::TwoStage).on_scheme(&of_table_1.monte_carlo.scheme);
+    let series = |planned: &Planned, errors| {
+        Series::new(series_commands(arguments, errors), &planned.monte_carlo.virtual_run(0), &setup)
+    };
+    let (simulation, laboratory) = rayon::join(|| series(of_table_1, "table1"), || series(of_real, "real"));
+    let stop = arguments.stop.to_string();
+    Ok(Replication {
+        scheme: of_table_1.monte_carlo.scheme.clone(),
+        setup: setup.clone(),
+        observability: foresight(&["--scheme", "bai", "--stop", &stop, "--method", "two-stage"])?,
+        simulation,
+        laboratory,
+        table_1,
+        table_3,
+        real,
+        ignored: results.collect(),
+        schemes: SCHEMES
+            .par_iter()
+            .map(|words| foresight(&words.split(' ').collect::<Vec<_>>()))
+            .collect::<anyhow::Result<_>>()?,
+    })
+}
+
+fn study(planned: &Planned, bar: &Progress) -> anyhow::Result<Study> {
+    let methods = planned.monte_carlo.run(|_| bar.inc(1)).with_context(|| planned.command.clone())?;
+    let Ok(methods) = methods.try_into() else { bail!("{}: not two methods", planned.command) };
+    Ok(Study { name: planned.name, title: planned.title, command: planned.command.clone(), methods })
+}
+
+/// Simulates the same readings as a log, and replays it: all figures, and the estimates as numbers.
+fn series_commands(arguments: &ReplicateArguments, errors: &str) -> [String; 2] {
+    let (motion, seed) = (motion(arguments).join(" "), arguments.seed);
+    [
+        format!(
+            "rins simulate --scheme bai {motion} --errors {errors} --noise bai --seed {seed} --out log.csv --write-config unit.toml"
+        ),
+        "rins replay log.csv --config unit.toml --method two-stage --csv-estimates estimates.csv --report report.html"
+            .into(),
+    ]
+}
+
+fn foresight(words: &[&str]) -> anyhow::Result<Foresight> {
+    let words = [&["observability"], words, &["--noise", "bai"]].concat();
+    let Command::Observability(arguments) = parsed(&words)? else { bail!("no prediction: {words:?}") };
+    let (setup, scheme): (Setup, _) = super::observability::inputs(&arguments)?;
+    Ok(Foresight { prediction: Prediction::new(&setup, &scheme), command: command_line(&words) })
+}
+
+// ------------------------------------------------------------------------------------------------------------- results
+
+/// Contents of the JSON file.
+#[derive(Serialize)]
+struct Numbers<'a> {
+    studies: Named<StudyReport<'a>>,
+    observability: &'a Prediction,
+    schemes: Vec<&'a Prediction>,
+    software: Software,
+}
+
+#[derive(Serialize)]
+struct StudyReport<'a> {
+    command: &'a str,
+    #[serde(flatten)]
+    report: Report<'a>,
+}
+
+fn json<'a>(found: &'a Replication, studies: &'a [Planned]) -> Numbers<'a> {
+    let results = [&found.table_1, &found.table_3, &found.real].into_iter().chain(&found.ignored);
+    let report = |(planned, study): (&'a Planned, &'a Study)| {
+        let report = Report::new(&planned.arguments, &planned.monte_carlo, &study.methods);
+        (study.name, StudyReport { command: &study.command, report })
+    };
+    Numbers {
+        studies: Named(studies.iter().zip(results).map(report).collect()),
+        observability: &found.observability.prediction,
+        schemes: found.schemes.iter().map(|scheme| &scheme.prediction).collect(),
+        software: SOFTWARE,
+    }
+}
+
+fn text(found: &Replication) -> String {
+    let row = |index: usize| {
+        let rms = |study: &Study, method| {
+            table::number_or_none(study.installation(method, index).map(|errors| errors.rms_error), significant)
+        };
+        let published = |table: &Twelve| format!("{:.3}", table[index]);
+        vec![
+            PARAMETER_INFO[index].name.into(),
+            published(&TABLE_1_ERRORS),
+            rms(&found.table_1, Method::TwoStage),
+            rms(&found.table_1, Method::Joint),
+            published(&TABLE_3_DIFFERENCES),
+            rms(&found.table_3, Method::TwoStage),
+            rms(&found.real, Method::TwoStage),
+            rms(&found.real, Method::Joint),
+        ]
+    };
+    let columns = [
+        "arcsec",
+        "Bai Table 1",
+        "two-stage RMS",
+        "joint RMS",
+        "Bai Table 3",
+        "two-stage RMS",
+        "real unit",
+        "joint RMS",
+    ];
+    table::of_numbers(&columns, (0..INSTALLATION_STATES).map(row))
+}

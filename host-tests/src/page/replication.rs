@@ -1,0 +1,430 @@
+//! The page that lays every table and figure of Bai et al. beside what this software makes of it.
+
+use super::figures;
+use super::frame::{Section, document, shown};
+use crate::bai::{FULL_RANK_S, TABLE_1, TABLE_1_ERRORS, TABLE_3, TABLE_3_DIFFERENCES, Twelve};
+use crate::prediction::RankAt;
+use crate::quantity::{self, fixed, significant};
+use crate::replication::{Foresight, Replication, Series, Study};
+use crate::table::{GROUPS, Group, number_or_none};
+use anyhow::Context;
+use maud::{Markup, html};
+use rins_selfcal::error_model::{InstrumentErrors, PARAMETER_INFO, block};
+use rins_selfcal::method::Method;
+use rins_selfcal::observability::INSTALLATION_STATES;
+use rins_selfcal::scheme::{SETTLING_S, Scheme};
+use std::path::Path;
+
+/// Writes the page.
+///
+/// # Errors
+/// The file cannot be written; the message names it.
+pub fn write_replication(path: &Path, replication: &Replication) -> anyhow::Result<()> {
+    std::fs::write(path, page(replication)?.into_string()).with_context(|| path.display().to_string())
+}
+
+fn page(found: &Replication) -> anyhow::Result<Markup> {
+    let sections = [
+        Section::new("conditions", "Conditions", conditions(found)),
+        Section::new("motion", "Motion and signals: Figures 5, 7 and 8", motion(&found.simulation)?),
+        Section::new("observability", "Observability: Figure 6", observability(found)?),
+        Section::new("table-1", "Simulation: Table 1", table_1(found)),
+        Section::new("figures-9-11", "Simulation: Figures 9 to 11", estimates(&found.simulation, "simulation")?),
+        Section::new("table-3", "Laboratory unit: Table 3", table_3(found)),
+        Section::new("figures-16-18", "Laboratory unit: Figures 16 to 18", estimates(&found.laboratory, "laboratory")?),
+        Section::new("ignored", "What the two-stage method takes as zero", ignored(found)),
+        Section::new("joint", "The joint method on the same data", joint(found)),
+        Section::new("schemes", "The joint method in less time", schemes(found)),
+    ];
+    Ok(document("Bai et al. beside rins-selfcal", &head(found), &sections))
+}
+
+fn head(found: &Replication) -> Markup {
+    let runs = found.table_1.of(Method::TwoStage).runs;
+    html! {
+        header.verdict {
+            h1 { "Bai et al. beside rins-selfcal" }
+            p { "L. Bai et al., “A System-Level Self-Calibration Method for Installation Errors in a Dual-Axis Rotational "
+                "Inertial Navigation System”, Sensors 2019, 19(18), 4005: what of it is a result, run again. Where the "
+                "paper prints numbers, they stand beside ours. Its curves are not to be had as numbers: ours stand alone." }
+            p { (of_table_1(found)) " " (of_rank(found)) " " (of_real(found)) }
+            p { (runs) " runs of each unit; every number comes from the command that stands with it." }
+        }
+    }
+}
+
+fn command(command: &str) -> Markup {
+    html! { p.command { code { (command) } } }
+}
+
+fn name(index: usize) -> &'static str {
+    PARAMETER_INFO[index].name
+}
+
+/// Least and largest.
+fn range(numbers: impl Iterator<Item = f64>) -> [f64; 2] {
+    numbers.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], number| [low.min(number), high.max(number)])
+}
+
+fn rms(study: &Study, method: Method) -> impl Iterator<Item = f64> + '_ {
+    (0..INSTALLATION_STATES).filter_map(move |index| Some(study.installation(method, index)?.rms_error))
+}
+
+fn worst(found: Option<(usize, f64)>) -> String {
+    found.map_or_else(|| "-".into(), |(index, arcsec)| format!("{} ({})", significant(arcsec), name(index)))
+}
+
+fn worst_in_words(found: Option<(usize, f64)>) -> String {
+    found.map_or_else(|| "-".into(), |(index, arcsec)| format!("{} arcsec ({})", significant(arcsec), name(index)))
+}
+
+// ---------------------------------------------------------------------------------------------------------- conditions
+
+fn conditions(found: &Replication) -> Markup {
+    let scheme = &found.scheme;
+    let (moves, stop_s) = (scheme.legs.len(), scheme.first_stop_s);
+    let minutes = scheme.duration_s() / 60.0 / f64::from(scheme.periods);
+    let motion = format!(
+        "{moves} moves at 20 deg/s with ramps of 20 deg/s² and {} stops of {stop_s} s, {minutes:.1} min a period; with \
+         {SETTLING_S} s of settling after each move",
+        moves + 1,
+    );
+    let rows = [
+        ("samples", "200 Hz", "200 Hz".to_string()),
+        ("accelerometers", "30 ug", "white noise of 30 ug in each sample".into()),
+        ("gyros", "0.005 deg/h", "white noise of 0.2 arcsec/s in each sample".into()),
+        ("encoders, angle", "0.5 arcsec", "0.5 arcsec, drawn anew for each stop and axis".into()),
+        ("encoders, rate", "0.7 arcsec/s", "0.7 arcsec/s in each sample while an axis turns".into()),
+        ("site", "30.93041° N, 114.19659° E", "30.93041° N; longitude does not matter".into()),
+        ("scheme", "18 moves at 20 deg/s, 19 stops of 200 s, 64.7 min a period, two periods", motion),
+        (
+            "inner axis, way back",
+            "left open",
+            "the inner axis is z, and the way back is the way there: then three, four and five parameters are activated in the three steps, as the text says"
+                .into(),
+        ),
+        ("heading", "no source named", "by gyrocompassing on the first stop".into()),
+    ];
+    html! {
+        div.scroll { table {
+            thead { tr { th.text {} th.text { "paper" } th.text { "here" } } }
+            tbody { @for (what, paper, here) in &rows { tr { th.text { (what) } td.wide { (paper) } td.wide { (here) } } } }
+        } }
+        p { "The paper gives one number for each sensor and does not say whether it is a bias or a noise. Here it is the noise "
+            "of every sample (" code { "--noise bai" } "); biases of that size are studied by themselves below." }
+        p { "Table 2 and the figures that are not named here are not repeated: nothing of them is at hand to compare with." }
+    }
+}
+
+// -------------------------------------------------------------------------------------------------- motion and signals
+
+fn motion(series: &Series) -> anyhow::Result<Markup> {
+    let signals = &series.signals;
+    Ok(html! {
+        (shown(figures::angles(signals), "figure-5", "Figure 5: rotation scheme, first period.")?)
+        (shown(figures::gyros(signals), "figure-7", "Figure 7: gyro outputs in the simulation, averaged between points.")?)
+        (shown(figures::accelerometers(signals), "figure-8", "Figure 8: accelerometer outputs in the simulation, averaged between points.")?)
+        @for line in &series.commands { (command(line)) }
+    })
+}
+
+// ------------------------------------------------------------------------------------------------------- observability
+
+/// Each time at which the rank grows, and the rank from there on.
+fn rank_steps(ranks: &[RankAt]) -> Vec<RankAt> {
+    let mut steps: Vec<RankAt> = Vec::new();
+    for at in ranks {
+        if steps.last().is_none_or(|last| last.rank < at.rank) {
+            steps.push(*at);
+        }
+    }
+    steps
+}
+
+/// Time at which the inner axis has moved for the first time, s.
+fn inner_moved_s(scheme: &Scheme) -> f64 {
+    let before = scheme.legs.iter().take_while(|leg| leg.inner_rad == 0.0).copied().collect();
+    let inner_s = scheme.move_s(scheme.legs.iter().map(|leg| leg.inner_rad).find(|angle| *angle != 0.0).unwrap_or(0.0));
+    Scheme { legs: before, periods: 1, ..scheme.clone() }.duration_s() + inner_s
+}
+
+fn of_rank(found: &Replication) -> String {
+    let steps = rank_steps(&found.observability.prediction.installation_rank);
+    let moved_s = inner_moved_s(&found.scheme);
+    let before = steps.iter().take_while(|at| at.time_s < moved_s).last().map_or(0, |at| at.rank);
+    let full = steps.iter().find(|at| at.rank == INSTALLATION_STATES);
+    let full = full.map_or_else(|| "never".into(), |at| format!("after {:.0} s", at.time_s));
+    format!(
+        "The rank of Figure 6 is {before} until the inner axis has moved, after {moved_s:.0} s, and 12 {full}: not after \
+         {FULL_RANK_S} s."
+    )
+}
+
+fn observability(found: &Replication) -> anyhow::Result<Markup> {
+    let Foresight { prediction, command: line } = &found.observability;
+    let [values, rank] = figures::singular_values(&found.scheme, &found.setup.site, &InstrumentErrors::default());
+    let row = |at: &RankAt| html! { tr { td { (format!("{:.1}", at.time_s)) } td { (at.rank) } td { (significant(at.condition_number)) } } };
+    let steps = rank_steps(&prediction.installation_rank);
+    let steps: Vec<_> = steps.iter().map(|at| format!("{} from {:.1} s", at.rank, at.time_s)).collect();
+    Ok(html! {
+        (shown(values, "figure-6", "Figure 6: singular values of the stripped observability matrix along one period; what counts as zero lies on the axis.")?)
+        (shown(rank, "figure-6-rank", "Its rank.")?)
+        p { "The paper reads full rank after " (FULL_RANK_S) " s from its Figure 6. Here (11) is stacked at the end of each "
+            "stop and (13) along each move, in the order in which they come in, and the rank is " (steps.join(", ")) "." }
+        p { "As long as only the outer axis, x, turns on a level base, the specific force has no x component, so that (11) has "
+            "zero columns for Sayz and Sazy; and a turn about x leaves alpha, the mounting angle about x, without effect in "
+            "I - R^T. No time of measuring makes up for that, only turns of the inner axis do. The condition number shows how "
+            "much of the rank before is worth: some states are seen through Earth rate alone." }
+        (command(line))
+        details { summary { "Rank and condition number against scheme time" }
+            div.scroll { table id="ranks" {
+                thead { tr { th { "time, s" } th { "rank of 12" } th { "condition number" } } }
+                tbody { @for at in &prediction.installation_rank { (row(at)) } }
+            } } }
+    })
+}
+
+// -------------------------------------------------------------------------------------------------------------- tables
+
+/// A table with a row for each of the twelve, and a name to find its cells by.
+fn of_twelve(id: &str, columns: &[&str], cells: impl Fn(usize) -> Vec<String>) -> Markup {
+    let group = |index: usize| GROUPS.iter().find(|group| group.states.start == index);
+    html! {
+        div.scroll { table id=(id) {
+            thead { tr { th { "arcsec" } @for column in columns { th { (column) } } } }
+            tbody { @for index in 0..INSTALLATION_STATES {
+                @if let Some(group) = group(index) { tr.group { th colspan=(columns.len() + 1) { (group.title) } } }
+                tr { td { (name(index)) } @for cell in cells(index) { td { (cell) } } }
+            } }
+        } }
+    }
+}
+
+/// What one run of a series is off by, arcsec.
+fn error_of(series: &Series, index: usize) -> f64 {
+    let value = quantity::values(&series.outcome.estimate().errors)[index];
+    value - series.truth.0[index].unwrap_or_default()
+}
+
+/// Published errors in units of ours, the root mean square of many runs.
+fn in_ours<'a>(published: &'a Twelve, study: &'a Study, method: Method) -> impl Iterator<Item = f64> + 'a {
+    published.iter().zip(rms(study, method)).map(|(theirs, ours)| theirs / ours)
+}
+
+/// Published errors of a group in units of ours, in words.
+fn group_in_ours(group: &Group, published: &Twelve, study: &Study) -> String {
+    let ratios = in_ours(published, study, Method::TwoStage).enumerate();
+    let of_group = ratios.filter(|(index, _)| group.states.contains(index)).map(|(_, ratio)| ratio);
+    let [low, high] = range(of_group);
+    format!("{} {} to {}", group.title, fixed(low, 1), fixed(high, 1))
+}
+
+fn of_table_1(found: &Replication) -> String {
+    let [low, high] = range(rms(&found.table_1, Method::TwoStage));
+    let groups = GROUPS.iter().filter(|group| group.states.end <= INSTALLATION_STATES);
+    let groups: Vec<_> = groups.map(|group| group_in_ours(group, &TABLE_1_ERRORS, &found.table_1)).collect();
+    format!(
+        "In the simulation of Table 1 the two-stage method is off by {} to {} arcsec here, root mean square; the paper's \
+         errors, of one run, are so many times ours: {}.",
+        significant(low),
+        significant(high),
+        groups.join(", ")
+    )
+}
+
+fn table_1(found: &Replication) -> Markup {
+    let study = &found.table_1;
+    let columns =
+        ["true", "Bai: error", "ours: error of run 1", "RMS of all runs", "bound", "Bai / our RMS", "joint RMS"];
+    html! {
+        (of_twelve("table-1-numbers", &columns, |index| {
+            let ours = study.installation(Method::TwoStage, index);
+            let of = |number: Option<f64>| number_or_none(number, significant);
+            vec![
+                fixed(TABLE_1[index], 0),
+                fixed(TABLE_1_ERRORS[index], 3),
+                fixed(error_of(&found.simulation, index), 3),
+                of(ours.map(|ours| ours.rms_error)),
+                of(ours.map(|ours| ours.bound)),
+                number_or_none(ours.map(|ours| TABLE_1_ERRORS[index] / ours.rms_error), |ratio| fixed(ratio, 2)),
+                of(study.installation(Method::Joint, index).map(|joint| joint.rms_error)),
+            ]
+        }))
+        p { "The paper's column is the error of one run: by chance, such a number is below a third of the root mean square for "
+            "one parameter in four and above twice of it for one in twenty. The errors of the accelerometers and of the mounting "
+            "are as small as ours. Those of the gyros are larger, all six, and by more than chance: at the paper's own noise, "
+            "which our runs have, the bound allows for less. Stage 2 here takes each move as one rotation, with the encoders' "
+            "errors at both of its ends as states; how the paper's filter weighs its samples is not at hand. The bound is what "
+            "any estimator of the twelve can reach at best with our model of the noise." }
+        (command(&study.command))
+    }
+}
+
+fn table_3(found: &Replication) -> Markup {
+    let columns = [
+        "Bai: reference",
+        "Bai: difference",
+        "twelve alone: two-stage RMS",
+        "real unit: two-stage RMS",
+        "real unit: joint RMS",
+    ];
+    html! {
+        (of_twelve("table-3-numbers", &columns, |index| {
+            let of = |study: &Study, method| number_or_none(study.installation(method, index).map(|ours| ours.rms_error), significant);
+            vec![
+                fixed(TABLE_3[index], 3),
+                fixed(TABLE_3_DIFFERENCES[index], 3),
+                of(&found.table_3, Method::TwoStage),
+                of(&found.real, Method::TwoStage),
+                of(&found.real, Method::Joint),
+            ]
+        }))
+        p { "The paper's unit stood in a laboratory; its difference is that to another calibration, whose own error is in it. Ours "
+            "are virtual units with the paper's reference as the truth: once with all else zero, as the two-stage method takes "
+            "it, and once with biases of 30 ug and 0.005 deg/h, scale factors off by 100 and 20 ppm, axes 4 arcsec off "
+            "perpendicular and a base out of level. The paper's differences lie " (between(found)) "." }
+        (command(&found.table_3.command))
+        (command(&found.real.command))
+    }
+}
+
+/// Where the published differences lie.
+fn between(found: &Replication) -> String {
+    let study = |study| rms(study, Method::TwoStage).collect::<Vec<_>>();
+    let (twelve, real) = (study(&found.table_3), study(&found.real));
+    let count =
+        |beyond: &dyn Fn(usize) -> bool| (0..twelve.len().min(real.len())).filter(|index| beyond(*index)).count();
+    let above = count(&|index| TABLE_3_DIFFERENCES[index] > twelve[index]);
+    let below = count(&|index| TABLE_3_DIFFERENCES[index] < real[index]);
+    format!("above the root mean square of the first for {above} of 12, and below that of the second for {below} of 12")
+}
+
+fn estimates(series: &Series, which: &str) -> anyhow::Result<Markup> {
+    let groups = [
+        block::GYRO_NON_ORTHOGONALITY..block::ACCEL_NON_ORTHOGONALITY,
+        block::ACCEL_NON_ORTHOGONALITY..block::MOUNTING,
+        block::MOUNTING..block::ACCEL_BIAS,
+    ];
+    Ok(html! {
+        p { "Estimates of one run by the two-stage method after every stop and move, against time in seconds, with a band of "
+            "three sigmas. Dashed: the truth. The accelerometers' errors and the mounting angles are found in period one, the "
+            "gyros' in period two." }
+        @for group in groups { div.small { @for index in group {
+            (shown(figures::estimate(&series.outcome, index, Some(&series.truth)), &format!("{which}-{}", name(index)), "")?)
+        } } }
+        @for line in &series.commands { (command(line)) }
+    })
+}
+
+// ------------------------------------------------------------------------------------------------------- what is ignored
+
+fn of_real(found: &Replication) -> String {
+    let (two_stage, joint) = (found.real.worst_rms(Method::TwoStage), found.real.worst_rms(Method::Joint));
+    format!(
+        "On a unit with all that a real one has, the two-stage method is off by up to {} and the joint method, on the same data, by \
+         {}.",
+        worst_in_words(two_stage),
+        worst_in_words(joint)
+    )
+}
+
+/// Titles of the effects that move the worst error by no more than noise does, and the one that moves it most.
+fn effects(found: &Replication) -> (Vec<&'static str>, String) {
+    let size = |study: &Study| study.worst_mean(Method::TwoStage).map_or(f64::INFINITY, |(_, arcsec)| arcsec);
+    let noise = found.ignored.first().map_or(0.0, size);
+    let effects = || found.ignored.iter().skip(1);
+    let small = effects().filter(|study| size(study) < 2.0 * noise).map(|study| study.title).collect();
+    let largest = effects().max_by(|a, b| size(a).total_cmp(&size(b)));
+    let largest = largest.map_or_else(String::new, |study| {
+        format!("{}, {}", study.title, worst_in_words(study.worst_mean(Method::TwoStage)))
+    });
+    (small, largest)
+}
+
+fn ignored(found: &Replication) -> Markup {
+    let row = |study: &Study| {
+        let (two_stage, joint) = (study.of(Method::TwoStage), study.of(Method::Joint));
+        html! {
+            tr id={ "ignored-" (study.name) } {
+                td { (study.title) }
+                td { (worst(study.worst_mean(Method::TwoStage))) }
+                td { (fixed(two_stage.fit.mean_chi_square, 0)) " / " (fixed(two_stage.fit.mean_degrees_of_freedom, 0)) }
+                td { (two_stage.accepted) " of " (two_stage.runs) }
+                td { (worst(study.worst_mean(Method::Joint))) }
+                td { (joint.accepted) " of " (joint.runs) }
+            }
+        }
+    };
+    let (small, largest) = effects(found);
+    html! {
+        p { "Each effect alone, on a unit without any other error: mean error over the runs, of the installation error that is "
+            "worst, arcsec; in the first row, what noise leaves of it." }
+        div.scroll { table id="ignored-numbers" {
+            thead { tr { th {} th { "two-stage" } th { "chi-square" } th { "accepted" } th { "joint" } th { "accepted" } } }
+            tbody { @for study in &found.ignored { (row(study)) } }
+        } }
+        p { "The two-stage method has no state to put such an effect in. The largest: " (largest) ". "
+            @if !small.is_empty() { "No more than about what noise leaves: " (small.join("; ")) ". " }
+            "The chi-square tells of what it cannot explain, and such a run is rejected. The joint method has a state for each "
+            "of them; those of encoders, tilting and drift are switched on by " code { "--effects" } "." }
+        details { summary { "Commands" } @for study in &found.ignored { (command(&study.command)) } }
+    }
+}
+
+// ------------------------------------------------------------------------------------------------------------------ joint
+
+fn joint(found: &Replication) -> Markup {
+    let columns = [
+        "Table 1: two-stage RMS",
+        "joint RMS",
+        "(error/sigma)²",
+        "real unit: two-stage RMS",
+        "joint RMS",
+        "(error/sigma)²",
+        "factor gained",
+    ];
+    let [low, high] = found.real.of(Method::Joint).normalized_bounds;
+    let accepted = |study: &Study| {
+        let of = |method| format!("{} of {}", study.of(method).accepted, study.of(method).runs);
+        format!("{} two-stage, {} joint", of(Method::TwoStage), of(Method::Joint))
+    };
+    html! {
+        (of_twelve("joint-numbers", &columns, |index| {
+            let of = |study: &Study| {
+                let [two_stage, joint] = [Method::TwoStage, Method::Joint].map(|method| study.installation(method, index).copied());
+                let number = |number: Option<f64>| number_or_none(number, significant);
+                let honest = number_or_none(joint.map(|joint| joint.mean_normalized_squared), |honest| fixed(honest, 2));
+                let gained = two_stage.zip(joint).map(|(two_stage, joint)| two_stage.rms_error / joint.rms_error);
+                (vec![number(two_stage.map(|found| found.rms_error)), number(joint.map(|found| found.rms_error)), honest], gained)
+            };
+            let (mut cells, (real, gained)) = (of(&found.table_1).0, of(&found.real));
+            cells.extend(real);
+            cells.push(number_or_none(gained, |gained| fixed(gained, 1)));
+            cells
+        }))
+        p { "(error/sigma)² is 1 on average where the sigmas are honest; for so many runs, 99 % of its means lie within "
+            (fixed(low, 2)) " to " (fixed(high, 2)) ". Runs accepted: Table 1 " (accepted(&found.table_1)) "; real unit "
+            (accepted(&found.real)) "." }
+        (command(&found.table_1.command))
+        (command(&found.real.command))
+    }
+}
+
+fn schemes(found: &Replication) -> Markup {
+    let row = |Foresight { prediction, command: line }: &Foresight| {
+        html! {
+            tr { td { (prediction.scheme) } td { (fixed(prediction.duration_s, 0)) } td { (significant(prediction.worst_arcsec)) }
+                td { (prediction.rank) " of " (prediction.states) } td { (significant(prediction.condition_number)) }
+                td.wide { code { (line) } } }
+        }
+    };
+    let two_stage = found.table_1.worst_rms(Method::TwoStage);
+    html! {
+        p { "With the paper's noise, for all 28 states. Both periods of the paper's scheme take "
+            (fixed(found.scheme.duration_s(), 0)) " s and leave the two-stage method with " (worst_in_words(two_stage)) " at worst." }
+        div.scroll { table id="scheme-numbers" {
+            thead { tr { th { "scheme" } th { "time, s" } th { "worst sigma, arcsec" } th { "rank" } th { "condition number" } th.text { "command" } } }
+            tbody { @for foresight in &found.schemes { (row(foresight)) } }
+        } }
+    }
+}
