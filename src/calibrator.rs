@@ -36,7 +36,31 @@ pub struct Progress {
     pub estimate: Estimate,
 }
 
-/// Takes samples in and gives parameters out.
+/// Takes samples in and gives parameters out. For a recording; [`SelfCalibration`](crate::self_calibration::SelfCalibration)
+/// has it for a live instrument.
+///
+/// ```
+/// use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
+/// use rins_selfcal::error_model::InstrumentErrors;
+/// use rins_selfcal::linear::Vector3;
+/// use rins_selfcal::{method::Method, sample::RawSample, site::Site, units::DEG, white_noise::Noise};
+///
+/// let noise = Noise { accel_psd_sqrt: 1e-4, gyro_psd_sqrt: 3e-7, encoder_sigma_rad: 2.5e-6, margin: 1.0 };
+/// let site = Site::default();
+/// let mut calibrator = Box::new(Calibrator::<f64>::new(&CalibratorConfig::new(Method::Joint, site, noise, 200.0)));
+/// // A perfect unit on a base that is tilted by one degree, at rest for ten seconds: a log has the whole scheme.
+/// let unit = InstrumentErrors { base_roll: 1.0 * DEG, ..InstrumentErrors::default() };
+/// let rot_bn = unit.rot_nb().transpose();
+/// let (force_a, omega_g) = (rot_bn * Vector3::z() * site.gravity_m_s2(), rot_bn * Vector3::from(site.earth_rate_n()));
+/// for number in 0..2000 {
+///     assert_eq!(calibrator.step(&RawSample { time_us: 5000 * number, force_a, omega_g, ..RawSample::default() }), None);
+/// }
+/// let stop = calibrator.finish().expect("a stop");
+/// assert!((stop.estimate.errors.base_roll / DEG - 1.0).abs() < 1e-3);
+/// // What a level instrument cannot see, it says: the sigma of a mounting angle is still that before any data.
+/// assert!(stop.estimate.sigmas[9] > 1.0 * DEG);
+/// // At the end of a log: `conclude` for the solution, `judge` for the verdict.
+/// ```
 #[derive(Clone, Debug)]
 pub struct Calibrator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATES: usize = BASIC_STATES> {
     intake: Intake,

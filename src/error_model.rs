@@ -271,6 +271,26 @@ pub fn frame_rotation_x<T: Real>(angle: Angle) -> Matrix3<T> {
 }
 
 /// The inverse of (4) and (5), ready to apply to every sample.
+///
+/// ```
+/// use rins_selfcal::error_model::{Calibration, InstrumentErrors};
+/// use rins_selfcal::linear::Vector3;
+/// use rins_selfcal::sample::RawSample;
+/// use rins_selfcal::units::{ARCSEC, MICRO_G};
+///
+/// // A bias, and the sensors 100 arcsec off the rotation axes about z.
+/// let errors = InstrumentErrors {
+///     accel_bias_a: [30.0 * MICRO_G, 0.0, 0.0],
+///     mounting: [0.0, 0.0, 100.0 * ARCSEC],
+///     ..InstrumentErrors::default()
+/// };
+/// let (force_s, omega_is_s) = (Vector3::new(0.0, 0.0, 9.79), Vector3::new(0.0, 0.3, 0.0));
+/// let (force_a, omega_g) = errors.corrupt(&force_s, &omega_is_s);
+/// let corrected = Calibration::new(&errors).correct(&RawSample { force_a, omega_g, ..RawSample::default() });
+/// assert!((corrected.force_s - force_s).norm() < 1e-12);
+/// // At gimbal angles (0, 0) the IMU is off the vehicle by the mounting angle alone.
+/// assert!((corrected.rot_sb[(0, 1)] - 100.0 * ARCSEC).abs() < 1e-9);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration<T: Real> {
     /// `rot_sa (I + diag ka)^-1`

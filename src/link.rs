@@ -42,6 +42,26 @@ const ROUTINE_BYTES: usize = 1024;
 const STATUS_US: u64 = 500_000;
 
 /// The link. It owns all its memory.
+///
+/// ```
+/// use rins_selfcal::link::{Answer, Command, Decoder, Link, MAX_FRAME_BYTES, encode};
+///
+/// let (mut instrument, mut host) = (Link::new(), Decoder::new());
+/// // The host's end: a command, number 7, into the line.
+/// let mut frame = [0; MAX_FRAME_BYTES];
+/// let command = encode(7, &Command::Start, &mut frame).expect("it fits");
+/// let received = command.iter().find_map(|byte| instrument.receive(*byte));
+/// assert_eq!(received, Some((7, Command::Start)));
+/// // The instrument's end: the answer, with the same number.
+/// instrument.reply(7, &Answer::Done);
+/// let mut answer = None;
+/// while let Some(byte) = instrument.transmit() {
+///     if let Some(Ok(frame)) = host.push(byte) {
+///         answer = Some((frame.number, frame.read::<Answer>()));
+///     }
+/// }
+/// assert_eq!(answer, Some((7, Some(Answer::Done))));
+/// ```
 #[derive(Debug)]
 pub struct Link {
     decoder: Decoder,

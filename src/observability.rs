@@ -115,6 +115,20 @@ fn turn_matrix(omega_g: &Vector3<f64>, unit_rad_s: f64) -> Matrix<f64, 3, INSTAL
 
 /// Stacks (11) and (13) along one period of a scheme on an instrument without errors, its base at this attitude, and
 /// reports after every row while turning and after every stop: time (s) and observability.
+///
+/// ```
+/// use rins_selfcal::error_model::InstrumentErrors;
+/// use rins_selfcal::{observability::along_scheme, scheme::Scheme, site::Site};
+///
+/// let (scheme, base) = (Scheme::bai(200.0, 1), InstrumentErrors::default());
+/// let (mut rank, mut full_s) = (0, None);
+/// along_scheme(&scheme, &Site::default(), &base, |time_s, seen| {
+///     rank = seen.rank;
+///     if rank == 12 { full_s.get_or_insert(time_s); }
+/// });
+/// // Not before the inner axis moves, after six stops and five moves.
+/// assert!(rank == 12 && full_s.is_some_and(|time_s| time_s > 6.0 * 200.0 + 5.0 * 5.5));
+/// ```
 pub fn along_scheme(
     scheme: &Scheme,
     site: &Site,
@@ -178,6 +192,17 @@ mod tests {
         stripped.add(&rows);
         let (found, expected) = (stripped.observability().singular_values, rows.singular_values());
         assert!((found - expected).norm() < 1e-12, "{found} for {expected}");
+    }
+
+    /// Sayz, Sazy and alpha: nothing that is measured depends on them until then.
+    #[test]
+    fn turns_about_the_outer_axis_on_a_level_base_leave_three_states_without_a_column() {
+        for quarters in -4..=4 {
+            let h = stop_matrix(Angle::from_rad(f64::from(quarters) * 90.0 * DEG), Angle::default(), &Vector3::z());
+            assert!([6, 8, 9].into_iter().all(|state| h.column(state).norm() < 1e-12), "{h}");
+        }
+        let h = stop_matrix(Angle::default(), Angle::from_rad(90.0 * DEG), &Vector3::x());
+        assert!([6, 8, 9].into_iter().all(|state| h.column(state).norm() > 0.1), "{h}");
     }
 
     #[test]

@@ -27,6 +27,24 @@ pub struct Leg {
 }
 
 /// A rotation scheme: it starts with a stop at (0, 0); each leg is a move and a stop.
+///
+/// ```
+/// use rins_selfcal::scheme::{Leg, Scheme};
+/// use rins_selfcal::units::DEG;
+///
+/// let leg = |outer: f64, inner: f64| Leg { outer_rad: outer * DEG, inner_rad: inner * DEG, stop_s: 8.0 };
+/// let scheme = Scheme {
+///     name: "mine".try_into().unwrap(),
+///     rate_rad_s: 20.0 * DEG,
+///     acceleration_rad_s2: 20.0 * DEG,
+///     first_stop_s: 10.0,
+///     legs: [leg(-90.0, 0.0), leg(-90.0, -90.0), leg(0.0, 0.0)].into_iter().collect(),
+///     periods: 1,
+/// };
+/// assert_eq!(scheme.check(), Ok(()));
+/// // Three quarter turns of 5.5 s each, their ramps included; in the last leg both axes turn at once.
+/// assert!((scheme.duration_s() - (10.0 + 3.0 * (5.5 + 8.0))).abs() < 1e-9);
+/// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Scheme {
     /// Name, for reports.

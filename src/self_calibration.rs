@@ -272,6 +272,39 @@ struct Heard {
 }
 
 /// A running instrument. Its calibrator is memory of the caller's: a static on the board.
+///
+/// ```
+/// use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
+/// use rins_selfcal::gimbal::{GimbalStatus, MotionCommand};
+/// use rins_selfcal::linear::Vector3;
+/// use rins_selfcal::self_calibration::{SelfCalibration, SelfCalibrationConfig};
+/// use rins_selfcal::{method::Method, sample::RawSample, scheme::Scheme, site::Site, white_noise::Noise};
+///
+/// let noise = Noise { accel_psd_sqrt: 1e-4, gyro_psd_sqrt: 3e-7, encoder_sigma_rad: 2.5e-6, margin: 1.0 };
+/// let calibrator = CalibratorConfig::new(Method::Joint, Site::default(), noise, 200.0);
+/// let config = SelfCalibrationConfig::new(calibrator, Scheme::named("fast-180").expect("in the library"));
+/// let mut memory = Box::new(Calibrator::UNCONFIGURED);
+/// let mut instrument = SelfCalibration::<f64>::new(config, None, &mut memory)?;
+///
+/// // On a board these come from the queue, and the gimbal is [`Control`](crate::control::Control).
+/// let mut gimbal = GimbalStatus { at_rest: true, arrived: true, ..GimbalStatus::default() };
+/// let mut commands = Vec::new();
+/// for number in 1..=300 {
+///     let force_a = Vector3::new(0.0, 0.0, 9.79);
+///     let sample = RawSample { time_us: 5000 * number, force_a, ..RawSample::default() };
+///     let step = instrument.step(&sample, &gimbal, &mut |_message| ());
+///     if let Some(motion) = step.motion {
+///         gimbal.commands += 1;
+///         commands.push(motion);
+///     }
+///     // Nothing is stored yet.
+///     assert!(step.corrected.is_none() && !step.save);
+/// }
+/// // The axes are held until all has been still for a second; then they go to the scheme's start.
+/// assert_eq!(commands[0], MotionCommand::Hold);
+/// assert!(matches!(commands.last(), Some(MotionCommand::MoveTo { angles_rad: [0.0, 0.0], .. })));
+/// # Ok::<(), rins_selfcal::self_calibration::ConfigError>(())
+/// ```
 #[derive(Debug)]
 pub struct SelfCalibration<'c, T: Real, const STATES: usize = BASIC_STATES> {
     config: SelfCalibrationConfig,

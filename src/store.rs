@@ -85,6 +85,43 @@ struct Good {
 }
 
 /// The store on a memory.
+///
+/// ```
+/// use embedded_storage::{ReadStorage, Storage};
+/// use rins_selfcal::store::{CalibrationStore, Loaded, StoredCalibration, medium::Eeprom};
+///
+/// /// An EEPROM of 16 KiB; a driver's type on a board.
+/// struct Memory(Vec<u8>);
+///
+/// impl ReadStorage for Memory {
+///     type Error = std::convert::Infallible;
+///     fn read(&mut self, at: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
+///         bytes.copy_from_slice(&self.0[at as usize..][..bytes.len()]);
+///         Ok(())
+///     }
+///     fn capacity(&self) -> usize {
+///         self.0.len()
+///     }
+/// }
+/// impl Storage for Memory {
+///     fn write(&mut self, at: u32, bytes: &[u8]) -> Result<(), Self::Error> {
+///         self.0[at as usize..][..bytes.len()].copy_from_slice(bytes);
+///         Ok(())
+///     }
+/// }
+///
+/// # use rins_selfcal::{error_model::InstrumentErrors, method::Method, site::Site};
+/// # let record = StoredCalibration {
+/// #     errors: InstrumentErrors::default(), sigmas: [1e-6; 28], method: Method::Joint, scheme: "fast-180".try_into().unwrap(),
+/// #     site: Site::default(), utc_s: None, temperature_c: 25.0, chi_square: 80.0, degrees_of_freedom: 84,
+/// #     software_version: "0.1.0".try_into().unwrap(), verdict: Default::default(),
+/// # };
+/// let mut store = CalibrationStore::new(Eeprom(Memory(vec![0xff; 16 * 1024])));
+/// assert_eq!(store.load(), Ok(Loaded::Empty));
+/// // `record` is that of `SelfCalibration::record`, when a step says that it shall be saved.
+/// store.save(&record).expect("the memory works");
+/// assert_eq!(store.load(), Ok(Loaded::Found { record, damage: None }));
+/// ```
 #[derive(Debug)]
 pub struct CalibrationStore<M> {
     memory: M,
