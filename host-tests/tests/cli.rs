@@ -5,7 +5,9 @@
 
 use host_tests::log::{LogReader, LogWriter};
 use host_tests::plant::Reading;
+use host_tests::quantity::values;
 use host_tests::statistics::chi_square_mean_bounds;
+use rins_selfcal::error_model::PARAMETER_INFO;
 use rins_selfcal::options::{OPTIONAL_INFO, OPTIONAL_STATES};
 use serde_json::Value;
 use std::fs;
@@ -13,6 +15,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 const PARAMETERS: usize = 28;
+
+#[path = "../../examples/host.rs"]
+#[expect(dead_code, reason = "its main is for the command line")]
+mod host;
 
 fn data(name: &str) -> String {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("data").join(name).to_str().expect("UTF-8").into()
@@ -134,6 +140,18 @@ fn simulated_log_is_replayed_to_its_truth() {
     assert_eq!(rows.lines().count(), 38);
     assert!(rows.starts_with("time_s,segment,kind,Sgxy_arcsec,"), "{rows:.100}");
     assert!(rows.lines().all(|row| row.split(',').count() == 3 + 2 * PARAMETERS));
+}
+
+#[test]
+fn the_example_for_a_host_says_what_replay_says() {
+    let (log, cal) = (scratch("example.csv"), scratch("example.json"));
+    run(0, &["simulate", "--scheme", "fast-60", "--out", &log]);
+    run(0, &["replay", &log, "--json", &cal]);
+    let (estimate, accepted) = host::calibrate(&log).unwrap();
+    assert!(accepted);
+    for (info, value) in PARAMETER_INFO.iter().zip(values(&estimate.errors)) {
+        assert_eq!(json(&cal)["parameters"][info.name]["value"].as_f64(), Some(value), "{}", info.name);
+    }
 }
 
 #[test]
@@ -719,7 +737,7 @@ fn results_are_compared_in_sigmas_of_their_difference() {
     run(0, &["compare", &cal, &other]);
     fs::write(&other, "{\"verdict\": \"accepted\",\n\"parameters\": {\"Sgxx\": {\"value\": 1, \"sigma\": 1}}}")
         .unwrap();
-    assert_eq!(refused(&["compare", &cal, &other]), "compare-b.json: parameters: unknown parameter Sgxx");
+    assert_eq!(refused(&["compare", &cal, &other]), "compare-b.json:2: parameters: unknown parameter `Sgxx`");
 }
 
 #[test]
