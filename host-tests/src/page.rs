@@ -184,6 +184,12 @@ fn parameter_row(outcome: &Outcome, truth: Option<&ParameterTable>, index: usize
     }
 }
 
+/// As the log shows it: by name where it is one of the library.
+fn found_scheme(content: &Content) -> String {
+    let name = content.motion().map(|scheme| scheme.name).filter(|name| Scheme::named(name).is_some());
+    name.map_or_else(|| "as found in the log".into(), |name| format!("as found in the log: {name}"))
+}
+
 /// What a certificate must say beside the numbers.
 fn facts(content: &Content) -> Vec<(&'static str, String)> {
     let (outcome, solution) = (content.outcome, &content.outcome.solution);
@@ -193,7 +199,7 @@ fn facts(content: &Content) -> Vec<(&'static str, String)> {
     vec![
         ("source", content.source.into()),
         ("method", crate::calibration::method_name(outcome.setup.method).into()),
-        ("scheme", outcome.setup.scheme.clone().unwrap_or_else(|| "as found in the log".into())),
+        ("scheme", outcome.setup.scheme.clone().unwrap_or_else(|| found_scheme(content))),
         ("stops, moves", format!("{}, {}", outcome.stops, outcome.moves)),
         ("duration", format!("{:.1} s", solution.duration_s)),
         ("samples", format!("{} at {} Hz", outcome.counts.admitted, significant(outcome.setup.rate_hz))),
