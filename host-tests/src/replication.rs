@@ -57,7 +57,7 @@ impl Study {
 /// One calibration by the two-stage method, with all that it shows.
 #[derive(Clone, Debug)]
 pub struct Series {
-    /// The commands that give it alone.
+    /// The commands that give signals and final estimates alone.
     pub commands: [String; 2],
     /// The calibration. Its estimate after a segment is the final one of all segments up to there.
     pub outcome: Outcome,
@@ -116,6 +116,8 @@ pub struct Foresight {
 /// All that is laid beside the paper.
 #[derive(Clone, Debug)]
 pub struct Replication {
+    /// The command that gives all of it as numbers.
+    pub command: String,
     /// Both periods of the paper's scheme.
     pub scheme: Scheme,
     /// The two-stage method as it is set up.

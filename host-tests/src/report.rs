@@ -190,7 +190,7 @@ impl From<&Outcome> for CalibrationReport {
 }
 
 /// The parameters that a method estimates.
-fn parameters(estimate: &Estimate, method: Method) -> Named<ParameterReport> {
+pub fn parameters(estimate: &Estimate, method: Method) -> Named<ParameterReport> {
     let values = quantity::values(&estimate.errors);
     let sigmas = quantity::sigmas(&estimate.sigmas);
     let report = |index: usize| {

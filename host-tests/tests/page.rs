@@ -167,10 +167,14 @@ fn the_replication_shows_every_table_and_figure_beside_bai() {
     has_curves(&dom, "figure-8", 3, 1000);
     has_curves(&dom, "figure-6", INSTALLATION_STATES, 100);
     has_curves(&dom, "figure-6-rank", 1, 100);
-    for info in &PARAMETER_INFO[..INSTALLATION_STATES] {
+    for (index, info) in PARAMETER_INFO[..INSTALLATION_STATES].iter().enumerate() {
         // 36 moves and the stops around them.
         has_estimate(&dom, &format!("simulation-{}", info.name), 73);
         has_estimate(&dom, &format!("laboratory-{}", info.name), 73);
+        let estimates = numbers["estimates"]["simulation"].as_array().expect("one after each segment");
+        let last = estimates.last().map(|last| last["parameters"][info.name]["value"].as_f64().expect("a number"));
+        let error = last.map(|last| fixed(last - bai::TABLE_1[index], 3));
+        assert_eq!((estimates.len(), error.as_ref()), (73, Some(&cells(&dom, "table-1-numbers")[index][3])));
     }
     let rms = |study: &str, method: &str, name: &str| {
         let found = &numbers["studies"][study]["methods"][method]["parameters"][name]["rms_error"];

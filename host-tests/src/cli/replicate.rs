@@ -12,11 +12,12 @@ use crate::page::write_replication;
 use crate::prediction::Prediction;
 use crate::quantity::significant;
 use crate::replication::{Foresight, Replication, Series, Study};
-use crate::report::{Named, SOFTWARE, Software, write_json};
+use crate::report::{Named, ParameterReport, SOFTWARE, Software, parameters, write_json};
 use crate::table;
 use anyhow::{Context, bail};
 use clap::Parser;
 use rayon::prelude::*;
+use rins_selfcal::calibrator::Progress as Segmented;
 use rins_selfcal::error_model::PARAMETER_INFO;
 use rins_selfcal::method::Method;
 use rins_selfcal::observability::INSTALLATION_STATES;
@@ -144,6 +145,11 @@ fn studies(arguments: &ReplicateArguments) -> anyhow::Result<Vec<Planned>> {
     STUDIES.iter().enumerate().map(planned).collect()
 }
 
+/// The same again, with a file for the numbers.
+fn again(ReplicateArguments { runs, stop, seed, .. }: &ReplicateArguments) -> String {
+    format!("rins replicate --runs {runs} --stop {stop} --seed {seed} --json replication.json")
+}
+
 /// Stops and periods of the scheme.
 fn motion(arguments: &ReplicateArguments) -> Vec<String> {
     ["--stop", &arguments.stop.to_string(), "--periods", "2"].map(String::from).to_vec()
@@ -174,6 +180,7 @@ fn replicate(arguments: &ReplicateArguments, studies: &[Planned], bar: &Progress
     let (simulation, laboratory) = rayon::join(|| series(of_table_1, "table1"), || series(of_real, "real"));
     let stop = arguments.stop.to_string();
     Ok(Replication {
+        command: again(arguments),
         scheme: of_table_1.monte_carlo.scheme.clone(),
         setup: setup.clone(),
         observability: foresight(&["--scheme", "bai", "--stop", &stop, "--method", "two-stage"])?,
@@ -203,8 +210,7 @@ fn series_commands(arguments: &ReplicateArguments, errors: &str) -> [String; 2] 
         format!(
             "rins simulate --scheme bai {motion} --errors {errors} --noise bai --seed {seed} --out log.csv --write-config unit.toml"
         ),
-        "rins replay log.csv --config unit.toml --method two-stage --csv-estimates estimates.csv --report report.html"
-            .into(),
+        "rins replay log.csv --config unit.toml --method two-stage --report report.html".into(),
     ]
 }
 
@@ -223,6 +229,7 @@ struct Numbers<'a> {
     studies: Named<StudyReport<'a>>,
     observability: &'a Prediction,
     schemes: Vec<&'a Prediction>,
+    estimates: Named<Vec<EstimateReport>>,
     software: Software,
 }
 
@@ -231,6 +238,23 @@ struct StudyReport<'a> {
     command: &'a str,
     #[serde(flatten)]
     report: Report<'a>,
+}
+
+/// The final estimate of all segments up to one, as a figure shows it.
+#[derive(Serialize)]
+struct EstimateReport {
+    segment: u16,
+    time_s: f64,
+    parameters: Named<ParameterReport>,
+}
+
+fn estimates(series: &Series) -> Vec<EstimateReport> {
+    let report = |progress: &Segmented| EstimateReport {
+        segment: progress.segments - 1,
+        time_s: progress.end_us as f64 * 1e-6,
+        parameters: parameters(&progress.estimate, series.outcome.setup.method),
+    };
+    series.outcome.live.iter().map(report).collect()
 }
 
 fn json<'a>(found: &'a Replication, studies: &'a [Planned]) -> Numbers<'a> {
@@ -243,6 +267,10 @@ fn json<'a>(found: &'a Replication, studies: &'a [Planned]) -> Numbers<'a> {
         studies: Named(studies.iter().zip(results).map(report).collect()),
         observability: &found.observability.prediction,
         schemes: found.schemes.iter().map(|scheme| &scheme.prediction).collect(),
+        estimates: Named(vec![
+            ("simulation", estimates(&found.simulation)),
+            ("laboratory", estimates(&found.laboratory)),
+        ]),
         software: SOFTWARE,
     }
 }

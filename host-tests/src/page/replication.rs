@@ -29,9 +29,13 @@ fn page(found: &Replication) -> anyhow::Result<Markup> {
         Section::new("motion", "Motion and signals: Figures 5, 7 and 8", motion(&found.simulation)?),
         Section::new("observability", "Observability: Figure 6", observability(found)?),
         Section::new("table-1", "Simulation: Table 1", table_1(found)),
-        Section::new("figures-9-11", "Simulation: Figures 9 to 11", estimates(&found.simulation, "simulation")?),
+        Section::new("figures-9-11", "Simulation: Figures 9 to 11", estimates(found, &found.simulation, "simulation")?),
         Section::new("table-3", "Laboratory unit: Table 3", table_3(found)),
-        Section::new("figures-16-18", "Laboratory unit: Figures 16 to 18", estimates(&found.laboratory, "laboratory")?),
+        Section::new(
+            "figures-16-18",
+            "Laboratory unit: Figures 16 to 18",
+            estimates(found, &found.laboratory, "laboratory")?,
+        ),
         Section::new("ignored", "What the two-stage method takes as zero", ignored(found)),
         Section::new("joint", "The joint method on the same data", joint(found)),
         Section::new("schemes", "The joint method in less time", schemes(found)),
@@ -299,19 +303,22 @@ fn between(found: &Replication) -> String {
     format!("above the root mean square of the first for {above} of 12, and below that of the second for {below} of 12")
 }
 
-fn estimates(series: &Series, which: &str) -> anyhow::Result<Markup> {
+fn estimates(found: &Replication, series: &Series, which: &str) -> anyhow::Result<Markup> {
     let groups = [
         block::GYRO_NON_ORTHOGONALITY..block::ACCEL_NON_ORTHOGONALITY,
         block::ACCEL_NON_ORTHOGONALITY..block::MOUNTING,
         block::MOUNTING..block::ACCEL_BIAS,
     ];
     Ok(html! {
-        p { "Estimates of one run by the two-stage method after every stop and move, against time in seconds, with a band of "
-            "three sigmas. Dashed: the truth. The accelerometers' errors and the mounting angles are found in period one, the "
+        p { "Estimates of one run by the two-stage method, after every stop and move the final one of all segments up to there, "
+            "against time in seconds, with a band of three sigmas. Dashed: the truth. The accelerometers' errors and the mounting angles are found in period one, the "
             "gyros' in period two." }
         @for group in groups { div.small { @for index in group {
             (shown(figures::estimate(&series.outcome, index, Some(&series.truth)), &format!("{which}-{}", name(index)), "")?)
         } } }
+        p { "As numbers, " code { "estimates." (which) } " of:" }
+        (command(&found.command))
+        p { "The last ones alone:" }
         @for line in &series.commands { (command(line)) }
     })
 }
