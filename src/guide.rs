@@ -54,6 +54,27 @@
 //! Larger: something is not modelled. A run is not made good by configuring more noise until it passes: find the segment
 //! with the largest innovation first. Reasons come in the order of what to believe first; later ones often follow from it.
 //!
+//! # What each error state means
+//!
+//! Equations (1) to (5) are in [`error_model`](crate::error_model), the optional ones in [`options`](crate::options). A
+//! state that no stop or move shows keeps its prior sigma, and the run is rejected as `Unobserved`.
+//!
+//! | state | what it is | what shows it | what it does if it is left in |
+//! |---|---|---|---|
+//! | `Sgxy` `Sgxz` `Sgyx` `Sgyz` `Sgzx` `Sgzy` | (1): a gyro's axis off the IMU frame's; `Sgxy`: gyro x, turned about y | moves: what a gyro feels of a turn about another axis | 1 arcsec: 1.6 arcsec of attitude in a quarter turn |
+//! | `Sayz` `Sazx` `Sazy` | (1): accelerometers y and z off the IMU frame's axes, of which accelerometer x is one | stops with gravity along both axes | 1 arcsec: 4.8 ug where gravity lies along the other axis |
+//! | `alpha` `beta` `gamma` | (2): the IMU against the rotation axes, about x, y and z | stops: gravity as the encoders turn it; moves: the axis of a turn | 1 arcsec of attitude that turns with the gimbals |
+//! | `accel_bias_x` `accel_bias_y` `accel_bias_z` | (4): an accelerometer's output at no force | stops in opposite attitudes | 1 ug: 0.2 arcsec of tilt |
+//! | `accel_scale_x` `accel_scale_y` `accel_scale_z` | (4): its scale factor is off | stops with gravity along it, and the site's gravity | 1 ppm: 1 ug along gravity |
+//! | `gyro_bias_x` `gyro_bias_y` `gyro_bias_z` | (5): a gyro's output at no rate | long stops, against Earth rate | 0.01 deg/h: about 0.6 nautical miles in an hour, unless turns average it out |
+//! | `gyro_scale_x` `gyro_scale_y` `gyro_scale_z` | (5): its scale factor is off | moves, against the encoders | 1 ppm: 0.3 arcsec in a quarter turn |
+//! | `axis_nonperpendicularity` | (3): d, by which the inner axis leans towards the outer one | moves and stops at several outer and inner angles | 1 arcsec of attitude that turns with the inner axis |
+//! | `base_roll` `base_pitch` `heading` | attitude of the vehicle at the end of the run; not the instrument's | gravity; Earth rate | nothing: the correction does not use them |
+//! | `gyro_bias_ramp_x` `gyro_bias_ramp_y` `gyro_bias_ramp_z` `accel_bias_ramp_x` `accel_bias_ramp_y` `accel_bias_ramp_z` | optional: biases that drift, as at warm-up | attitudes that come again later | taken for biases, or `Changing` |
+//! | `outer_eccentricity_cos` `outer_eccentricity_sin` `inner_eccentricity_cos` `inner_eccentricity_sin` | optional: an encoder's error once a turn | moves through many angles | taken for installation errors, or a bad chi-square |
+//! | `outer_second_harmonic_cos` `outer_second_harmonic_sin` `inner_second_harmonic_cos` `inner_second_harmonic_sin` | optional: twice a turn | as the eccentricity | as the eccentricity |
+//! | `base_roll_drift` `base_pitch_drift` | optional: the base tilts steadily | stops in one attitude, far apart in time | `Changing`, or a bad chi-square |
+//!
 //! # States that a run can end in
 //!
 //! | state | what it means | what to do |
@@ -118,7 +139,9 @@
 #[cfg(test)]
 mod tests {
     use crate::constancy::Change;
+    use crate::error_model::PARAMETER_INFO;
     use crate::gimbal::FaultKind;
+    use crate::options::OPTIONAL_INFO;
     use crate::sequencer::AbortReason;
     use crate::verdict::Reason;
 
@@ -135,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn every_reason_and_fault_is_explained() {
+    fn every_reason_fault_and_state_is_explained() {
         let reasons = explained!(Reason: Scale Setting NoiseLevel Cut TooFewSegments NotConverged NotFinite Refused Unobserved Sigma
             Implausible ChiSquare Innovation Unrest Noise Trends Held Stale Missing Changing Wiring Gap LeftOut Changed);
         let aborts = explained!(AbortReason: Commanded NotStill TurnTimeout Gimbal SampleLoss);
@@ -145,6 +168,11 @@ mod tests {
             let lines: std::vec::Vec<_> = GUIDE.lines().filter(|line| line.starts_with(&row)).collect();
             assert_eq!(lines.len(), 1, "{name}");
             assert!(lines[0].split(" | ").skip(2).all(|cell| cell.len() > 6), "{name}");
+        }
+        for info in PARAMETER_INFO.iter().chain(&OPTIONAL_INFO) {
+            let name = std::format!("`{}`", info.name);
+            let rows = GUIDE.lines().filter(|line| line.starts_with("//! | `") && line.contains(&name)).count();
+            assert_eq!(rows, 1, "{name}");
         }
         for name in explained!(Change: Step Ramp Slip EncoderScale Outlier EarthRate Heading) {
             assert!(GUIDE.contains(&std::format!("`{name}`, ")), "{name}");
