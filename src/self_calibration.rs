@@ -344,8 +344,18 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         calibrator: &'c mut Calibrator<T, MAX_SEGMENTS, STATES>,
     ) -> Result<Self, ConfigError> {
         prepare(&config, calibrator)?;
+        Ok(Self::prepared(config, stored, calibrator))
+    }
+
+    /// Not inlined: the rehearsal before needs the stack.
+    #[inline(never)]
+    fn prepared(
+        config: SelfCalibrationConfig,
+        stored: Option<&StoredCalibration>,
+        calibrator: &'c mut Calibrator<T, MAX_SEGMENTS, STATES>,
+    ) -> Self {
         let stored = stored.map(|record| (record.estimate(), record.moment()));
-        Ok(Self {
+        Self {
             sequencer: Sequencer::new(config.scheme.clone(), config.pace),
             calibrator,
             measuring: false,
@@ -366,7 +376,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             corrected_report_us: None,
             stored,
             config,
-        })
+        }
     }
 
     /// Takes in one sample, and how the gimbal is. `report` is called with whatever there is to tell. A sample that cannot
@@ -456,23 +466,27 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         self.abort = Some(AbortReason::Commanded);
     }
 
-    /// Takes another configuration, while no run is under way. Segments and covariance of the last run are forgotten;
-    /// the calibration in use stays.
+    /// Changes the configuration, while no run is under way. Segments and covariance of the last run are forgotten; the
+    /// calibration in use stays.
     ///
     /// # Errors
-    /// What is wrong with it; the configuration stays as it was. So do segments and covariance, unless the scheme had to be
-    /// rehearsed to find it out, which takes their memory.
+    /// What would be wrong with it; it stays as it was. So do segments and covariance, unless the scheme had to be rehearsed
+    /// to find it out, which takes their memory.
     #[inline(never)]
-    pub fn reconfigure(&mut self, config: SelfCalibrationConfig) -> Result<(), ConfigError> {
-        if let Err(error) = prepare(&config, self.calibrator) {
-            if matches!(error, ConfigError::Unobserved(_)) {
-                self.calibrator.restart(&self.config.run());
+    pub fn reconfigure(&mut self, change: impl FnOnce(&mut SelfCalibrationConfig)) -> Result<(), ConfigError> {
+        let before = self.config.clone();
+        change(&mut self.config);
+        let prepared = prepare(&self.config, self.calibrator);
+        match prepared {
+            Ok(()) => self.sequencer.reconfigure(self.config.scheme.clone(), self.config.pace),
+            Err(error) => {
+                self.config = before;
+                if matches!(error, ConfigError::Unobserved(_)) {
+                    self.calibrator.restart(&self.config.run());
+                }
             }
-            return Err(error);
         }
-        self.sequencer.reconfigure(config.scheme.clone(), config.pace);
-        self.config = config;
-        Ok(())
+        prepared
     }
 
     /// The configuration.
@@ -801,6 +815,22 @@ mod tests {
             config.refuse_unobserved = false;
             assert!(SelfCalibration::new(config, None, &mut calibrator).is_ok(), "{name}");
         }
+    }
+
+    #[test]
+    fn a_refused_configuration_leaves_the_old_one_in_force() {
+        let mut calibrator = std::boxed::Box::new(Calibrator::<f64, MAX_SEGMENTS>::UNCONFIGURED);
+        let mut run = SelfCalibration::new(config(), None, &mut calibrator).expect("it is right");
+        let in_force = *run.calibrator().estimator().config();
+        let noisy = |config: &mut SelfCalibrationConfig| config.calibrator.estimator.noise.gyro_psd_sqrt = 4e-7;
+        let refused = run.reconfigure(|config| {
+            noisy(config);
+            config.scheme = Scheme::named("8-position").expect("there");
+        });
+        assert_eq!(refused, Err(ConfigError::Unobserved(1)));
+        assert_eq!((run.config(), *run.calibrator().estimator().config()), (&config(), in_force));
+        assert_eq!(run.reconfigure(noisy), Ok(()));
+        assert_eq!(run.calibrator().estimator().config().noise.gyro_psd_sqrt, 4e-7);
     }
 
     fn too_cold() -> PowerUpPolicy {

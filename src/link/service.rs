@@ -178,9 +178,7 @@ fn set<T: Real, const STATES: usize>(
     run: &mut SelfCalibration<'_, T, STATES>,
 ) -> Result<Answer, Refusal> {
     idle(run.state())?;
-    let mut config = run.config().clone();
-    setting.put(&mut config);
-    run.reconfigure(config).map_err(Refusal::Config)?;
+    run.reconfigure(|config| setting.put(config)).map_err(Refusal::Config)?;
     Ok(Answer::Done)
 }
 
