@@ -164,7 +164,7 @@ pub fn unobserved<T: Real, const SEGMENTS: usize, const STATES: usize>(
     let mut start_us = 0;
     let mut take = |mut segment: Segment<T>| {
         segment.start_us = start_us;
-        start_us = start_us.saturating_add(segment.duration_us);
+        start_us += segment.duration_us;
         segment.force_a = model.force_at_stop(&segment).value;
         segment.rotation_g = model.rotation(&segment).value;
         let _ = estimator.add(&segment);

@@ -15,6 +15,9 @@ use serde::{Deserialize, Serialize};
 /// Standing time after arrival before a stop counts, s.
 pub const SETTLING_S: f64 = 0.3;
 
+/// Longest nominal duration, s: a week. What lasts longer is a mistake, and beyond some years times would overflow.
+const LONGEST_S: f64 = 7.0 * 86_400.0;
+
 /// One move and the stop after it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Leg {
@@ -74,6 +77,8 @@ pub enum SchemeError {
     Legs,
     /// Several periods, and the first does not end where it began.
     OpenPeriod,
+    /// All of it takes longer than a week, or forever.
+    Long,
 }
 
 impl fmt::Display for SchemeError {
@@ -85,6 +90,7 @@ impl fmt::Display for SchemeError {
             Self::Leg(leg) => write!(f, "leg {leg} has an angle that is not finite, or moves nothing"),
             Self::Legs => f.write_str("there are no legs"),
             Self::OpenPeriod => f.write_str("several periods, and the first does not end where it began"),
+            Self::Long => f.write_str("it lasts longer than a week"),
         }
     }
 }
@@ -144,8 +150,10 @@ impl Scheme {
             Err(SchemeError::Legs)
         } else if self.periods > 1 && from != (0.0, 0.0) {
             Err(SchemeError::OpenPeriod)
-        } else {
+        } else if (0.0..=LONGEST_S).contains(&self.duration_s()) {
             Ok(())
+        } else {
+            Err(SchemeError::Long)
         }
     }
 
@@ -214,5 +222,15 @@ mod tests {
         assert_eq!(scheme.check(), Err(SchemeError::OpenPeriod));
         scheme.legs.clear();
         assert_eq!(scheme.check(), Err(SchemeError::Legs));
+        let long: [fn(&mut Scheme); 3] = [
+            |scheme| scheme.legs[5].stop_s = 1e300,
+            |scheme| scheme.rate_rad_s = 1e-300,
+            |scheme| scheme.legs[5].outer_rad = 1e300,
+        ];
+        for spoil in long {
+            let mut scheme = Scheme::bai(10.0, 1);
+            spoil(&mut scheme);
+            assert_eq!(scheme.check(), Err(SchemeError::Long));
+        }
     }
 }

@@ -110,6 +110,6 @@ fn key_of(scheme: &Scheme, error: SchemeError) -> &'static str {
         SchemeError::Motion if !positive(scheme.acceleration_rad_s2) => "acceleration_deg_s2",
         SchemeError::Motion | SchemeError::OpenPeriod => "periods",
         SchemeError::Stop(0) => "first_stop_s",
-        SchemeError::Stop(_) | SchemeError::Leg(_) | SchemeError::Legs => "legs",
+        SchemeError::Stop(_) | SchemeError::Leg(_) | SchemeError::Legs | SchemeError::Long => "legs",
     }
 }
