@@ -89,9 +89,9 @@ fn a_cut_while_storing_leaves_the_old_or_the_new_calibration_and_is_told() {
     boot(&image, &eeprom, PowerUpPolicy::Always, 2, None).expect("a run");
     let new = bytes(&history().entries[0]);
     assert_ne!(old, new);
-    // A record is written and read back within 210 ms.
-    let (mut found_old, mut damaged) = (0, 0);
-    for periods in [0, 15, 45, 75, 105, 135] {
+    // A record is written within 185 ms and read back within 210 ms.
+    let (mut found_old, mut found_new, mut damaged) = (0, 0, 0);
+    for periods in [0, 15, 45, 75, 105, 135, 197] {
         std::fs::write(&eeprom, &stored).expect("the memory");
         let cut = boot(&image, &eeprom, PowerUpPolicy::Always, 2, Some(periods)).expect("a run");
         assert!(!cut.contains(&Message::Saved(true)), "after {periods} periods");
@@ -104,8 +104,10 @@ fn a_cut_while_storing_leaves_the_old_or_the_new_calibration_and_is_told() {
         assert!(found == old || found == new, "after {periods} periods: neither");
         assert!(told.iter().any(|message| matches!(message, Message::State { state: State::Correcting, .. })));
         found_old += u32::from(found == old);
+        found_new += u32::from(found == new);
         damaged += u32::from(after.damaged > 0);
     }
-    // The cuts fall into all parts of the write.
-    assert!(found_old >= 3 && damaged >= 2, "{found_old} times the old one, {damaged} times damage");
+    // The cuts fall into all parts of the write, the last one after it, before the firmware has told of it.
+    let counts = (found_old, found_new, damaged);
+    assert!(found_old >= 3 && found_new >= 1 && damaged >= 2, "old, new, damaged: {counts:?}");
 }
