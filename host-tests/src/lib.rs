@@ -32,6 +32,7 @@ pub mod encoder;
 pub mod fault_campaign;
 pub mod fault_table;
 pub mod faults;
+pub mod firmware_sizes;
 pub mod gimbal_plant;
 pub mod history;
 pub mod inspect;

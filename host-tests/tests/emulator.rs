@@ -201,7 +201,9 @@ fn booted_in_process(board: Board) -> Vec<Message> {
     };
     let (assignment, bench) = (assignment(&unit, &scheme), shared(plant));
     let ended = match board {
-        Board::Mps2An500 => in_process::<f64, BASIC_STATES, _>(&assignment, None, &bench, on_message),
+        Board::Mps2An500 | Board::Stm32h743 => {
+            in_process::<f64, BASIC_STATES, _>(&assignment, None, &bench, on_message)
+        }
         Board::Mps2An386 => in_process::<f32, BASIC_STATES, _>(&assignment, None, &bench, on_message),
     };
     ended.unwrap_or_else(|error| panic!("{error:#}"));
@@ -301,7 +303,7 @@ fn recorded_in_process(board: Board, method: Method) -> u64 {
     let add = |message: &Message| digest.add(message);
     let bench = shared(player);
     let outcome = match board {
-        Board::Mps2An500 => in_process::<f64, BASIC_STATES, _>(&assignment, None, &bench, add),
+        Board::Mps2An500 | Board::Stm32h743 => in_process::<f64, BASIC_STATES, _>(&assignment, None, &bench, add),
         Board::Mps2An386 => in_process::<f32, BASIC_STATES, _>(&assignment, None, &bench, add),
     };
     outcome.unwrap_or_else(|error| panic!("{error:#}"));

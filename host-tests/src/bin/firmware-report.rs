@@ -1,17 +1,18 @@
-//! What the firmware image takes and what is linked into it.
+//! What the firmware's images take and what is linked into them.
 //!
-//! `firmware-report [IMAGE]`: builds the images of the boards in the emulator, of the first also with optional states, or
-//! takes the given one, of the first; prints flash, static RAM, painted stack, depth of the queue and instructions by kind
-//! of work of a whole calibration. Exits with 1 if a panic or an allocation is linked.
+//! Builds the images of all boards, of the first also with optional states. Prints flash, static RAM and stack and, of those
+//! that run in the emulator, depth of the queue, latencies and instructions by kind of work of a whole calibration.
 
 use anyhow::Result;
+use clap::Parser;
 use host_tests::bench::Bench;
 use host_tests::drive::move_durations_s;
 use host_tests::emulator::image::{Board, Image, Variant, build};
 use host_tests::emulator::{Run, WORKS};
+use host_tests::firmware_sizes::{self, Sizes, SizesByImage};
 use host_tests::power_up::{Switched, in_emulator};
 use host_tests::virtual_rins::{DrivenRins, VirtualUnit};
-use object::{Object, ObjectSegment, ObjectSymbol};
+use object::{Object, ObjectSymbol};
 use rins_selfcal::assignment::Assignment;
 use rins_selfcal::calibrator::CalibratorConfig;
 use rins_selfcal::method::Method;
@@ -20,10 +21,19 @@ use rins_selfcal::self_calibration::SelfCalibrationConfig;
 use rins_selfcal::sequencer::State;
 use rins_selfcal::servo::PERIOD_S;
 use rins_selfcal::telemetry::Message;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Where the RAM begins, see `memory.x` of the boards.
-const RAM: u64 = 0x2000_0000;
+/// Size, stack, queue and instructions of the firmware's images. Exit status 1 if a panic or an allocation is linked, or a
+/// size is not as in host-tests/data/firmware-sizes.toml.
+#[derive(Parser)]
+struct Arguments {
+    /// An image for mps2-an500, in place of those of all boards; it is not compared.
+    image: Option<PathBuf>,
+    /// Writes the data file anew, in place of comparing with it.
+    #[arg(long, conflicts_with = "image")]
+    update: bool,
+}
 
 /// Parts of the demangled names of functions that only a panic or an allocation brings in.
 const FORBIDDEN: [&str; 14] = [
@@ -44,7 +54,7 @@ const FORBIDDEN: [&str; 14] = [
 ];
 
 fn main() -> ExitCode {
-    match report() {
+    match report(&Arguments::parse()) {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {
@@ -54,26 +64,64 @@ fn main() -> ExitCode {
     }
 }
 
-fn report() -> Result<bool> {
-    if let Some(image) = std::env::args_os().nth(1) {
-        return report_image("image", &Image { path: image.into(), board: Board::Mps2An500 });
+fn report(arguments: &Arguments) -> Result<bool> {
+    if let Some(path) = &arguments.image {
+        return Ok(report_image("image", &Image { path: path.clone(), board: Board::Mps2An500 })?.1);
     }
-    let mut clean = true;
     let optional = Variant { board: Board::Mps2An500, optional_states: true };
-    for variant in [Board::Mps2An500.into(), optional, Board::Mps2An386.into()] {
-        clean &= report_image(&variant.features(), &build(variant)?)?;
+    let (mut clean, mut sizes) = (true, SizesByImage::new());
+    for variant in [Board::Mps2An500.into(), optional, Board::Mps2An386.into(), Board::Stm32h743.into()] {
+        let (found, is_clean) = report_image(&variant.features(), &build(variant)?)?;
+        sizes.insert(variant.features(), found);
+        clean &= is_clean;
     }
-    Ok(clean)
+    let as_before = if arguments.update { update(&sizes)? } else { compare(&sizes)? };
+    Ok(clean && as_before)
 }
 
-/// Prints the figures of one image; whether nothing forbidden is linked.
-fn report_image(name: &str, image: &Image) -> Result<bool> {
+fn update(sizes: &SizesByImage) -> Result<bool> {
+    let path = firmware_sizes::data_file();
+    firmware_sizes::write(&path, sizes)?;
+    println!("written: {}", path.display());
+    Ok(true)
+}
+
+/// Whether all sizes are as in the data file.
+fn compare(sizes: &SizesByImage) -> Result<bool> {
+    let differences = firmware_sizes::differences(&firmware_sizes::read(&firmware_sizes::data_file())?, sizes);
+    differences.iter().for_each(|line| println!("{line}"));
+    match differences.as_slice() {
+        [] => println!("all sizes as in the data file"),
+        _ => println!("if that is meant, --update takes it over"),
+    }
+    Ok(differences.is_empty())
+}
+
+/// Prints the figures of one image; its sizes, and whether nothing forbidden is linked.
+fn report_image(name: &str, image: &Image) -> Result<(Sizes, bool)> {
     let bytes = image.read()?;
     let file = object::File::parse(&*bytes)?;
-    let sizes = Sizes::of(&file);
+    let mut sizes = Sizes::of(&file);
     println!("{name}");
     println!("  flash                {:>8} bytes", sizes.flash);
-    println!("  static RAM           {:>8} bytes", sizes.ram);
+    println!("  static RAM           {:>8} bytes", sizes.static_ram);
+    if image.board.is_emulated() {
+        sizes.stack_used = Some(report_calibration(image)?);
+    } else {
+        println!("  stack                       - bytes of {}: no emulator plays the board", sizes.stack_room);
+    }
+    let forbidden = forbidden(&file);
+    match forbidden.as_slice() {
+        [] => println!("  no panic, no allocation linked"),
+        // Its HAL can panic while it sets up, and the library cannot be told from it.
+        names if !image.board.is_emulated() => println!("  {} functions for panics linked, by its HAL", names.len()),
+        names => names.iter().for_each(|name| println!("  linked: {name}")),
+    }
+    Ok((sizes, forbidden.is_empty() || !image.board.is_emulated()))
+}
+
+/// Prints what a calibration takes; its stack, bytes.
+fn report_calibration(image: &Image) -> Result<u64> {
     let calibration = calibration(image)?;
     println!("  stack used           {:>8} bytes of {}", calibration.stack_used_bytes, calibration.stack_bytes);
     println!("  queue used           {:>8} samples of {}", calibration.queue_deepest, calibration.queue_length);
@@ -82,12 +130,7 @@ fn report_image(name: &str, image: &Image) -> Result<bool> {
         println!("  {work:<21}{:>8.0} {:>8.0}", load.mean_instructions, load.most_instructions);
     }
     print_timing(&calibration);
-    let forbidden = forbidden(&file);
-    match forbidden.as_slice() {
-        [] => println!("  no panic, no allocation linked"),
-        names => names.iter().for_each(|name| println!("  linked: {name}")),
-    }
-    Ok(forbidden.is_empty())
+    Ok(calibration.stack_used_bytes)
 }
 
 /// The processor's clock on the NUCLEO-H743ZI2, Hz.
@@ -123,22 +166,6 @@ fn calibration(image: &Image) -> Result<Run> {
         }
     };
     in_emulator(&assignment, image, None, &mut Bench::new(plant), |_| (), switch)
-}
-
-struct Sizes {
-    flash: u64,
-    ram: u64,
-}
-
-impl Sizes {
-    /// Sizes of what is loaded: initialized variables take both.
-    fn of(file: &object::File<'_>) -> Self {
-        let in_ram = |segment: &object::Segment<'_, '_>| segment.address() >= RAM;
-        Self {
-            flash: file.segments().map(|segment| segment.file_range().1).sum(),
-            ram: file.segments().filter(in_ram).map(|segment| segment.size()).sum(),
-        }
-    }
 }
 
 /// Names of the linked functions that should not be.

@@ -17,6 +17,8 @@ pub enum Board {
     Mps2An500,
     /// QEMU's Cortex-M4F: `f32`.
     Mps2An386,
+    /// NUCLEO-H743ZI2, which no emulator plays.
+    Stm32h743,
 }
 
 impl Board {
@@ -25,13 +27,19 @@ impl Board {
         match self {
             Self::Mps2An500 => "mps2-an500",
             Self::Mps2An386 => "mps2-an386",
+            Self::Stm32h743 => "stm32h743",
         }
+    }
+
+    /// Whether the emulator plays it.
+    pub const fn is_emulated(self) -> bool {
+        !matches!(self, Self::Stm32h743)
     }
 
     /// Cargo's further configuration for its processor.
     const fn configuration(self) -> Option<&'static str> {
         match self {
-            Self::Mps2An500 => None,
+            Self::Mps2An500 | Self::Stm32h743 => None,
             Self::Mps2An386 => Some(".cargo/cortex-m4.toml"),
         }
     }
