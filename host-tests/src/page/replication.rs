@@ -114,8 +114,8 @@ fn conditions(found: &Replication) -> Markup {
             thead { tr { th.text {} th.text { "paper" } th.text { "here" } } }
             tbody { @for (what, paper, here) in &rows { tr { th.text { (what) } td.wide { (paper) } td.wide { (here) } } } }
         } }
-        p { "The paper gives one number for each sensor and does not say whether it is a bias or a noise. Here it is the noise "
-            "of every sample (" code { "--noise bai" } "); biases of that size are studied by themselves below." }
+        p { "The one number for each sensor is taken here as the noise of every sample (" code { "--noise bai" }
+            "); biases of that size are studied by themselves below." }
         p { "Table 2 and the figures that are not named here are not repeated: nothing of them is at hand to compare with." }
     }
 }
