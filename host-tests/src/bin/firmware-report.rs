@@ -161,7 +161,8 @@ fn calibration(image: &Image) -> Result<Run> {
     rins.expect_moves(&move_durations_s(&scheme, unit.rate_hz));
     let (plant, off) = Switched::new(rins);
     let switch = |message: &Message| {
-        if matches!(message, Message::Corrected { .. } | Message::State { state: State::Parked, .. }) {
+        // Samples are corrected before the record is stored, which the queue has to bear.
+        if matches!(message, Message::State { state: State::Correcting | State::Parked, .. }) {
             off.set(true);
         }
     };
