@@ -20,6 +20,7 @@ use crate::{Scalar, recorder, stack, watchdog};
 use checked_flash::CheckedFlash;
 use clock::{CORE_HZ, Delay};
 use core::cell::{Cell, RefCell};
+use core::mem::MaybeUninit;
 use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{DWT, SCB};
@@ -57,6 +58,9 @@ use rins_selfcal::store::medium;
 
 /// Depth of the sample queue plus one: 5 s at 200 Hz. Erasing a sector of the flash takes the main loop 4 s at most.
 const QUEUE_LENGTH: usize = 1024;
+/// Too long for the data TCM.
+#[unsafe(link_section = ".axi")]
+static mut QUEUE: MaybeUninit<SampleQueue<Scalar, QUEUE_LENGTH>> = MaybeUninit::uninit();
 /// Beyond what is heard.
 const PWM_HZ: u32 = 20_000;
 
@@ -168,7 +172,8 @@ impl Stm32h743 {
         clock::start(p.TIM2);
         let restart = recorder::start(Some(reset_flags()));
 
-        let queue = cortex_m::singleton!(: SampleQueue<Scalar, QUEUE_LENGTH> = SampleQueue::new())?;
+        // Safety: the core's peripherals are taken once, so nothing comes here twice.
+        let queue = unsafe { &mut *(&raw mut QUEUE) }.write(SampleQueue::new());
         let (producer, samples) = queue.split();
         let imu_clock = imu_clock(p.TIM3, p.PC6);
         let imu = Spi::new_blocking(p.SPI1, p.PA5, p.PB5, p.PA6, spi_config(spi::MODE_3, 3_750_000));
