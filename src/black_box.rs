@@ -227,6 +227,8 @@ impl<const N: usize> BlackBox<N> {
         let alike = (0..length).all(|count| {
             back(count).zip(back(length + count)).is_some_and(|(last, before)| last.event == before.event)
         });
+        // The one before may have begun earlier.
+        let alike = alike && back(2 * length).is_none_or(|entry| entry.is_stop());
         let Some(end) = back(length).filter(|_| alike) else { return };
         self.record(&Entry { repeats: end.repeats.saturating_add(1), ..end });
         (0..length).for_each(|count| self.forget(last.sequence.saturating_sub(count)));
@@ -453,6 +455,16 @@ mod tests {
         let before = events(&black_box);
         black_box.fold();
         assert_eq!((events(&black_box), before.len()), (before, 16));
+    }
+
+    #[test]
+    fn a_start_that_ends_alike_but_sooner_is_another_one() {
+        let stop = Event::Stopped(Stop::board("no IMU"));
+        let mut black_box = BlackBox::<16>::new();
+        record(&mut black_box, &[Event::Restarted(Restart::PowerOn), stop.clone()]);
+        record(&mut black_box, core::slice::from_ref(&stop));
+        black_box.fold();
+        assert_eq!(events(&black_box).len(), 3);
     }
 
     #[test]

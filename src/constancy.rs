@@ -370,3 +370,25 @@ impl<const STATES: usize> Suspect<STATES> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Limit of a change that makes an installation error of this sigma wrong by so much for each of its own sigmas.
+    fn limit(change: Change, wrong_rad: f64, sigma_rad: f64) -> f64 {
+        let mut not_absorbed: Vector<f32, { ENCODER_ERRORS + PARAMETERS }> = zeros();
+        not_absorbed[ENCODER_ERRORS] = wrong_rad as f32;
+        let suspect = Suspect { change, segment: 0, not_absorbed, score: 0.0, information: 1.0 };
+        let limit = suspect.suspicion(&[sigma_rad; PARAMETERS]).limit;
+        (100.0 * limit).round() / 100.0
+    }
+
+    #[test]
+    fn what_does_more_harm_is_found_sooner() {
+        let of = |change| move |part: f64| limit(change, part * TOLERANCE_RAD, 0.1 * ARCSEC);
+        assert_eq!([0.0, 0.08, 0.1, 0.12, 1.0].map(of(Change::EncoderScale(0))), [5.0, 5.0, 4.5, 3.75, 3.7]);
+        assert_eq!([0.0, 0.1, 0.2, 0.25, 1.0].map(of(Change::Slip(0))), [5.0, 5.0, 4.5, 4.0, 4.0]);
+        assert_eq!(limit(Change::Slip(0), TOLERANCE_RAD, 10.0 * ARCSEC), 5.0, "little to an error known no better");
+    }
+}

@@ -139,7 +139,6 @@ impl<T: Real> Gimbal<T> {
         }
         self.watch(now_us, sensed);
         self.proceed(now_us);
-        self.fault_us = self.fault().and(self.fault_us.or(Some(now_us)));
         self.axes.each_mut().map(|axis| axis.drive(now_us))
     }
 
@@ -147,7 +146,6 @@ impl<T: Real> Gimbal<T> {
     pub fn command(&mut self, command: MotionCommand) {
         let now_us = self.time_us.unwrap_or(0);
         self.commands = self.commands.wrapping_add(1);
-        self.fault_us = None;
         self.state = match command {
             MotionCommand::Hold => State::Obeying(None),
             MotionCommand::Release => State::Releasing,
@@ -158,6 +156,7 @@ impl<T: Real> Gimbal<T> {
                 State::Obeying(Some(Move { angles_rad, rate_rad_s, acceleration_rad_s2 }))
             }
         };
+        self.fault_us = None;
         if !matches!(self.state, State::Releasing) {
             self.axes.iter_mut().for_each(|axis| axis.hold(now_us));
         }
@@ -227,7 +226,7 @@ impl<T: Real> Gimbal<T> {
             }
         }
         if !failed_again {
-            self.state = State::Stopped(fault);
+            (self.state, self.fault_us) = (State::Stopped(fault), Some(now_us));
         }
     }
 
@@ -331,6 +330,21 @@ mod tests {
             }
         }
         assert!(since_fault == 16 && last[0] == Drive::Off, "{since_fault} {last:?}");
+    }
+
+    #[test]
+    fn a_target_out_of_reach_is_a_fault_at_once() {
+        let limits = [AxisLimits { lowest_rad: -1.0, highest_rad: 1.0, ..AxisLimits::default() }; 2];
+        let mut gimbal = Gimbal::<f64>::new(&limits, &[MotorAndLoad::default(); 2]);
+        periods(&mut gimbal, 10, [0.0; 2]);
+        let seen_us = gimbal.status().time_us;
+        let move_to = MotionCommand::MoveTo { angles_rad: [0.0, 2.0], rate_rad_s: 0.3, acceleration_rad_s2: 0.3 };
+        gimbal.command_seen(move_to, seen_us);
+        assert!(gimbal.status().fault.is_some());
+        gimbal.command_seen(MotionCommand::Hold, seen_us - PERIOD_US);
+        assert!(gimbal.status().fault.is_some(), "what was computed before does not end it");
+        gimbal.command_seen(MotionCommand::Hold, seen_us);
+        assert_eq!(gimbal.status().fault, None);
     }
 
     #[test]

@@ -57,7 +57,8 @@
 //! # What each error state means
 //!
 //! Equations (1) to (5) are in [`error_model`](crate::error_model), the optional ones in [`options`](crate::options). A
-//! state that no stop or move shows keeps its prior sigma, and the run is rejected as `Unobserved`.
+//! state that no stop or move shows keeps its prior sigma; where it is one of the 28, the heading excepted, the run is
+//! rejected as `Unobserved`.
 //!
 //! | state | what it is | what shows it | what it does if it is left in |
 //! |---|---|---|---|

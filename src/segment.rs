@@ -38,7 +38,7 @@ pub const LONGEST_GAP_US: u64 = 100_000;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Stillness {
     /// Range of an encoder angle over 0.1 s, and distance from where the stop began, up to which an axis stands, rad.
-    /// Must exceed the encoder's noise and resolution; 20 arcsec are passed within 25 ms of a 20 deg/s^2 ramp.
+    /// At most 1 deg; must exceed the encoder's noise and resolution; 20 arcsec are passed within 25 ms of a 20 deg/s^2 ramp.
     pub still_rad: f64,
 }
 

@@ -116,7 +116,9 @@ impl fmt::Display for ConfigError {
             Self::Rate => f.write_str("the sample rate must be from 50 to 10 000 Hz"),
             Self::Noise => f.write_str("every noise must be finite and positive, and its margin at least 1"),
             Self::Heading => f.write_str("a configured heading must be finite, and its sigma positive"),
-            Self::Stillness => f.write_str("the range of an axis at rest, and the gate, must be finite and positive"),
+            Self::Stillness => f.write_str(
+                "the range of an axis at rest must be positive and at most 1 deg, the gate finite and positive",
+            ),
             Self::Axis(axis) => {
                 write!(f, "the limits of the {} axis must be finite and positive, and its travel not empty", name(axis))
             }
@@ -182,7 +184,9 @@ impl SelfCalibrationConfig {
         {
             return Err(ConfigError::Heading);
         }
-        if !positive(&self.calibrator.stillness.still_rad) || !estimator.gate_sigma.as_ref().is_none_or(positive) {
+        if !(f64::MIN_POSITIVE..=DEG).contains(&self.calibrator.stillness.still_rad)
+            || !estimator.gate_sigma.as_ref().is_none_or(positive)
+        {
             return Err(ConfigError::Stillness);
         }
         if !estimator.options.are_finite() {
@@ -765,7 +769,7 @@ mod tests {
     #[test]
     fn every_wrong_number_of_a_configuration_is_refused() {
         type Spoil = fn(&mut SelfCalibrationConfig);
-        let wrong: [(Spoil, ConfigError); 29] = [
+        let wrong: [(Spoil, ConfigError); 30] = [
             (|config| config.motors[1].inertia_kg_m2 = 0.0, ConfigError::Motor(1)),
             (|config| config.scheme.first_stop_s = 0.49, ConfigError::ShortStop(0)),
             (|config| config.scheme.legs[6].stop_s = 0.49, ConfigError::ShortStop(7)),
@@ -780,6 +784,7 @@ mod tests {
             (|config| config.calibrator.estimator.heading = heading(f64::NAN, 0.1), ConfigError::Heading),
             (|config| config.calibrator.estimator.heading = heading(1.0, 0.0), ConfigError::Heading),
             (|config| config.calibrator.stillness.still_rad = f64::NAN, ConfigError::Stillness),
+            (|config| config.calibrator.stillness.still_rad = 1.1 * DEG, ConfigError::Stillness),
             (|config| config.calibrator.estimator.gate_sigma = Some(-5.0), ConfigError::Stillness),
             (|config| config.calibrator.estimator.site.latitude_rad = f64::NAN, ConfigError::Site),
             (|config| config.calibrator.estimator.site.measured_gravity_m_s2 = Some(0.0), ConfigError::Site),

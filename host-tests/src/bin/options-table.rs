@@ -1,5 +1,6 @@
 //! Prints what each optional effect costs: on data with it and without, while it is estimated and while it is not.
 
+use anyhow::Context;
 use clap::Parser;
 use comfy_table::{CellAlignment, Table, presets};
 use host_tests::calibration::Precision;
@@ -80,12 +81,10 @@ fn rows() -> [Row; 5] {
     ]
 }
 
-fn main() {
+fn main() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
-    let scheme = Scheme::named(&arguments.scheme).unwrap_or_else(|| {
-        eprintln!("no scheme of the library is called {}", arguments.scheme);
-        std::process::exit(1);
-    });
+    let name = &arguments.scheme;
+    let scheme = Scheme::named(name).with_context(|| format!("no scheme of the library is called {name}"))?;
     let rows = rows();
     let bar = ProgressBar::new(arguments.runs * (1 + 3 * rows.len() as u64));
     let statistics = |effects: &Effects, options: Options| {
@@ -103,17 +102,17 @@ fn main() {
             rate_hz: 200.0,
             seed: arguments.seed,
         };
-        campaign.run(|_| bar.inc(1)).expect("open loop").remove(0)
+        campaign.run(|_| bar.inc(1)).map(|mut of_methods| of_methods.remove(0))
     };
     let mut table = Table::new();
     table.load_style(presets::NOTHING);
     table.set_header(["effect", "acts", "estimated", "accepted", "worst RMS arcsec", "error^2/sigma^2", "chi-square"]);
     let none = Effects::default();
-    table.add_row(cells("none", ["no", "no"], &statistics(&none, Options::NONE)));
+    table.add_row(cells("none", ["no", "no"], &statistics(&none, Options::NONE)?));
     for Row { name, effects, options } in rows {
-        table.add_row(cells(name, ["no", "yes"], &statistics(&none, options)));
-        table.add_row(cells("", ["yes", "no"], &statistics(&effects, Options::NONE)));
-        table.add_row(cells("", ["yes", "yes"], &statistics(&effects, options)));
+        table.add_row(cells(name, ["no", "yes"], &statistics(&none, options)?));
+        table.add_row(cells("", ["yes", "no"], &statistics(&effects, Options::NONE)?));
+        table.add_row(cells("", ["yes", "yes"], &statistics(&effects, options)?));
     }
     for column in table.column_iter_mut().skip(3) {
         column.set_cell_alignment(CellAlignment::Right);
@@ -121,6 +120,7 @@ fn main() {
     bar.finish_and_clear();
     println!("{} runs each of the unit \"real\" on {}, joint method; of the twelve:", arguments.runs, arguments.scheme);
     println!("{table}");
+    Ok(())
 }
 
 /// Of the twelve installation errors, the worst and the mean.

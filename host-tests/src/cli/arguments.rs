@@ -520,7 +520,7 @@ pub struct MonteCarloArguments {
     pub precision: Precision,
     #[command(flatten)]
     pub options: OptionArguments,
-    /// table1, table3, real, random, random:1deg, random:tactical, or a file
+    /// table1, table3, real, random, random:1deg, random:tactical, a file, or what would be in it in one line
     #[arg(long, value_name = "NAME|FILE", default_value = "random")]
     pub errors: String,
     /// bai, navigation, tactical, or a file [default: that of --config, or navigation]
@@ -682,7 +682,7 @@ impl SchemeArguments {
 
 #[derive(Debug, Args)]
 pub struct UnitArguments {
-    /// table1, table3, real, random, random:1deg, random:tactical, or a file
+    /// table1, table3, real, random, random:1deg, random:tactical, a file, or what would be in it in one line
     #[arg(long, value_name = "NAME|FILE", default_value = "real")]
     errors: String,
     /// bai, navigation, tactical, or a file [default: that of --config, or navigation]

@@ -216,8 +216,9 @@ impl From<&Entry> for EventReport {
 
 fn told(entry: &Entry) -> String {
     let EventReport { sequence, time_s, event, repeats } = entry.into();
+    let more = if repeats == u8::MAX { " or more" } else { "" };
     let repeats =
-        if repeats > 0 { format!("; starts that went so: {}", u16::from(repeats) + 1) } else { String::new() };
+        if repeats > 0 { format!("; starts that went so: {}{more}", u16::from(repeats) + 1) } else { String::new() };
     format!("{sequence:>6}  {time_s:>12.3} s  {event}{repeats}")
 }
 

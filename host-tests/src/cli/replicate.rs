@@ -175,7 +175,8 @@ fn replicate(arguments: &ReplicateArguments, studies: &[Planned], bar: &Progress
     let [of_table_1, _, of_real, ..] = studies else { bail!("no studies") };
     let setup = of_table_1.monte_carlo.setup(Method::TwoStage).on_scheme(&of_table_1.monte_carlo.scheme);
     let series = |planned: &Planned, errors| {
-        Series::new(series_commands(arguments, errors), &planned.monte_carlo.virtual_run(0), &setup)
+        let commands = series_commands(arguments, errors)?;
+        anyhow::Ok(Series::new(commands, &planned.monte_carlo.virtual_run(0), &setup))
     };
     let (simulation, laboratory) = rayon::join(|| series(of_table_1, "table1"), || series(of_real, "real"));
     let stop = arguments.stop.to_string();
@@ -184,8 +185,8 @@ fn replicate(arguments: &ReplicateArguments, studies: &[Planned], bar: &Progress
         scheme: of_table_1.monte_carlo.scheme.clone(),
         setup: setup.clone(),
         observability: foresight(&["--scheme", "bai", "--stop", &stop, "--method", "two-stage"])?,
-        simulation,
-        laboratory,
+        simulation: simulation?,
+        laboratory: laboratory?,
         table_1,
         table_3,
         real,
@@ -204,14 +205,15 @@ fn study(planned: &Planned, bar: &Progress) -> anyhow::Result<Study> {
 }
 
 /// Simulates the same readings as a log, and replays it: all figures, and the estimates as numbers.
-fn series_commands(arguments: &ReplicateArguments, errors: &str) -> [String; 2] {
-    let (motion, seed) = (motion(arguments).join(" "), arguments.seed);
-    [
-        format!(
-            "rins simulate --scheme bai {motion} --errors {errors} --noise bai --seed {seed} --out log.csv --write-config unit.toml"
-        ),
-        "rins replay log.csv --config unit.toml --method two-stage --report report.html".into(),
-    ]
+fn series_commands(arguments: &ReplicateArguments, errors: &str) -> anyhow::Result<[String; 2]> {
+    let (motion, seed) = (motion(arguments), arguments.seed.to_string());
+    let motion: Vec<&str> = motion.iter().map(AsRef::as_ref).collect();
+    let unit =
+        ["--errors", errors, "--noise", "bai", "--seed", &seed, "--out", "log.csv", "--write-config", "unit.toml"];
+    let simulate = [&["simulate", "--scheme", "bai"][..], &motion, &unit].concat();
+    let replay = ["replay", "log.csv", "--config", "unit.toml", "--method", "two-stage", "--report", "report.html"];
+    let checked = |words: &[&str]| parsed(words).map(|_| command_line(words));
+    Ok([checked(&simulate)?, checked(&replay)?])
 }
 
 fn foresight(words: &[&str]) -> anyhow::Result<Foresight> {
