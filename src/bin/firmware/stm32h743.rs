@@ -173,7 +173,7 @@ impl Stm32h743 {
         let restart = recorder::start(Some(reset_flags()));
 
         // Safety: the core's peripherals are taken once, so nothing comes here twice.
-        let queue = unsafe { &mut *(&raw mut QUEUE) }.write(SampleQueue::new());
+        let queue = unsafe { (&raw mut QUEUE).as_mut() }?.write(SampleQueue::new());
         let (producer, samples) = queue.split();
         let imu_clock = imu_clock(p.TIM3, p.PC6);
         let imu = Spi::new_blocking(p.SPI1, p.PA5, p.PB5, p.PA6, spi_config(spi::MODE_3, 3_750_000));
