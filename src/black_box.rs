@@ -235,16 +235,18 @@ impl<const N: usize> BlackBox<N> {
     }
 
     fn forget(&mut self, sequence: u32) {
-        let place = (sequence as usize).checked_rem(N).and_then(|place| self.slots.get_mut(place));
-        if let Some(slot) = place {
+        if let Some(slot) = self.slot_mut(sequence) {
             *slot = [0; SLOT_BYTES];
         }
     }
 
+    fn slot_mut(&mut self, sequence: u32) -> Option<&mut Slot> {
+        self.slots.get_mut((sequence as usize).checked_rem(N)?)
+    }
+
     /// Records an event with the number after the newest one's.
     pub fn record(&mut self, entry: &Entry) {
-        let place = (entry.sequence as usize).checked_rem(N).and_then(|place| self.slots.get_mut(place));
-        if let Some((place, slot)) = place.zip(encode(entry)) {
+        if let Some((place, slot)) = self.slot_mut(entry.sequence).zip(encode(entry)) {
             *place = slot;
         }
     }
