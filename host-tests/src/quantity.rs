@@ -21,6 +21,11 @@ pub fn states() -> impl Iterator<Item = &'static ParameterInfo> + Clone {
     PARAMETER_INFO.iter().chain(&OPTIONAL_INFO)
 }
 
+/// Index of the parameter of this name.
+pub fn parameter(name: &str) -> Option<usize> {
+    PARAMETER_INFO.iter().position(|info| info.name == name)
+}
+
 /// Estimates in report units, the heading in 0 to 360 deg.
 pub fn values(errors: &InstrumentErrors<f64>) -> [f64; PARAMETERS] {
     let x = errors.to_vector();

@@ -65,8 +65,7 @@ impl<'de> Visitor<'de> for ParametersVisitor {
         let wrong = |message: String| A::Error::custom(format!("parameters: {message}"));
         let mut parameters = [None; PARAMETERS];
         while let Some(name) = map.next_key::<String>()? {
-            let index = PARAMETER_INFO.iter().position(|info| info.name == name);
-            let index = index.ok_or_else(|| wrong(format!("unknown parameter `{name}`")))?;
+            let index = quantity::parameter(&name).ok_or_else(|| wrong(format!("unknown parameter `{name}`")))?;
             let parameter: SavedParameter = map.next_value()?;
             if let Some(UnitName(unit)) = parameter.unit.filter(|unit| unit.0 != PARAMETER_INFO[index].unit) {
                 return Err(wrong(format!("{name} is in {unit}, not {}", PARAMETER_INFO[index].unit)));

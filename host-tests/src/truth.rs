@@ -1,6 +1,7 @@
 //! The true parameters of an instrument by name and in report units, and the file that carries them, TRUTH.json.
 
 use crate::json_file::{self, JsonFileError};
+use crate::quantity::parameter;
 use crate::report::write_json;
 use rins_selfcal::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS};
 use rins_selfcal::linear::Vector;
@@ -31,7 +32,7 @@ impl ParameterTable {
 
     /// Value in report units by name.
     pub fn value(&self, name: &str) -> Option<f64> {
-        self.0[position(name)?]
+        self.0[parameter(name)?]
     }
 
     /// Name of the first value that is not finite.
@@ -39,10 +40,6 @@ impl ParameterTable {
         let values = PARAMETER_INFO.iter().zip(&self.0);
         values.filter(|(_, value)| value.is_some_and(|value| !value.is_finite())).map(|(info, _)| info.name).next()
     }
-}
-
-fn position(name: &str) -> Option<usize> {
-    PARAMETER_INFO.iter().position(|info| info.name == name)
 }
 
 impl Serialize for ParameterTable {
@@ -75,7 +72,7 @@ impl<'de> Visitor<'de> for TableVisitor {
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<ParameterTable, A::Error> {
         let mut values = [None; PARAMETERS];
         while let Some(name) = map.next_key::<String>()? {
-            let index = position(&name).ok_or_else(|| A::Error::custom(format!("unknown parameter `{name}`")))?;
+            let index = parameter(&name).ok_or_else(|| A::Error::custom(format!("unknown parameter `{name}`")))?;
             if values[index].replace(map.next_value::<f64>()?).is_some() {
                 return Err(A::Error::custom(format!("parameter `{name}` given twice")));
             }
