@@ -3,12 +3,10 @@
 use super::figures;
 use super::frame::{Section, document, shown};
 use crate::bai::{FULL_RANK_S, TABLE_1, TABLE_1_ERRORS, TABLE_3, TABLE_3_DIFFERENCES, Twelve};
-use crate::prediction::RankAt;
+use crate::prediction::{RankAt, duration_s};
 use crate::quantity::{self, fixed, significant};
 use crate::replication::{Foresight, Replication, Series, Study};
 use crate::table::{GROUPS, Group, number_or_none};
-use crate::virtual_rins::VirtualUnit;
-use crate::virtual_run::VirtualRun;
 use anyhow::Context;
 use maud::{Markup, html};
 use rins_selfcal::error_model::{InstrumentErrors, PARAMETER_INFO, block};
@@ -86,15 +84,10 @@ fn worst_in_words(found: Option<(usize, f64)>) -> String {
 
 // ---------------------------------------------------------------------------------------------------------- conditions
 
-/// Duration with the settling after each move, s.
-fn settled_s(scheme: &Scheme) -> f64 {
-    VirtualRun { unit: VirtualUnit::default(), scheme: scheme.clone(), seed: 0 }.duration_s()
-}
-
 fn conditions(found: &Replication) -> Markup {
     let scheme = &found.scheme;
     let (moves, stop_s) = (scheme.legs.len(), scheme.first_stop_s);
-    let minutes = settled_s(scheme) / 60.0 / f64::from(scheme.periods);
+    let minutes = duration_s(&found.setup, scheme) / 60.0 / f64::from(scheme.periods);
     let motion = format!(
         "{moves} moves at 20 deg/s with ramps of 20 deg/s² and {} stops of {stop_s} s, {minutes:.1} min a period; with \
          {SETTLING_S} s of settling after each move",
@@ -436,8 +429,8 @@ fn schemes(found: &Replication) -> Markup {
     };
     let two_stage = found.table_1.worst_rms(Method::TwoStage);
     html! {
-        p { "With the paper's noise, for all 28 states. Both periods of the paper's scheme take "
-            (fixed(settled_s(&found.scheme), 0)) " s and leave the two-stage method with " (worst_in_words(two_stage)) " at worst." }
+        p { "With the noise of the simulation (" code { "--noise bai" } "), for all 28 states. Both periods of the paper's scheme take "
+            (fixed(duration_s(&found.setup, &found.scheme), 0)) " s and leave the two-stage method with " (worst_in_words(two_stage)) " at worst." }
         div.scroll { table id="scheme-numbers" {
             thead { tr { th { "scheme" } th { "time, s" } th { "worst sigma, arcsec" } th { "rank" } th { "condition number" } th.text { "command" } } }
             tbody { @for foresight in &found.schemes { (row(foresight)) } }
