@@ -335,7 +335,9 @@ fn a_streaming_imu_fills_the_queue_with_the_angles_of_its_stamps() {
         }
         let taken: Vec<_> = (1..)
             .zip(message)
-            .filter_map(|(bytes, byte)| streaming.on_byte(byte, interval * 5000 + bytes * 10_000_000 / 921_600, view))
+            .filter_map(|(bytes, byte)| {
+                streaming.on_byte(byte, interval * 5000 + 65 + bytes * 10_000_000 / 921_600, view)
+            })
             .collect();
         assert_eq!(taken, [if interval % 10 == 0 { Err(Loss::Crc) } else { Ok(()) }]);
     }

@@ -15,7 +15,9 @@
 //!
 //! An output is the mean over its interval only with the filter AVE, which the unit has for the gyros and for the
 //! accelerometers (`=FILTTYPE,G,AVE`, `=FILTTYPE,A,AVE`) and takes by itself with outputs on request (`=MSYNC,EXT`): request
-//! them at 200 Hz, or choose one of the unit's own rates, 250 Hz (`=DR,250`).
+//! them at 200 Hz, or choose one of the unit's own rates, 250 Hz (`=DR,250`). A request is a rising edge on MSYNC, RS-422, which
+//! is high for 30 to 90 us (table 10-1); its message begins 30 to 100 us later (table 11-1 for the signal TOV, which is then
+//! MSYNC again).
 //!
 //! An f32 near 1 g has steps of 1.2e-7 g, and at 20 deg/s of 3e-8 rad/s: less than 1/1000 of the noise of a sample at
 //! 200 Hz with 10 ug/sqrt(Hz), and 1/130 with 0.001 deg/sqrt(h), so noise dithers them.
@@ -61,9 +63,9 @@ pub struct Settings {
 }
 
 impl Default for Settings {
-    /// 200 Hz on request, rates in rad/s, 921 600 baud, no latency.
+    /// 200 Hz on request, with the middle of the latencies that the manual has; rates in rad/s, 921 600 baud.
     fn default() -> Self {
-        Self { rate_hz: 200.0, rotation: Rotation::Rate, degrees: false, baud: 921_600, latency_us: 0 }
+        Self { rate_hz: 200.0, rotation: Rotation::Rate, degrees: false, baud: 921_600, latency_us: 65 }
     }
 }
 
@@ -258,7 +260,7 @@ mod tests {
     #[test]
     fn units_and_stamp_are_as_set_up() {
         let degrees = Settings { rotation: Rotation::Increment, degrees: true, latency_us: 10, ..Settings::default() };
-        for (settings, rate, time_us) in [(Settings::default(), 0.25, 997_110), (degrees, 50.0 * DEG, 997_100)] {
+        for (settings, rate, time_us) in [(Settings::default(), 0.25, 997_045), (degrees, 50.0 * DEG, 997_100)] {
             let reading = push(&mut Kvh1750::new(&settings), &numbered(3))[0].unwrap();
             assert!((reading.omega_g.x - rate).abs() < 1e-15);
             assert!((reading.force_a - Vector3::new(0.0, -9.806_65, 19.6133)).amax() < 1e-14);
