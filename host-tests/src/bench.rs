@@ -1,9 +1,10 @@
-//! The instrument's devices around a [`Plant`]: an ADIS16495-1, two BiSS-C encoders of 26 bits and two motor bridges, and what
-//! may fail of them.
+//! The instrument's devices around a [`Plant`]: an IMU, two BiSS-C encoders of 26 bits and two motor bridges, and what may fail
+//! of them.
 //!
 //! Time goes by in control periods. The IMU samples as often as the plant does, whatever its decimation has been set to.
 
-use crate::chips::adis16495::{Adis16495Chip, Model, flag};
+mod imu;
+
 use crate::chips::biss::BissChip;
 use crate::chips::bridge::{BridgeChip, DUTY_STEPS, Output};
 use crate::chips::exchange;
@@ -12,11 +13,14 @@ use embedded_hal::delay::DelayNs;
 use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 use embedded_hal::spi::{self, Operation, SpiDevice};
-use rins_selfcal::acquisition::Acquisition;
+use imu::ImuChip;
+pub use imu::{Imu, Received};
+use rins_selfcal::acquisition::{Acquisition, Streaming, View};
 use rins_selfcal::control::Control;
 use rins_selfcal::drivers::adis16495::{Adis16495, BURST_BYTES, Clock, Settings};
 use rins_selfcal::drivers::biss::{BissEncoder, CAPTURE_BYTES, Mounting, Resolution};
 use rins_selfcal::drivers::bridge::Bridge;
+use rins_selfcal::drivers::kvh1750::{self, Kvh1750};
 use rins_selfcal::gimbal::Gimbal;
 use rins_selfcal::linear::Real;
 use rins_selfcal::queue::SampleProducer;
@@ -28,7 +32,7 @@ use std::rc::Rc;
 /// One chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Chip {
-    /// The IMU.
+    /// The IMU, or the receiver of its serial line.
     Imu,
     /// Encoder of the outer axis.
     OuterEncoder,
@@ -55,8 +59,8 @@ impl Chip {
 pub mod input {
     /// The instrument is switched on.
     pub const POWERED: u8 = 1;
-    /// The data-ready line had an edge.
-    pub const DATA_READY: u8 = 2;
+    /// The IMU asks for its interrupt: its data-ready line had an edge, or bytes came from it.
+    pub const IMU: u8 = 2;
     /// The fault lines of the outer and the inner bridge, high if there is none.
     pub const FAULT: [u8; 2] = [4, 8];
 }
@@ -90,7 +94,7 @@ pub enum Trouble {
     BridgeDead,
 }
 
-/// Spoils the bytes of a transfer, after the chip has answered.
+/// Spoils the bytes of a transfer, after the chip has answered, or those of a message of the IMU.
 pub type Damage = Box<dyn FnMut(Chip, &mut [u8])>;
 
 /// The devices of one axis.
@@ -165,21 +169,26 @@ pub struct Bench<P> {
     periods: u64,
     data_ready: bool,
     samples: u32,
-    imu: Adis16495Chip,
+    imu: ImuChip,
     axes: [AxisChips; 2],
     damage: Option<Damage>,
     switched_off: u32,
 }
 
 impl<P: Plant> Bench<P> {
-    /// The bench around `plant`; the bridges are off.
+    /// The bench around `plant`, with an ADIS16495; the bridges are off.
     pub fn new(plant: P) -> Self {
+        Self::with_imu(plant, Imu::Adis16495)
+    }
+
+    /// The same with this IMU.
+    pub fn with_imu(plant: P, imu: Imu) -> Self {
         Self {
             plant,
             periods: 0,
             data_ready: false,
             samples: 0,
-            imu: Adis16495Chip::new(Model::ADIS16495_1),
+            imu: ImuChip::new(imu),
             axes: [AxisChips::new(), AxisChips::new()],
             damage: None,
             switched_off: 0,
@@ -221,9 +230,22 @@ impl<P: Plant> Bench<P> {
         self.axes.iter().map(|axis| axis.bridge.hard_turns).sum()
     }
 
-    /// The IMU.
-    pub fn imu_mut(&mut self) -> &mut Adis16495Chip {
-        &mut self.imu
+    /// Which IMU it has.
+    pub fn imu(&self) -> Imu {
+        self.imu.kind()
+    }
+
+    /// Lets a gyro of the IMU fail.
+    pub fn fail_gyro(&mut self) {
+        self.imu.fail_gyro();
+    }
+
+    /// Lets those bytes get lost on the serial line of the IMU for whose number, counted from 0, `loses` is true.
+    ///
+    /// # Panics
+    /// The IMU has no serial line.
+    pub fn lose(&mut self, loses: impl FnMut(u64) -> bool + 'static) {
+        self.imu.line_mut().expect("an IMU with a serial line").loses = Some(Box::new(loses));
     }
 
     /// The plant.
@@ -249,12 +271,9 @@ impl<P: Plant> Bench<P> {
         for (axis, seen_rad) in self.axes.iter_mut().zip(encoders_rad) {
             axis.seen_rad = seen_rad;
         }
-        self.data_ready = reading.is_some();
+        self.data_ready = reading.is_some() && self.imu() == Imu::Adis16495;
         if let Some(reading) = reading {
-            if !reading.omega_g.iter().chain(&reading.force_a).all(|number| number.is_finite()) {
-                self.imu.raise(flag::SENSOR);
-            }
-            self.imu.sample(reading.omega_g, reading.force_a, reading.temperature_c.into());
+            self.imu.sample(&reading, self.periods * PERIOD_US, self.damage.as_mut());
             self.samples = self.samples.wrapping_add(1);
         }
         true
@@ -265,11 +284,17 @@ impl<P: Plant> Bench<P> {
         self.data_ready
     }
 
+    /// The next byte that has come over the serial line of the IMU, if it has one.
+    pub fn receive(&mut self) -> Option<Received> {
+        let now_us = self.now_us();
+        self.imu.line_mut()?.receive(now_us)
+    }
+
     /// One transfer: `frame` holds what the master sends, and after it what the chip does.
     pub fn transfer(&mut self, chip: Chip, frame: &mut [u8]) {
         let is_spared = chip == Chip::Imu && frame.len() != BURST_BYTES;
         match chip {
-            Chip::Imu => self.imu.transfer(frame),
+            Chip::Imu => self.imu.transfer(frame, self.periods * PERIOD_US),
             Chip::OuterEncoder => self.axes[0].clock_encoder(frame),
             Chip::InnerEncoder => self.axes[1].clock_encoder(frame),
             Chip::Period => return self.exchange(frame),
@@ -305,8 +330,10 @@ impl<P: Plant> Bench<P> {
             return 0;
         }
         let faults = self.axes.iter().zip(input::FAULT).filter(|(axis, _)| axis.bridge.fault_line());
-        let ready = if self.data_ready { input::DATA_READY } else { 0 };
-        faults.fold(input::POWERED | ready, |bits, (_, bit)| bits | bit)
+        let now_us = self.periods * PERIOD_US;
+        let asks = self.data_ready || self.imu.line_mut().is_some_and(|line| line.waits(now_us));
+        let asks = if asks { input::IMU } else { 0 };
+        faults.fold(input::POWERED | asks, |bits, (_, bit)| bits | bit)
     }
 }
 
@@ -413,6 +440,44 @@ struct NoDelay;
 
 impl DelayNs for NoDelay {
     fn delay_ns(&mut self, _ns: u32) {}
+}
+
+/// What the IMU's interrupt has on the board, for the IMU that the bench has.
+pub enum BenchImu<'q, T: Real, P> {
+    /// Of an ADIS16495.
+    Adis16495(BenchAcquisition<'q, T, P>),
+    /// Of a KVH 1750.
+    Kvh1750(Streaming<'q, T>),
+}
+
+impl<'q, T: Real, P: Plant> BenchImu<'q, T, P> {
+    /// On a bench whose plant samples `rate_hz` times a second.
+    pub fn new(bench: &SharedBench<P>, rate_hz: f64, producer: SampleProducer<'q, T>) -> Self {
+        let imu = bench.borrow().imu();
+        match imu {
+            Imu::Adis16495 => Self::Adis16495(acquisition(bench, rate_hz, producer)),
+            Imu::Kvh1750 => {
+                let settings = kvh1750::Settings { rate_hz, ..kvh1750::Settings::default() };
+                Self::Kvh1750(Streaming::new(Kvh1750::new(&settings), producer))
+            }
+        }
+    }
+
+    /// What the interrupt does at the end of a control period.
+    pub fn on_period(&mut self, bench: &SharedBench<P>, view_at: impl Fn(u64) -> View) {
+        let (now_us, data_ready) = (bench.borrow().now_us(), bench.borrow().data_ready());
+        // Samples that are lost have been counted.
+        match self {
+            Self::Adis16495(acquisition) => {
+                let _ = data_ready.then(|| acquisition.on_data_ready(now_us, view_at));
+            }
+            Self::Kvh1750(streaming) => {
+                for (byte, came_us) in std::iter::from_fn(|| bench.borrow_mut().receive()) {
+                    let _ = streaming.on_byte(byte, came_us, &view_at);
+                }
+            }
+        }
+    }
 }
 
 /// The acquisition of a bench: what the data-ready interrupt runs on the board.

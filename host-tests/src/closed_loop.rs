@@ -159,7 +159,7 @@ impl<'a> PowerUp<'a> {
             Precision::F64 => Board::Mps2An500,
             Precision::F32 => Board::Mps2An386,
         };
-        Variant { board, optional_states: self.setup.options.needs_states() }
+        Variant { optional_states: self.setup.options.needs_states(), ..board.into() }
     }
 
     fn assignment(&self) -> Assignment {

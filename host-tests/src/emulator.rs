@@ -98,7 +98,7 @@ pub struct Run {
     pub late_commands: u64,
     /// Instructions, to 20, from a control period's beginning until its interrupt runs, the most.
     pub control_latency: f64,
-    /// The same from a data-ready edge on, which comes while the control interrupt runs.
+    /// The same for the IMU's interrupt, from when it is asked for, while the control interrupt runs.
     pub data_ready_latency: f64,
     /// Most samples that waited in the queue at once.
     pub queue_deepest: u64,
@@ -153,6 +153,8 @@ pub fn run<P: Plant>(
     mut on_log: impl FnMut(&str),
     mut on_message: impl FnMut(&Message),
 ) -> Result<Run> {
+    let (expected, found) = (setup.image.imu, bench.imu());
+    ensure!(expected == found, "the image is for an IMU {expected:?}, and the bench has an {found:?}");
     ensure_installed(EMULATOR, EMULATOR)?;
     let start = Instant::now();
     let elf = setup.image.read()?;

@@ -253,7 +253,7 @@ impl Saboteur {
                 };
                 self.bench.borrow_mut().damage(silent);
             }
-            Failing::ImuSensor => self.bench.borrow_mut().imu_mut().fail_sensors(1),
+            Failing::ImuSensor => self.bench.borrow_mut().fail_gyro(),
             Failing::DataReady => self.unit.borrow_mut().no_edges = true,
         }
     }

@@ -1,7 +1,7 @@
 //! Power-up of an instrument on the bench: in this process, or as the firmware image in the emulator. Both run the same
 //! drivers, queue and assembly, and tell the same messages.
 
-use crate::bench::{Bench, BenchAcquisition, BenchControl, SharedBench, acquisition, control};
+use crate::bench::{Bench, BenchControl, BenchImu, SharedBench, control};
 use crate::chips::bridge::Output;
 use crate::emulator::image::Image;
 use crate::emulator::{Run, Setup, run};
@@ -197,7 +197,7 @@ fn mechanics(config: &SelfCalibrationConfig) -> ([AxisLimits; 2], [MotorAndLoad;
 
 /// What the interrupts of a board have.
 pub struct Interrupts<'q, T: Real, P> {
-    acquisition: BenchAcquisition<'q, T, P>,
+    imu: BenchImu<'q, T, P>,
     /// What the control interrupt has, for the main loop.
     pub control: BenchControl<T, P>,
 }
@@ -205,7 +205,7 @@ pub struct Interrupts<'q, T: Real, P> {
 impl<'q, T: Real, P: Plant> Interrupts<'q, T, P> {
     /// On a bench whose plant samples `rate_hz` times a second.
     pub fn new(bench: &SharedBench<P>, rate_hz: f64, gimbal: Gimbal<T>, producer: SampleProducer<'q, T>) -> Self {
-        Self { acquisition: acquisition(bench, rate_hz, producer), control: control(bench, gimbal) }
+        Self { imu: BenchImu::new(bench, rate_hz, producer), control: control(bench, gimbal) }
     }
 
     /// Lets a control period go by; whether the instrument is still switched on.
@@ -213,12 +213,9 @@ impl<'q, T: Real, P: Plant> Interrupts<'q, T, P> {
         if !bench.borrow_mut().period() {
             return false;
         }
-        let (now_us, data_ready) = (bench.borrow().now_us(), bench.borrow().data_ready());
+        let now_us = bench.borrow().now_us();
         self.control.on_period(|| now_us);
-        if data_ready {
-            // A sample that is lost has been counted.
-            let _ = self.acquisition.on_data_ready(now_us, |time_us| self.control.view(time_us));
-        }
+        self.imu.on_period(bench, |time_us| self.control.view(time_us));
         true
     }
 }
@@ -263,7 +260,12 @@ impl<P: Plant> Plant for Switched<P> {
 
 /// A bench that drivers in this process share.
 pub fn shared<P: Plant>(plant: P) -> SharedBench<P> {
-    Rc::new(RefCell::new(Bench::new(plant)))
+    share(Bench::new(plant))
+}
+
+/// Lets drivers in this process share a bench.
+pub fn share<P>(bench: Bench<P>) -> SharedBench<P> {
+    Rc::new(RefCell::new(bench))
 }
 
 /// Digest of all messages of a run: two runs with the same digest agree in every bit of every result.

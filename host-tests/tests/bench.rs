@@ -1,9 +1,9 @@
 //! The drivers on the bench, without the emulator.
 
-use host_tests::bench::{Bench, Chip, Trouble, acquisition, control};
+use host_tests::bench::{Bench, Chip, Imu, Trouble, acquisition, control};
 use host_tests::chips::bridge::Output;
 use host_tests::plant::{Plant, Tick, at_rest};
-use host_tests::power_up::{Interrupts, shared};
+use host_tests::power_up::{Interrupts, share, shared};
 use rins_selfcal::angle::Angle;
 use rins_selfcal::axis::AxisLimits;
 use rins_selfcal::control::COMMAND_DELAY_US;
@@ -46,6 +46,46 @@ fn samples_go_through_the_drivers() {
     }
     assert_eq!((edges, consumer.losses()), (3, Losses::default()));
     assert_eq!(bench.borrow().outputs(), [Output::Shorted; 2], "nothing is driven without a command");
+}
+
+/// A message comes in the period behind its interval, and is stamped with the middle of that interval, to the microsecond.
+#[test]
+fn bytes_go_through_the_driver() {
+    let bench = share(Bench::with_imu(at_rest(3), Imu::Kvh1750));
+    let mut queue = SampleQueue::<f64, 4>::new();
+    let (producer, mut consumer) = queue.split();
+    let mut interrupts = Interrupts::new(&bench, 200.0, gimbal(), producer);
+    let mut samples = Vec::new();
+    while interrupts.period(&bench) {
+        samples.extend(consumer.pop().map(|observed| (bench.borrow().now_us(), observed)));
+    }
+    let times: Vec<_> = samples.iter().map(|(now_us, observed)| (*now_us, observed.sample.time_us)).collect();
+    assert_eq!(times, [(6000, 2500), (11_000, 7500)], "the third was on its way when the plant ended");
+    for (now_us, Observed { sample, gimbal }) in samples {
+        // Half a step of a single precision number of 1 g is 3e-8 g.
+        assert!((sample.force_a.z - 9.8_f64).abs() < 3e-7);
+        assert_eq!((sample.temperature_c, gimbal.time_us, gimbal.fault), (20.0, now_us, None));
+    }
+    assert_eq!(consumer.losses(), Losses::default());
+}
+
+/// Bytes wait in the receiver, and its transfers give all of them, however they are shared out among them.
+#[test]
+fn the_receiver_gives_every_byte_with_its_age() {
+    let mut bench = Bench::with_imu(at_rest(3), Imu::Kvh1750);
+    (0..6).for_each(|_| assert!(bench.period()));
+    let mut frame = [0; 1 + 3 * 31];
+    let (mut bytes, mut ages) = (Vec::new(), Vec::new());
+    for expected in [31, 5, 0] {
+        bench.transfer(Chip::Imu, &mut frame);
+        assert_eq!(frame[0], expected);
+        for [low, high, byte] in frame[1..].as_chunks().0.iter().take(expected.into()) {
+            bytes.push(*byte);
+            ages.push(u16::from_le_bytes([*low, *high]));
+        }
+    }
+    assert_eq!(bytes[..4], [0xfe, 0x81, 0xff, 0x55]);
+    assert_eq!((ages[0], ages[35]), (1000 - 65 - 10, 1000 - 65 - 390));
 }
 
 #[test]

@@ -1,19 +1,20 @@
 //! The firmware image in the emulator.
 
 use anyhow::Result;
-use host_tests::bench::{Bench, Chip};
+use host_tests::bench::{Bench, Chip, Imu};
 use host_tests::chips::bridge::Output;
 use host_tests::drive::move_durations_s;
-use host_tests::emulator::image::{Board, Image, build};
+use host_tests::emulator::image::{Board, Image, Variant, build};
 use host_tests::emulator::{Run, Setup, run};
 use host_tests::log::{LogPlayer, LogReader};
 use host_tests::plant::{Plant, Recording, at_rest};
-use host_tests::power_up::{MessageDigest, Switched, in_emulator, in_process, shared};
+use host_tests::power_up::{MessageDigest, Switched, in_emulator, in_process, share, shared};
 use host_tests::presets;
 use host_tests::unit::UnitConfig;
 use host_tests::virtual_rins::{DrivenRins, VirtualUnit};
 use rins_selfcal::assignment::Assignment;
 use rins_selfcal::calibrator::CalibratorConfig;
+use rins_selfcal::drivers::kvh1750::{HEADER, MESSAGE_BYTES};
 use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS};
 use rins_selfcal::estimator::{BASIC_STATES, Estimate};
 use rins_selfcal::method::Method;
@@ -57,8 +58,8 @@ impl Outcome {
     }
 }
 
-fn image(board: Board) -> Image {
-    build(board).unwrap_or_else(|error| panic!("{error:#}"))
+fn image(variant: impl Into<Variant>) -> Image {
+    build(variant).unwrap_or_else(|error| panic!("{error:#}"))
 }
 
 fn try_run<P: Plant>(setup: &Setup<'_>, bench: &mut Bench<P>) -> Result<Outcome> {
@@ -128,11 +129,22 @@ fn assignment(unit: &VirtualUnit, scheme: &Scheme) -> Assignment {
     Assignment::SelfCalibrate(SelfCalibrationConfig::new(calibrator, scheme.clone()))
 }
 
+/// The unit with a switch.
+type Unit = Switched<DrivenRins>;
+
+/// What puts it on a bench.
+type Put = fn(Unit) -> Bench<Unit>;
+
 /// Powers the unit up with this EEPROM, and off after three corrected samples have been told.
 fn boot(image: &Image, eeprom: &Path) -> Outcome {
-    let (unit, scheme) = unit();
+    boot_on(image, Some(eeprom), &unit().1, Bench::new).0
+}
+
+/// The same on any scheme and bench; and how many samples its IMU has given.
+fn boot_on(image: &Image, eeprom: Option<&Path>, scheme: &Scheme, put: Put) -> (Outcome, u32) {
+    let (unit, _) = unit();
     let mut rins = DrivenRins::new(&unit, 5);
-    rins.expect_moves(&move_durations_s(&scheme, unit.rate_hz));
+    rins.expect_moves(&move_durations_s(scheme, unit.rate_hz));
     let (plant, off) = Switched::new(rins);
     let (mut log, mut messages, mut corrected) = (Vec::new(), Vec::new(), 0);
     let on_message = |message: &Message| {
@@ -140,10 +152,10 @@ fn boot(image: &Image, eeprom: &Path) -> Outcome {
         off.set(corrected >= 3);
         messages.push(message.clone());
     };
-    let assignment = assignment(&unit, &scheme);
-    let mut bench = Bench::new(plant);
-    let run = in_emulator(&assignment, image, Some(eeprom), &mut bench, |line| log.push(line.to_owned()), on_message);
-    Outcome { run: run.unwrap_or_else(|error| panic!("{error:#}")), log, messages }
+    let assignment = assignment(&unit, scheme);
+    let mut bench = put(plant);
+    let run = in_emulator(&assignment, image, eeprom, &mut bench, |line| log.push(line.to_owned()), on_message);
+    (Outcome { run: run.unwrap_or_else(|error| panic!("{error:#}")), log, messages }, bench.samples())
 }
 
 #[test]
@@ -167,7 +179,11 @@ fn powers_up_twice(board: Board) {
     assert_eq!(first.queue().1, Losses::default());
     within_sigmas(&first.record().expect("a solution"), &unit().0);
     assert_eq!((first.run.late_periods, first.run.late_commands), (0, 0));
-    assert_eq!(told(&first.messages), told(&booted_in_process(board)), "every bit of every message");
+    assert_eq!(
+        told(&first.messages),
+        told(&booted_in_process(board, &unit().1, Bench::new)),
+        "every bit of every message"
+    );
     let second = boot(&image, &eeprom);
     assert_eq!(second.messages.first(), Some(&Message::Store { found: true, damaged: false, fault: false }));
     assert_eq!(second.states(), [State::Correcting]);
@@ -189,17 +205,17 @@ fn told(messages: &[Message]) -> Vec<Vec<u8>> {
 }
 
 /// What the same unit tells in this process, its store empty.
-fn booted_in_process(board: Board) -> Vec<Message> {
-    let (unit, scheme) = unit();
+fn booted_in_process(board: Board, scheme: &Scheme, put: Put) -> Vec<Message> {
+    let (unit, _) = unit();
     let mut rins = DrivenRins::new(&unit, 5);
-    rins.expect_moves(&move_durations_s(&scheme, unit.rate_hz));
+    rins.expect_moves(&move_durations_s(scheme, unit.rate_hz));
     let (plant, off) = Switched::new(rins);
     let mut messages = Vec::new();
     let on_message = |message: &Message| {
         off.set(matches!(message, Message::Corrected { .. }));
         messages.push(message.clone());
     };
-    let (assignment, bench) = (assignment(&unit, &scheme), shared(plant));
+    let (assignment, bench) = (assignment(&unit, scheme), share(put(plant)));
     let ended = match board {
         Board::Mps2An500 | Board::Stm32h743 => {
             in_process::<f64, BASIC_STATES, _>(&assignment, None, &bench, on_message)
@@ -208,6 +224,77 @@ fn booted_in_process(board: Board) -> Vec<Message> {
     };
     ended.unwrap_or_else(|error| panic!("{error:#}"));
     messages
+}
+
+#[test]
+fn a_unit_with_a_kvh_1750_calibrates() {
+    let (losses, _) = calibrates_with_kvh_1750(|plant| Bench::with_imu(plant, Imu::Kvh1750));
+    assert_eq!(losses, Losses::default());
+}
+
+/// Every fiftieth message meets a wrong bit or loses a byte, in turn, each time at the next place: it is lost and counted, no
+/// other is, and the unit calibrates. One with a sound header is told by its CRC, else it is missed.
+#[test]
+fn so_does_one_whose_line_is_bad() {
+    let (losses, messages) = calibrates_with_kvh_1750(|plant| {
+        let mut bench = Bench::with_imu(plant, Imu::Kvh1750);
+        let mut messages = 0..;
+        bench.damage(move |chip, bytes| {
+            if chip == Chip::Imu
+                && let Some(Harm::WrongBit(place)) = messages.next().and_then(harm)
+            {
+                bytes[place] ^= 1 << (place % 8);
+            }
+        });
+        bench.lose(|byte| harm(byte / MESSAGE_BYTES as u64) == Some(Harm::LostByte(byte as usize % MESSAGE_BYTES)));
+        bench
+    });
+    let (mut crc, mut unread) = (0, 0);
+    for Harm::WrongBit(place) | Harm::LostByte(place) in (0..messages).filter_map(harm) {
+        *(if place < HEADER.len() { &mut unread } else { &mut crc }) += 1;
+    }
+    assert!(crc + unread > 2 * MESSAGE_BYTES as u32, "both at every place");
+    assert_eq!(losses, Losses { crc, unread, ..Losses::default() });
+}
+
+/// What a message meets on its way, and at which of its bytes.
+#[derive(PartialEq)]
+enum Harm {
+    WrongBit(usize),
+    LostByte(usize),
+}
+
+fn harm(message: u64) -> Option<Harm> {
+    let (turn, rest) = (message / 50, message % 50);
+    let place = (turn / 2) as usize % MESSAGE_BYTES;
+    let harm = if turn.is_multiple_of(2) { Harm::WrongBit(place) } else { Harm::LostByte(place) };
+    // Of the very first nobody would know that it is missing.
+    (rest == 25).then_some(harm)
+}
+
+/// Losses, and how many messages came or were missed.
+fn calibrates_with_kvh_1750(put: Put) -> (Losses, u64) {
+    let image = image(Variant { imu: Imu::Kvh1750, ..Board::Mps2An500.into() });
+    let scheme = Scheme::named("fast-60").expect("in the library");
+    let (outcome, sent) = boot_on(&image, None, &scheme, put);
+    assert_eq!(outcome.states().last(), Some(&State::Correcting), "{:?}", outcome.log);
+    assert!(outcome.messages.contains(&Message::Saved(true)));
+    within_sigmas(&outcome.record().expect("a solution"), &unit().0);
+    assert_eq!((outcome.run.late_periods, outcome.run.late_commands), (0, 0));
+    let in_process = booted_in_process(Board::Mps2An500, &scheme, put);
+    assert_eq!(told(&outcome.messages), told(&in_process), "every bit of every message");
+    let (taken, losses) = outcome.queue();
+    let messages = taken + u64::from(losses.total());
+    // When the unit was switched off, the last one may have been on its way, and that before it missed but not yet known to be.
+    assert!((messages..messages + 3).contains(&sent.into()), "{messages} of {sent}");
+    (losses, messages)
+}
+
+#[test]
+fn an_image_for_another_imu_is_refused() {
+    let image = Image { imu: Imu::Kvh1750, ..image(Board::Mps2An500) };
+    let error = try_run(&Setup::new(&image), &mut Bench::new(at_rest(10))).err().expect("an error");
+    assert!(error.to_string().contains("IMU"), "{error:#}");
 }
 
 #[test]
@@ -335,7 +422,7 @@ fn a_hang_is_an_error() {
 
 #[test]
 fn an_image_that_is_none_is_an_error() {
-    let image = Image { path: "/dev/null".into(), board: Board::Mps2An500 };
+    let image = Image { path: "/dev/null".into(), board: Board::Mps2An500, imu: Imu::Adis16495 };
     let setup = Setup::new(&image);
     assert!(try_run(&setup, &mut Bench::new(at_rest(10))).is_err());
 }

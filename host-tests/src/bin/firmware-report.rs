@@ -5,7 +5,7 @@
 
 use anyhow::Result;
 use clap::Parser;
-use host_tests::bench::Bench;
+use host_tests::bench::{Bench, Imu};
 use host_tests::drive::move_durations_s;
 use host_tests::emulator::image::{Board, Image, Variant, build};
 use host_tests::emulator::{Run, WORKS};
@@ -65,9 +65,11 @@ fn main() -> ExitCode {
 
 fn report(arguments: &Arguments) -> Result<bool> {
     if let Some(path) = &arguments.image {
-        return Ok(report_image("image", &Image { path: path.clone(), board: Board::Mps2An500 })?.1);
+        return Ok(
+            report_image("image", &Image { path: path.clone(), board: Board::Mps2An500, imu: Imu::Adis16495 })?.1
+        );
     }
-    let optional = Variant { board: Board::Mps2An500, optional_states: true };
+    let optional = Variant { optional_states: true, ..Board::Mps2An500.into() };
     let (mut clean, mut sizes) = (true, SizesByImage::new());
     for variant in [Board::Mps2An500.into(), optional, Board::Mps2An386.into(), Board::Stm32h743.into()] {
         let (found, is_clean) = report_image(&variant.features(), &build(variant)?)?;

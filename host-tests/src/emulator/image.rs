@@ -1,5 +1,6 @@
 //! The firmware's images: built by cargo, for each board with what it needs.
 
+use crate::bench::Imu;
 use anyhow::{Context, Result, bail, ensure};
 use std::env;
 use std::ffi::OsString;
@@ -52,20 +53,26 @@ pub struct Variant {
     pub board: Board,
     /// Whether its filter has room for the optional states.
     pub optional_states: bool,
+    /// The board's IMU.
+    pub imu: Imu,
 }
 
 impl Variant {
     /// Its features, in one name.
     pub fn features(self) -> String {
         let states = if self.optional_states { ",optional-states" } else { "" };
-        format!("{}{states}", self.board.name())
+        let imu = match self.imu {
+            Imu::Adis16495 => "",
+            Imu::Kvh1750 => ",kvh1750",
+        };
+        format!("{}{states}{imu}", self.board.name())
     }
 }
 
 impl From<Board> for Variant {
-    /// Without optional states.
+    /// Without optional states, and with an ADIS16495.
     fn from(board: Board) -> Self {
-        Self { board, optional_states: false }
+        Self { board, optional_states: false, imu: Imu::Adis16495 }
     }
 }
 
@@ -76,6 +83,8 @@ pub struct Image {
     pub path: PathBuf,
     /// The board.
     pub board: Board,
+    /// Its IMU.
+    pub imu: Imu,
 }
 
 impl Image {
@@ -112,7 +121,7 @@ pub fn build(variant: impl Into<Variant>) -> Result<Image> {
         .output()
         .context("cannot run cargo")?;
     ensure!(output.status.success(), "the firmware does not build:\n{}", String::from_utf8_lossy(&output.stderr));
-    Ok(Image { path: directory.join(TARGET).join("release/firmware"), board: variant.board })
+    Ok(Image { path: directory.join(TARGET).join("release/firmware"), board: variant.board, imu: variant.imu })
 }
 
 /// cargo without the environment that replaces or doubles the linker arguments of `.cargo/config.toml`.

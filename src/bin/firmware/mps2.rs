@@ -6,15 +6,20 @@
 //! free-running one.
 //!
 //! ```text
-//! control interrupt      priority 0x00   a period goes by at the host; encoders -> gimbal -> bridges
-//! data-ready interrupt   priority 0x40   at the end of every fifth one; IMU -> sample queue
-//! serial line            priority 0x80   bytes -> inbox
-//! SysTick                lowest          wakes the main loop, feeds the watchdog
+//! control interrupt   priority 0x00   a period goes by at the host; encoders -> gimbal -> bridges
+//! IMU interrupt       priority 0x40   at the end of one in which the IMU measured or sent; IMU -> sample queue
+//! serial line         priority 0x80   bytes -> inbox
+//! SysTick             lowest          wakes the main loop, feeds the watchdog
 //! ```
+//! The IMU is an ADIS16495, or with the feature `kvh1750` a KVH 1750: a file each, with what its interrupt does.
 #![allow(unsafe_code)]
 
+#[cfg(not(feature = "kvh1750"))]
+mod adis16495;
 mod bit_bang_i2c;
 mod eeprom;
+#[cfg(feature = "kvh1750")]
+mod kvh1750;
 mod log;
 mod pipe_pins;
 mod pipe_spi;
@@ -25,6 +30,8 @@ mod serial;
 use crate::board::{Board, Parts};
 use crate::work::{Span, Work, count, loads};
 use crate::{Scalar, recorder, stack, watchdog};
+#[cfg(not(feature = "kvh1750"))]
+use adis16495::Imu;
 use core::cell::{Cell, RefCell};
 use core::fmt::Write;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -33,14 +40,15 @@ use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{NVIC, SCB, SYST};
 use critical_section::Mutex;
-use eeprom::{Delay, Eeprom, eeprom};
+use eeprom::{Eeprom, eeprom};
+#[cfg(feature = "kvh1750")]
+use kvh1750::Imu;
 use pipe_pins::{BridgePin, EncoderSpi, input};
-use pipe_spi::{Chip, POWERED, PipeBus, PipeSpi};
+use pipe_spi::{POWERED, PipeBus};
 use register::{Register, Timer};
-use rins_selfcal::acquisition::Acquisition;
+use rins_selfcal::acquisition::View;
 use rins_selfcal::black_box::{Event, Stop};
 use rins_selfcal::control::Control;
-use rins_selfcal::drivers::adis16495::{Adis16495, Settings};
 use rins_selfcal::drivers::biss::{BissEncoder, Mounting, Resolution};
 use rins_selfcal::drivers::bridge::Bridge;
 use rins_selfcal::gimbal::Gimbal;
@@ -76,8 +84,8 @@ enum Line {
     Received = 0,
     /// That of `PERIOD_TIMER`.
     Control = 8,
-    /// Without a source of its own: the control interrupt, which hears of the edge from the host, sets it pending.
-    DataReady = 30,
+    /// That of the IMU. Without a source of its own: the control interrupt, which hears of it from the host, sets it pending.
+    Imu = 30,
 }
 
 // Safety: they are lines of this board.
@@ -115,15 +123,14 @@ defmt::timestamp!("{=u64:us}", uptime_us());
 
 // --------------------------------------------------------------------------------------------------------- interrupts
 
-type BoardAcquisition = Acquisition<'static, Scalar, PipeSpi>;
 type BoardBridge = Bridge<BridgePin, BridgePin, BridgePin, BridgePin>;
 type BoardControl = Control<Scalar, EncoderSpi, BoardBridge>;
 
 /// Filled once at power-up. See [`rins_selfcal::control`] for who uses it.
 static CONTROL: Mutex<RefCell<Option<BoardControl>>> = Mutex::new(RefCell::new(None));
-/// Filled once at power-up, then used by the data-ready interrupt only, which takes it out while it does: the control
-/// interrupt may come into it.
-static ACQUISITION: Mutex<Cell<Option<BoardAcquisition>>> = Mutex::new(Cell::new(None));
+/// Filled once at power-up, then used by the IMU's interrupt only, which takes it out while it does: the control interrupt
+/// may come into it.
+static IMU: Mutex<Cell<Option<Imu>>> = Mutex::new(Cell::new(None));
 /// Written once at power-up.
 static BUS: Mutex<Cell<Option<PipeBus>>> = Mutex::new(Cell::new(None));
 /// Beginning of the next period on the free-running timer. Written at the start, then by the control interrupt only.
@@ -133,13 +140,19 @@ static NEXT_PERIOD: AtomicU32 = AtomicU32::new(0);
 static PERIODS: AtomicU32 = AtomicU32::new(0);
 /// Periods that began after the next one's time, because the processor was busy. Written by the control interrupt.
 static LATE_PERIODS: AtomicU32 = AtomicU32::new(0);
-/// Period and ticks of the last data-ready edge. Written by the control interrupt, read by the data-ready interrupt.
+/// Period and ticks at which the IMU's interrupt was last asked for. Written by the control interrupt and, where it asks to
+/// come again, by that of the IMU, which reads it.
 static EDGE: [AtomicU32; 2] = [const { AtomicU32::new(0) }; 2];
-/// Longest times from a period's beginning, or an edge, until its interrupt runs, ticks. Each written by its interrupt.
+/// Longest times from a period's beginning, or from when the IMU's interrupt was asked for, until it runs, ticks. Each written
+/// by its interrupt.
 static LATENCIES: [AtomicU32; 2] = [const { AtomicU32::new(0) }; 2];
 
 fn with_control<R>(act: impl FnOnce(&mut BoardControl) -> R) -> Option<R> {
     critical_section::with(|cs| Some(act(CONTROL.borrow(cs).try_borrow_mut().ok()?.as_mut()?)))
+}
+
+fn view(time_us: u64) -> View {
+    with_control(|control| control.view(time_us)).unwrap_or(Err(Loss::Status))
 }
 
 fn now_us() -> u64 {
@@ -158,10 +171,10 @@ fn start_periods(nvic: &mut NVIC) {
     // Safety: everything the interrupts use is in place.
     unsafe {
         nvic.set_priority(Line::Control, 0x00);
-        nvic.set_priority(Line::DataReady, 0x40);
+        nvic.set_priority(Line::Imu, 0x40);
         nvic.set_priority(Line::Received, 0x80);
         NVIC::unmask(Line::Control);
-        NVIC::unmask(Line::DataReady);
+        NVIC::unmask(Line::Imu);
         NVIC::unmask(Line::Received);
     }
 }
@@ -188,10 +201,9 @@ fn on_period() {
     ticks();
     if let Some(inputs) = critical_section::with(|cs| BUS.borrow(cs).get()).and_then(pipe_pins::period) {
         PERIODS.store(PERIODS.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
-        if inputs & input::DATA_READY != 0 {
+        if inputs & input::IMU != 0 {
             EDGE[0].store(PERIODS.load(Ordering::Relaxed), Ordering::Relaxed);
-            EDGE[1].store(timer_ticks(), Ordering::Relaxed);
-            NVIC::pend(Line::DataReady);
+            ask_for_imu();
         }
         with_control(|control| control.on_period(now_us));
     }
@@ -200,15 +212,20 @@ fn on_period() {
     span.put_aside();
 }
 
-fn on_data_ready() {
+fn ask_for_imu() {
+    EDGE[1].store(timer_ticks(), Ordering::Relaxed);
+    NVIC::pend(Line::Imu);
+}
+
+fn on_imu() {
     note_latency(&LATENCIES[1], EDGE[1].load(Ordering::Relaxed));
     let span = Span::start();
-    let edge_us = u64::from(EDGE[0].load(Ordering::Relaxed)) * PERIOD_US;
-    if let Some(mut acquisition) = critical_section::with(|cs| ACQUISITION.borrow(cs).take()) {
-        let view = |time_us| with_control(|control| control.view(time_us)).unwrap_or(Err(Loss::Status));
-        // A sample that is lost has been counted.
-        let _ = acquisition.on_data_ready(edge_us, view);
-        critical_section::with(|cs| ACQUISITION.borrow(cs).set(Some(acquisition)));
+    if let Some(mut imu) = critical_section::with(|cs| IMU.borrow(cs).take()) {
+        let again = imu.on_interrupt();
+        critical_section::with(|cs| IMU.borrow(cs).set(Some(imu)));
+        if again {
+            ask_for_imu();
+        }
     }
     watchdog::report(Task::Sampling, uptime_us());
     count(Work::Acquire, &span);
@@ -220,16 +237,16 @@ fn on_data_ready() {
 unsafe fn DefaultHandler(number: i16) {
     const RECEIVED: i16 = Line::Received as i16;
     const CONTROL: i16 = Line::Control as i16;
-    const DATA_READY: i16 = Line::DataReady as i16;
+    const IMU: i16 = Line::Imu as i16;
     match number {
         RECEIVED => serial::on_received(),
         CONTROL => on_period(),
-        DATA_READY => on_data_ready(),
+        IMU => on_imu(),
         _ => Mps2::stop(&Stop::Interrupt(number as u32)),
     }
 }
 
-/// Wakes the main loop where no data-ready edge does, and feeds the watchdog. An instrument that is switched off has
+/// Wakes the main loop where the IMU does not, and feeds the watchdog. An instrument that is switched off has
 /// nothing to watch.
 #[cortex_m_rt::exception]
 fn SysTick() {
@@ -272,11 +289,9 @@ impl Mps2 {
         let telemetry = File::open(c"telemetry", File::WRITE)?;
         let queue = cortex_m::singleton!(: SampleQueue<Scalar, QUEUE_LENGTH> = SampleQueue::new())?;
         let (producer, samples) = queue.split();
-        let Ok(imu) = Adis16495::start(bus.device(Chip::Imu), &mut Delay, &Settings::default()) else {
-            Self::stop(&Stop::board("the IMU does not start"))
-        };
+        let Some(imu) = Imu::start(bus, producer) else { Self::stop(&Stop::board("the IMU does not start")) };
         critical_section::with(|cs| {
-            ACQUISITION.borrow(cs).set(Some(Acquisition::new(imu, producer)));
+            IMU.borrow(cs).set(Some(imu));
             BUS.borrow(cs).set(Some(bus));
         });
         serial::start();

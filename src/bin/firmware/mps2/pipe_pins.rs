@@ -27,8 +27,8 @@ const DUTY_STEPS: u16 = 8000;
 pub mod input {
     /// The instrument is switched on.
     pub const POWERED: u8 = 1;
-    /// The data-ready line had an edge.
-    pub const DATA_READY: u8 = 2;
+    /// The IMU asks for its interrupt: its data-ready line had an edge, or bytes came from it.
+    pub const IMU: u8 = 2;
     /// The fault lines of the outer and the inner bridge, high if there is none.
     pub const FAULT: [u8; 2] = [4, 8];
 }

@@ -17,7 +17,7 @@ pub static POWERED: AtomicBool = AtomicBool::new(true);
 /// Number of a chip on the host's bench.
 #[derive(Clone, Copy)]
 pub enum Chip {
-    /// The IMU.
+    /// The IMU, or the receiver of its serial line.
     Imu = 0,
     /// A control period: see [`super::pipe_pins`].
     Period = 3,

@@ -1,0 +1,127 @@
+//! The IMU of a bench, and what of it comes over a serial line.
+
+use super::{Chip, Damage};
+use crate::chips::adis16495::{Adis16495Chip, Model, flag};
+use crate::chips::kvh1750::{Kvh1750Chip, arrival_us};
+use crate::plant::Reading;
+use std::collections::VecDeque;
+
+/// Which IMU.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Imu {
+    /// An ADIS16495-1 on SPI, with data-ready.
+    #[default]
+    Adis16495,
+    /// A KVH 1750 on a serial line, whose outputs are requested at the ends of the plant's intervals.
+    Kvh1750,
+}
+
+/// The IMU itself.
+pub(super) enum ImuChip {
+    Adis16495(Box<Adis16495Chip>),
+    Kvh1750(Kvh1750Chip, SerialLine),
+}
+
+impl ImuChip {
+    pub(super) fn new(imu: Imu) -> Self {
+        match imu {
+            Imu::Adis16495 => Self::Adis16495(Box::new(Adis16495Chip::new(Model::ADIS16495_1))),
+            Imu::Kvh1750 => Self::Kvh1750(Kvh1750Chip::default(), SerialLine::default()),
+        }
+    }
+
+    pub(super) fn kind(&self) -> Imu {
+        match self {
+            Self::Adis16495(_) => Imu::Adis16495,
+            Self::Kvh1750(..) => Imu::Kvh1750,
+        }
+    }
+
+    /// Measures, at the end of an interval; of a message `damage` may spoil the bytes.
+    pub(super) fn sample(&mut self, reading: &Reading, now_us: u64, damage: Option<&mut Damage>) {
+        let Reading { omega_g, force_a, temperature_c, .. } = *reading;
+        match self {
+            Self::Adis16495(chip) => {
+                if !omega_g.iter().chain(&force_a).all(|number| number.is_finite()) {
+                    chip.raise(flag::SENSOR);
+                }
+                chip.sample(omega_g, force_a, temperature_c.into());
+            }
+            Self::Kvh1750(chip, line) => {
+                let mut message = chip.message(omega_g, force_a, temperature_c.into());
+                damage.into_iter().for_each(|damage| damage(Chip::Imu, &mut message));
+                line.send(&message, now_us);
+            }
+        }
+    }
+
+    /// One transfer: with the ADIS16495, or with the receiver of the serial line.
+    pub(super) fn transfer(&mut self, frame: &mut [u8], now_us: u64) {
+        match self {
+            Self::Adis16495(chip) => chip.transfer(frame),
+            Self::Kvh1750(_, line) => line.empty_into(frame, now_us),
+        }
+    }
+
+    /// The x gyro fails its test.
+    pub(super) fn fail_gyro(&mut self) {
+        match self {
+            Self::Adis16495(chip) => chip.fail_sensors(1),
+            Self::Kvh1750(chip, _) => chip.invalid |= 1,
+        }
+    }
+
+    /// The serial line, where there is one.
+    pub(super) fn line_mut(&mut self) -> Option<&mut SerialLine> {
+        match self {
+            Self::Adis16495(_) => None,
+            Self::Kvh1750(_, line) => Some(line),
+        }
+    }
+}
+
+/// A byte, and the time at which it came, us.
+pub type Received = (u8, u64);
+
+/// Bytes on their way over a line and in its receiver.
+#[derive(Default)]
+pub(super) struct SerialLine {
+    bytes: VecDeque<Received>,
+    sent: u64,
+    /// Whether the byte of this number, counted from 0, gets lost.
+    pub(super) loses: Option<Box<dyn FnMut(u64) -> bool>>,
+}
+
+impl SerialLine {
+    fn send(&mut self, message: &[u8], requested_us: u64) {
+        for (place, byte) in message.iter().enumerate() {
+            let lost = self.loses.as_mut().is_some_and(|loses| loses(self.sent));
+            self.sent += 1;
+            if !lost {
+                self.bytes.push_back((*byte, requested_us + arrival_us(place)));
+            }
+        }
+    }
+
+    /// Whether there is a byte by now.
+    pub(super) fn waits(&self, now_us: u64) -> bool {
+        self.bytes.front().is_some_and(|(_, came_us)| *came_us <= now_us)
+    }
+
+    /// The next byte by now.
+    pub(super) fn receive(&mut self, now_us: u64) -> Option<Received> {
+        if self.waits(now_us) { self.bytes.pop_front() } else { None }
+    }
+
+    /// What the emulated receiver gives: how many bytes, and for each its age, u16, us, low byte first, and itself.
+    fn empty_into(&mut self, frame: &mut [u8], now_us: u64) {
+        let Some((count, places)) = frame.split_first_mut() else { return };
+        *count = 0;
+        for place in places.as_chunks_mut::<3>().0 {
+            let Some((byte, came_us)) = self.receive(now_us) else { return };
+            let [low, high] = u16::try_from(now_us - came_us).unwrap_or(u16::MAX).to_le_bytes();
+            *place = [low, high, byte];
+            *count += 1;
+        }
+    }
+}
