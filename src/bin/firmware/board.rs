@@ -18,7 +18,7 @@ pub use crate::stm32h743::Stm32h743 as ThisBoard;
 
 /// What every board has for the main loop.
 pub struct Parts<M> {
-    /// Samples of the data-ready interrupt.
+    /// Samples of the IMU's interrupt.
     pub samples: SampleConsumer<'static, Scalar>,
     /// Calibration records.
     pub store: CalibrationStore<M>,
@@ -43,7 +43,7 @@ pub trait Board: Sized {
     /// Sets the board up. Called once.
     fn start() -> Self;
 
-    /// Lets control and data-ready interrupts begin. Called once.
+    /// Lets the interrupts of control and IMU begin. Called once.
     fn begin(&mut self, gimbal: Gimbal<Scalar>);
 
     /// Does something with what the control interrupt has, in a critical section; `None` before [`Self::begin`].

@@ -3,23 +3,29 @@
 //! ```text
 //! TIM6 control period   priority 1   encoders on SPI3 and SPI4 -> gimbal -> bridges on TIM1
 //! TIM2 data-ready       priority 2   ADIS16495 on SPI1 -> sample queue
+//! USART2                priority 2   the same of a KVH 1750, with the feature `kvh1750`
 //! USART3                priority 3   the serial line
 //! SysTick               lowest       wakes the main loop, feeds the watchdog
 //! ```
-//! The time of a data-ready edge is captured by TIM2, which is the clock: how long its interrupt has to wait does not matter.
-//! The stack lies in the data TCM; both caches are on, and nothing but the processor touches memory.
+//! Each IMU has a file, with what its interrupt does. The stack lies in the data TCM; both caches are on, and nothing but the processor touches memory.
 #![allow(unsafe_code)]
 
+#[cfg(not(feature = "kvh1750"))]
+mod adis16495;
 mod checked_flash;
 mod clock;
+#[cfg(feature = "kvh1750")]
+mod kvh1750;
 mod serial;
 
 use crate::board::{Board, Parts};
 use crate::work::{Span, Work, count, loads};
 use crate::{Scalar, recorder, stack, watchdog};
+#[cfg(not(feature = "kvh1750"))]
+use adis16495::{Imu, Wiring};
 use checked_flash::CheckedFlash;
 use clock::{CORE_HZ, Delay};
-use core::cell::{Cell, RefCell};
+use core::cell::RefCell;
 use core::mem::MaybeUninit;
 use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::syst::SystClkSource;
@@ -32,20 +38,20 @@ use embassy_stm32::gpio::{Input, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
-use embassy_stm32::peripherals::{TIM1, TIM2, TIM3, TIM6};
+use embassy_stm32::peripherals::{PC6, TIM1, TIM3, TIM6};
 use embassy_stm32::spi::mode::Master;
 use embassy_stm32::spi::{self, Spi};
 use embassy_stm32::time::Hertz;
-use embassy_stm32::timer::input_capture::{CapturePin, Ch4};
 use embassy_stm32::timer::low_level::CountingMode;
 use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm, SimplePwmChannel};
 use embassy_stm32::usart::Uart;
 use embassy_stm32::{interrupt as handler, pac};
 use embedded_hal_bus::spi::ExclusiveDevice;
-use rins_selfcal::acquisition::Acquisition;
+#[cfg(feature = "kvh1750")]
+use kvh1750::{Imu, Wiring};
+use rins_selfcal::acquisition::View;
 use rins_selfcal::black_box::{Event, Restart, Stop};
 use rins_selfcal::control::Control;
-use rins_selfcal::drivers::adis16495::{Adis16495, Settings};
 use rins_selfcal::drivers::biss::{BissEncoder, Mounting, Resolution};
 use rins_selfcal::drivers::bridge::{Bridge, NoPin};
 use rins_selfcal::gimbal::Gimbal;
@@ -69,7 +75,6 @@ const CALIBRATIONS: core::ops::Range<u32> = (2048 - 2 * 128) * 1024..2048 * 1024
 type CalibrationFlash = medium::Flash<CheckedFlash>;
 
 type Bus = Spi<'static, Blocking, Master>;
-type ImuSpi = ExclusiveDevice<Bus, Output<'static>, Delay>;
 /// An encoder has no chip select.
 type EncoderSpi = ExclusiveDevice<Bus, NoPin, Delay>;
 
@@ -77,19 +82,19 @@ type EncoderSpi = ExclusiveDevice<Bus, NoPin, Delay>;
 
 type BoardBridge = Bridge<SimplePwmChannel<'static, TIM1>, Output<'static>, Output<'static>, Input<'static>>;
 type BoardControl = Control<Scalar, EncoderSpi, BoardBridge>;
-type BoardAcquisition = Acquisition<'static, Scalar, ImuSpi>;
 
 /// What control begins with.
 type Devices = ([BissEncoder<EncoderSpi>; 2], [BoardBridge; 2], Peri<'static, TIM6>);
 
 /// Filled once at power-up. See [`rins_selfcal::control`] for who uses it.
 static CONTROL: Mutex<RefCell<Option<BoardControl>>> = Mutex::new(RefCell::new(None));
-/// Filled once at power-up, then used by the data-ready interrupt only, which takes it out while it does: the control
-/// interrupt may come into it.
-static ACQUISITION: Mutex<Cell<Option<BoardAcquisition>>> = Mutex::new(Cell::new(None));
 
 fn with_control<R>(act: impl FnOnce(&mut BoardControl) -> R) -> Option<R> {
     critical_section::with(|cs| Some(act(CONTROL.borrow(cs).try_borrow_mut().ok()?.as_mut()?)))
+}
+
+fn view(time_us: u64) -> View {
+    with_control(|control| control.view(time_us)).unwrap_or(Err(Loss::Status))
 }
 
 #[handler]
@@ -102,23 +107,7 @@ fn TIM6_DAC() {
     span.put_aside();
 }
 
-#[handler]
-fn TIM2() {
-    let span = Span::start();
-    if let Some(edge_us) = clock::captured_us()
-        && let Some(mut acquisition) = critical_section::with(|cs| ACQUISITION.borrow(cs).take())
-    {
-        let view = |time_us| with_control(|control| control.view(time_us)).unwrap_or(Err(Loss::Status));
-        // A sample that is lost has been counted.
-        let _ = acquisition.on_data_ready(edge_us, view);
-        critical_section::with(|cs| ACQUISITION.borrow(cs).set(Some(acquisition)));
-    }
-    watchdog::report(Task::Sampling, clock::now_us());
-    count(Work::Acquire, &span);
-    span.put_aside();
-}
-
-/// Wakes the main loop where no data-ready edge does, and feeds the watchdog.
+/// Wakes the main loop where the IMU does not, and feeds the watchdog.
 #[cortex_m_rt::exception]
 fn SysTick() {
     watchdog::check(clock::now_us());
@@ -131,19 +120,14 @@ pub struct Stm32h743 {
     parts: Parts<CalibrationFlash>,
     /// Encoders, bridges and the timer of the control periods, until control begins.
     devices: Option<Devices>,
+    imu: Imu,
     _serial: Uart<'static, Blocking>,
-    _clock_of_imu: SimplePwm<'static, TIM3>,
-    _data_ready: CapturePin<'static, TIM2, Ch4>,
 }
 
 fn spi_config(mode: spi::Mode, hz: u32) -> spi::Config {
     let mut config = spi::Config::default();
     (config.mode, config.frequency) = (mode, Hertz(hz));
     config
-}
-
-fn chip_select(pin: Peri<'static, impl embassy_stm32::gpio::Pin>) -> Output<'static> {
-    Output::new(pin, Level::High, Speed::VeryHigh)
 }
 
 fn output(pin: Peri<'static, impl embassy_stm32::gpio::Pin>) -> Output<'static> {
@@ -175,16 +159,23 @@ impl Stm32h743 {
         // Safety: the core's peripherals are taken once, so nothing comes here twice.
         let queue = unsafe { (&raw mut QUEUE).as_mut() }?.write(SampleQueue::new());
         let (producer, samples) = queue.split();
-        let imu_clock = imu_clock(p.TIM3, p.PC6);
-        let imu = Spi::new_blocking(p.SPI1, p.PA5, p.PB5, p.PA6, spi_config(spi::MODE_3, 3_750_000));
-        let imu = ExclusiveDevice::new(imu, chip_select(p.PD14), Delay).ok()?;
-        let Ok(imu) = Adis16495::start(imu, &mut Delay, &Settings::default()) else {
-            Self::stop(&Stop::board("the IMU does not start"))
+        #[cfg(not(feature = "kvh1750"))]
+        let wiring = Wiring {
+            timer: p.TIM3,
+            clock: p.PC6,
+            bus: p.SPI1,
+            sclk: p.PA5,
+            din: p.PB5,
+            dout: p.PA6,
+            select: p.PD14,
+            data_ready: p.PB11,
         };
+        #[cfg(feature = "kvh1750")]
+        let wiring = Wiring { timer: p.TIM3, request: p.PC6, port: p.USART2, rx: p.PD6 };
+        let Some(imu) = Imu::start(wiring, producer) else { Self::stop(&Stop::board("the IMU does not start")) };
         let line = spi_config(spi::MODE_3, 3_750_000);
         let outer = encoder(Spi::new_blocking(p.SPI3, p.PC10, p.PC12, p.PC11, line))?;
         let inner = encoder(Spi::new_blocking(p.SPI4, p.PE2, p.PE6, p.PE5, line))?;
-        critical_section::with(|cs| ACQUISITION.borrow(cs).set(Some(Acquisition::new(imu, producer))));
 
         let (first, second) = (PwmPin::new(p.PE9, OutputType::PushPull), PwmPin::new(p.PE11, OutputType::PushPull));
         let mode = CountingMode::EdgeAlignedUp;
@@ -198,9 +189,8 @@ impl Stm32h743 {
         Some(Self {
             parts: Parts { samples, store: CalibrationStore::new(flash), restart },
             devices: Some(([outer, inner], bridges, p.TIM6)),
+            imu,
             _serial: serial,
-            _clock_of_imu: imu_clock,
-            _data_ready: CapturePin::new(p.PB11, Pull::Down),
         })
     }
 }
@@ -236,19 +226,16 @@ fn start_core() -> Option<()> {
     Some(())
 }
 
-/// The clock of the IMU's samples, 4000 Hz.
-fn imu_clock(
-    timer: Peri<'static, TIM3>,
-    pin: Peri<'static, embassy_stm32::peripherals::PC6>,
-) -> SimplePwm<'static, TIM3> {
+/// Pulses for the IMU, so many a second, high for so many thousandths of the time.
+fn pulses(timer: Peri<'static, TIM3>, pin: Peri<'static, PC6>, hz: u32, thousandths: u32) -> SimplePwm<'static, TIM3> {
     let pin = PwmPin::new(pin, OutputType::PushPull);
-    let mut pwm = SimplePwm::new(timer, Some(pin), None, None, None, Hertz(4000), CountingMode::EdgeAlignedUp);
-    pwm.ch1().set_duty_cycle_percent(50);
+    let mut pwm = SimplePwm::new(timer, Some(pin), None, None, None, Hertz(hz), CountingMode::EdgeAlignedUp);
+    pwm.ch1().set_duty_cycle_fraction(thousandths, 1000);
     pwm.ch1().enable();
     pwm
 }
 
-fn start_interrupts(_control_timer: Peri<'static, TIM6>) {
+fn start_periods(_control_timer: Peri<'static, TIM6>) {
     embassy_stm32::rcc::enable_and_reset::<TIM6>();
     // A microsecond each; an update event at the end of a period.
     pac::TIM6.psc().write_value((clock::TIMER_HZ / 1_000_000 - 1) as u16);
@@ -257,13 +244,8 @@ fn start_interrupts(_control_timer: Peri<'static, TIM6>) {
     pac::TIM6.sr().write(|status| status.set_uif(false));
     pac::TIM6.dier().modify(|enabled| enabled.set_uie(true));
     interrupt::TIM6_DAC.set_priority(Priority::P1);
-    interrupt::TIM2.set_priority(Priority::P2);
-    clock::start_capture();
-    // Safety: everything the interrupts use is in place.
-    unsafe {
-        interrupt::TIM6_DAC.enable();
-        interrupt::TIM2.enable();
-    }
+    // Safety: everything the interrupt uses is in place.
+    unsafe { interrupt::TIM6_DAC.enable() };
     pac::TIM6.cr1().modify(|control| control.set_cen(true));
 }
 
@@ -300,7 +282,8 @@ impl Board for Stm32h743 {
         critical_section::with(|cs| {
             CONTROL.borrow(cs).try_borrow_mut().map(|mut place| *place = Some(control)).unwrap_or(())
         });
-        start_interrupts(timer);
+        start_periods(timer);
+        self.imu.begin();
     }
 
     fn with_control<R>(&mut self, act: impl FnOnce(&mut BoardControl) -> R) -> Option<R> {

@@ -41,7 +41,7 @@ impl Span {
 pub enum Work {
     /// The control interrupt.
     Control,
-    /// The data-ready interrupt.
+    /// The IMU's interrupt.
     Acquire,
     /// A sample while the axes stand.
     Stop,

@@ -4,7 +4,6 @@ use core::cell::Cell;
 use critical_section::Mutex;
 use embassy_stm32::Peri;
 use embassy_stm32::pac;
-use embassy_stm32::pac::timer::vals::CcmrInputCcs;
 use embassy_stm32::peripherals::TIM2;
 use embassy_stm32::rcc::{
     AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk, VoltageScale,
@@ -62,24 +61,6 @@ pub fn now_us() -> u64 {
         clock.set(now);
         now
     })
-}
-
-/// Lets channel 4 capture the time of rising edges, with an interrupt.
-pub fn start_capture() {
-    pac::TIM2.ccmr_input(1).modify(|mode| mode.set_ccs(1, CcmrInputCcs::TI4));
-    pac::TIM2.ccer().modify(|enabled| enabled.set_cce(3, true));
-    pac::TIM2.dier().modify(|enabled| enabled.set_ccie(3, true));
-}
-
-/// Time of the last captured edge, us, if there is a new one.
-pub fn captured_us() -> Option<u64> {
-    if !pac::TIM2.sr().read().ccif(3) {
-        return None;
-    }
-    // Reading it clears the flag.
-    let captured = pac::TIM2.ccr(3).read();
-    let now = now_us();
-    Some(now.saturating_sub(u64::from((now as u32).wrapping_sub(captured))))
 }
 
 defmt::timestamp!("{=u64:us}", now_us());
