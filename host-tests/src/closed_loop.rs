@@ -1,13 +1,13 @@
 //! The virtual RINS in closed loop: it powers up, and the core turns it, measures, solves, judges, stores and corrects,
 //! in this process or as firmware in the emulator.
 
-use crate::bench::Bench;
+use crate::bench::{Bench, Imu};
 use crate::calibration::{Outcome, Precision, Record, Setup};
 use crate::drive::move_durations_s;
 use crate::emulator::image::{Board, Variant, build};
 use crate::emulator::{self, Run};
 use crate::plant::Paced;
-use crate::power_up::{Switched, in_emulator, in_process, shared};
+use crate::power_up::{Switched, in_emulator, in_process, share};
 use crate::refusal::refused;
 use crate::signals::{Recorded, SharedSignals};
 use crate::virtual_rins::DrivenRins;
@@ -81,19 +81,26 @@ pub struct PowerUp<'a> {
     run: &'a VirtualRun,
     setup: &'a Setup,
     terms: Terms,
+    imu: Imu,
     signals: SharedSignals,
 }
 
 impl<'a> PowerUp<'a> {
     /// Of a unit, with the configuration of its controller.
     pub fn new(run: &'a VirtualRun, setup: &'a Setup) -> Self {
-        Self { run, setup, terms: Terms::default(), signals: SharedSignals::default() }
+        Self { run, setup, terms: Terms::default(), imu: Imu::default(), signals: SharedSignals::default() }
     }
 
     /// On other terms.
     #[must_use]
     pub fn on_terms(self, terms: Terms) -> Self {
         Self { terms, ..self }
+    }
+
+    /// With another IMU.
+    #[must_use]
+    pub fn with_imu(self, imu: Imu) -> Self {
+        Self { imu, ..self }
     }
 
     /// What the IMU and the encoders showed, of all power-ups so far.
@@ -107,7 +114,7 @@ impl<'a> PowerUp<'a> {
     /// What the core has against the configuration.
     pub fn in_process(&self, on_message: impl FnMut(&Message)) -> Result<Ended> {
         let mut watch = Watch::new(self.run, &self.signals, on_message);
-        let bench = shared(watch.plant());
+        let bench = share(Bench::with_imu(watch.plant(), self.imu));
         let (assignment, told) = (self.assignment(), |message: &Message| watch.note(message));
         match (self.setup.precision, self.setup.options.needs_states()) {
             (Precision::F64, false) => in_process::<f64, BASIC_STATES, _>(&assignment, None, &bench, told)?,
@@ -130,7 +137,7 @@ impl<'a> PowerUp<'a> {
     ) -> Result<(Ended, Run)> {
         let image = build(self.variant())?;
         let mut watch = Watch::new(self.run, &self.signals, on_message);
-        let mut bench = Bench::new(watch.plant());
+        let mut bench = Bench::with_imu(watch.plant(), self.imu);
         let told = |message: &Message| watch.note(message);
         let run = in_emulator(&self.assignment(), &image, Some(eeprom), &mut bench, on_log, told)?;
         Ok((watch.ended(self)?, run))
@@ -145,7 +152,8 @@ impl<'a> PowerUp<'a> {
         let image = build(self.variant())?;
         let mut rins = DrivenRins::new(&self.run.unit, self.run.seed);
         rins.expect_moves(&move_durations_s(&self.run.scheme, self.run.unit.rate_hz));
-        let mut bench = Bench::new(Paced::new(rins, Duration::from_micros(PERIOD_US)));
+        let paced = Paced::new(rins, Duration::from_micros(PERIOD_US));
+        let mut bench = Bench::with_imu(paced, self.imu);
         let mut buffer = [0; MAX_ASSIGNMENT_BYTES];
         let configuration = postcard::to_slice(&self.assignment(), &mut buffer).context("too long for the board")?;
         let usual = emulator::Setup::new(&image);
@@ -159,7 +167,7 @@ impl<'a> PowerUp<'a> {
             Precision::F64 => Board::Mps2An500,
             Precision::F32 => Board::Mps2An386,
         };
-        Variant { optional_states: self.setup.options.needs_states(), ..board.into() }
+        Variant { board, optional_states: self.setup.options.needs_states(), imu: self.imu }
     }
 
     fn assignment(&self) -> Assignment {

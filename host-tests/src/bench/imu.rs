@@ -6,8 +6,11 @@ use crate::chips::kvh1750::{Kvh1750Chip, arrival_us};
 use crate::plant::Reading;
 use std::collections::VecDeque;
 
+/// What a KVH 1750 reads where the plant has no temperature, deg C, as an ADIS16495 does.
+const ROOM_C: f64 = 25.0;
+
 /// Which IMU.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Imu {
     /// An ADIS16495-1 on SPI, with data-ready.
     #[default]
@@ -48,7 +51,8 @@ impl ImuChip {
                 chip.sample(omega_g, force_a, temperature_c.into());
             }
             Self::Kvh1750(chip, line) => {
-                let mut message = chip.message(omega_g, force_a, temperature_c.into());
+                let temperature_c = if temperature_c.is_nan() { ROOM_C } else { temperature_c.into() };
+                let mut message = chip.message(omega_g, force_a, temperature_c);
                 damage.into_iter().for_each(|damage| damage(Chip::Imu, &mut message));
                 line.send(&message, now_us);
             }

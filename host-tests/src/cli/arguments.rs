@@ -3,6 +3,7 @@
 use super::files::Named;
 use super::history::HistoryArguments;
 use super::monitor::MonitorArguments;
+use crate::bench::Imu;
 use crate::calibration::{Precision, Setup};
 use crate::closed_loop::Terms;
 use crate::monte_carlo::ErrorSource;
@@ -118,6 +119,9 @@ pub struct CalibrateArguments {
     pub axes: AxisArguments,
     #[command(flatten)]
     pub terms: TermsArguments,
+    /// IMU of the virtual RINS
+    #[arg(long, value_enum, default_value_t)]
+    pub imu: Imu,
     /// Run the firmware in the emulator, twice: calibrate, then find the stored calibration
     #[arg(long)]
     pub firmware: bool,

@@ -40,8 +40,8 @@ pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
     let run = arguments.unit.run(&config, scheme)?;
     let place = if arguments.firmware { "firmware in the emulator" } else { "in process" };
     sayln!("virtual RINS: scheme {}, {:.0} s, closed loop, {place}", run.scheme.name, run.duration_s());
-    let power_up =
-        PowerUp::new(&run, &setup).on_terms(Terms { axes: arguments.axes.axes(), ..arguments.terms.terms() });
+    let terms = Terms { axes: arguments.axes.axes(), ..arguments.terms.terms() };
+    let power_up = PowerUp::new(&run, &setup).on_terms(terms).with_imu(arguments.imu);
     if arguments.firmware {
         return firmware(arguments, &run, &power_up);
     }

@@ -64,7 +64,7 @@ const TICKS_PER_S: u32 = 25_000_000;
 /// Ticks to a control period: 1 kHz.
 const TICKS_PER_PERIOD: u32 = (TICKS_PER_S / 1_000_000) * PERIOD_US as u32;
 /// Depth of the sample queue plus one: 0.31 s at 200 Hz. The main loop is busy longest when it writes a record to the
-/// EEPROM, for 0.21 s; no more than 42 samples were seen to wait.
+/// EEPROM, for 0.23 s; no more than 46 samples were seen to wait.
 const QUEUE_LENGTH: usize = 64;
 
 const PERIOD_TIMER: Timer = Timer::at(0x4000_0000);
