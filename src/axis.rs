@@ -317,13 +317,13 @@ impl<T: Real> Axis<T> {
         self.note_stall(rate, wanted);
         let beyond = self.beyond_travel_rad(rate);
         if too_fast(rate, wanted) > self.limits.runaway_rad_s {
-            Some(FaultKind::Runaway { rate_rad_s: rate, wanted_rad_s: wanted })
+            Some(FaultKind::Runaway { rate_rad_s: rate as f32, wanted_rad_s: wanted as f32 })
         } else if self.stalled >= STALL_PERIODS {
-            Some(FaultKind::Stall { rate_rad_s: rate, wanted_rad_s: wanted })
+            Some(FaultKind::Stall { rate_rad_s: rate as f32, wanted_rad_s: wanted as f32 })
         } else if off_rad > self.limits.following_error_rad {
-            Some(FaultKind::Following { error_rad: off_rad })
+            Some(FaultKind::Following { error_rad: off_rad as f32 })
         } else {
-            beyond.map(|limit_rad| FaultKind::Travel { limit_rad })
+            beyond.map(|limit_rad| FaultKind::Travel { limit_rad: limit_rad as f32 })
         }
     }
 

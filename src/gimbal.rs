@@ -205,7 +205,7 @@ impl<T: Real> Gimbal<T> {
             // An axis that brakes beyond the end of its travel is doing what it can.
             let stopping = matches!(self.state, State::Stopped(_));
             if let Some(kind) = kind.filter(|kind| !(stopping && matches!(kind, FaultKind::Travel { .. }))) {
-                let angle_rad = axis.angle_rad();
+                let angle_rad = axis.angle_rad() as f32;
                 self.stop(Fault { axis: index, angle_rad, kind }, now_us);
             }
         }
@@ -256,8 +256,8 @@ impl<T: Real> Gimbal<T> {
     fn out_of_reach(&self, angles_rad: [f64; 2]) -> Option<Fault> {
         let mut targets = (0_u8..).zip(&self.axes).zip(angles_rad);
         let ((index, axis), target_rad) = targets.find(|((_, axis), target_rad)| !axis.reaches(*target_rad))?;
-        let kind = FaultKind::Travel { limit_rad: axis.nearest_within(target_rad) };
-        Some(Fault { axis: index, angle_rad: axis.angle_rad(), kind })
+        let kind = FaultKind::Travel { limit_rad: axis.nearest_within(target_rad) as f32 };
+        Some(Fault { axis: index, angle_rad: axis.angle_rad() as f32, kind })
     }
 }
 

@@ -115,7 +115,7 @@ fn a_target_out_of_reach_moves_nothing() {
     plant.command(MotionCommand::Hold);
     plant.command(move_to(0.0, 91.0));
     run(&mut plant, 500);
-    let limit_rad = 90.0 * DEG;
+    let limit_rad = (90.0 * DEG) as f32;
     assert_eq!(plant.status().fault, Some(Fault { axis: 1, angle_rad: 0.0, kind: FaultKind::Travel { limit_rad } }));
     at_deg(&plant, 0.0, 0.0, 0.1);
     // The end of the travel is within it, rounding or not.
@@ -201,7 +201,7 @@ fn an_axis_that_is_pushed_while_it_stands_is_a_runaway() {
     run(&mut plant, 100);
     plant.with_motor(1, |motor| motor.mechanics.disturbance_nm = 0.0);
     let fault = plant.status().fault.expect("it is noticed");
-    let wrong_way = |kind| matches!(kind, FaultKind::Runaway { rate_rad_s, .. } if rate_rad_s < -5.0 * DEG);
+    let wrong_way = |kind| matches!(kind, FaultKind::Runaway { rate_rad_s, .. } if f64::from(rate_rad_s) < -5.0 * DEG);
     assert!(fault.axis == 1 && wrong_way(fault.kind), "{fault}");
     run(&mut plant, 3000);
     assert!(plant.status().at_rest && plant.rates_rad_s() == [0.0; 2]);

@@ -29,18 +29,18 @@ pub enum BridgeFault {
     Silent,
 }
 
-/// What is wrong.
+/// What is wrong. Numbers are for people, so `f32`: a fault goes with every sample.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[expect(missing_docs, reason = "the text of a variant says what its fields are")]
 pub enum FaultKind {
     /// It is this far from its profile.
-    Following { error_rad: f64 },
+    Following { error_rad: f32 },
     /// It hardly turns where it should.
-    Stall { rate_rad_s: f64, wanted_rad_s: f64 },
+    Stall { rate_rad_s: f32, wanted_rad_s: f32 },
     /// It turns faster than it should, or the other way.
-    Runaway { rate_rad_s: f64, wanted_rad_s: f64 },
+    Runaway { rate_rad_s: f32, wanted_rad_s: f32 },
     /// It turns out of its travel, or is told to.
-    Travel { limit_rad: f64 },
+    Travel { limit_rad: f32 },
     /// Its encoder is not believed.
     Encoder(EncoderFault),
     /// The bridge of its motor cannot be used.
@@ -53,7 +53,7 @@ pub struct Fault {
     /// Axis: 0 outer, 1 inner.
     pub axis: u8,
     /// Where it was, counted over whole turns, rad.
-    pub angle_rad: f64,
+    pub angle_rad: f32,
     /// What is wrong with it.
     pub kind: FaultKind,
 }
@@ -72,6 +72,10 @@ impl Fault {
     }
 }
 
+fn degrees(angle_rad: f32) -> f64 {
+    f64::from(angle_rad) / DEG
+}
+
 impl fmt::Display for EncoderFault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -86,14 +90,14 @@ impl fmt::Display for EncoderFault {
 impl fmt::Display for FaultKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Following { error_rad } => write!(f, "{:.2} deg from its profile", error_rad / DEG),
+            Self::Following { error_rad } => write!(f, "{:.2} deg from its profile", degrees(*error_rad)),
             Self::Stall { rate_rad_s, wanted_rad_s } => {
-                write!(f, "stalled, {:.1} deg/s where {:.1} are wanted", rate_rad_s / DEG, wanted_rad_s / DEG)
+                write!(f, "stalled, {:.1} deg/s where {:.1} are wanted", degrees(*rate_rad_s), degrees(*wanted_rad_s))
             }
             Self::Runaway { rate_rad_s, wanted_rad_s } => {
-                write!(f, "runs away, {:.1} deg/s where {:.1} are wanted", rate_rad_s / DEG, wanted_rad_s / DEG)
+                write!(f, "runs away, {:.1} deg/s where {:.1} are wanted", degrees(*rate_rad_s), degrees(*wanted_rad_s))
             }
-            Self::Travel { limit_rad } => write!(f, "leaves its travel, which ends at {:.1} deg", limit_rad / DEG),
+            Self::Travel { limit_rad } => write!(f, "leaves its travel, which ends at {:.1} deg", degrees(*limit_rad)),
             Self::Encoder(fault) => write!(f, "its encoder {fault}"),
             Self::Bridge(BridgeFault::Overcurrent) => f.write_str("too much current in its motor"),
             Self::Bridge(BridgeFault::Silent) => f.write_str("its drive does not take commands"),
@@ -104,7 +108,7 @@ impl fmt::Display for FaultKind {
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let name = AXIS_NAMES.get(usize::from(self.axis)).copied().unwrap_or("?");
-        write!(f, "{name} axis at {:.2} deg: {}", self.angle_rad / DEG, self.kind)
+        write!(f, "{name} axis at {:.2} deg: {}", degrees(self.angle_rad), self.kind)
     }
 }
 
@@ -114,22 +118,22 @@ mod tests {
 
     #[test]
     fn a_text_names_axis_angle_and_number() {
-        let fault = |axis, kind| Fault { axis, angle_rad: -90.5 * DEG, kind }.to_string();
+        let fault = |axis, kind| Fault { axis, angle_rad: (-90.5 * DEG) as f32, kind }.to_string();
         let cases = [
             (
-                fault(0, FaultKind::Following { error_rad: 1.004 * DEG }),
+                fault(0, FaultKind::Following { error_rad: (1.004 * DEG) as f32 }),
                 "outer axis at -90.50 deg: 1.00 deg from its profile",
             ),
             (
-                fault(1, FaultKind::Runaway { rate_rad_s: -6.0 * DEG, wanted_rad_s: 2.0 * DEG }),
+                fault(1, FaultKind::Runaway { rate_rad_s: (-6.0 * DEG) as f32, wanted_rad_s: (2.0 * DEG) as f32 }),
                 "inner axis at -90.50 deg: runs away, -6.0 deg/s where 2.0 are wanted",
             ),
             (
-                fault(1, FaultKind::Stall { rate_rad_s: 0.0, wanted_rad_s: 20.0 * DEG }),
+                fault(1, FaultKind::Stall { rate_rad_s: 0.0, wanted_rad_s: (20.0 * DEG) as f32 }),
                 "inner axis at -90.50 deg: stalled, 0.0 deg/s where 20.0 are wanted",
             ),
             (
-                fault(0, FaultKind::Travel { limit_rad: -360.0 * DEG }),
+                fault(0, FaultKind::Travel { limit_rad: (-360.0 * DEG) as f32 }),
                 "outer axis at -90.50 deg: leaves its travel, which ends at -360.0 deg",
             ),
             (

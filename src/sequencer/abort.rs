@@ -79,8 +79,8 @@ mod tests {
 
     #[test]
     fn a_text_names_segment_axis_angle_and_number() {
-        let kind = FaultKind::Stall { rate_rad_s: 0.0, wanted_rad_s: 20.0 * DEG };
-        let stalled = AbortReason::Gimbal(Fault { axis: 1, angle_rad: -37.25 * DEG, kind });
+        let kind = FaultKind::Stall { rate_rad_s: 0.0, wanted_rad_s: (20.0 * DEG) as f32 };
+        let stalled = AbortReason::Gimbal(Fault { axis: 1, angle_rad: (-37.25 * DEG) as f32, kind });
         let cases = [
             (
                 State::Turn(3),
