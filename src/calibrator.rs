@@ -215,7 +215,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
     fn add(&mut self, segment: &Segment<T>) -> Option<Progress> {
         self.estimator.add(segment).then(|| Progress {
             segments: self.estimator.segments().len() as u16,
-            kind: segment.kind,
+            kind: segment.kind(),
             end_us: segment.start_us + segment.duration_us,
             estimate: self.estimator.estimate(),
         })

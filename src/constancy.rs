@@ -243,12 +243,12 @@ impl<const STATES: usize> Suspects<STATES> {
             return;
         }
         let first = number == self.onset;
-        let is_move = segment.kind == SegmentKind::Move;
+        let is_move = segment.kind() == SegmentKind::Move;
         let duration_s = segment.duration_s().widened() as f32;
         // From the middle of the segment before to the middle of this one, or from the onset on.
         let passed_s = (self.duration_s + duration_s) * 0.5;
         self.duration_s = duration_s;
-        for (turned, increment) in self.turned.iter_mut().zip([segment.gimbals.outer, segment.gimbals.inner]) {
+        for (turned, increment) in self.turned.iter_mut().zip([segment.turned.outer, segment.turned.inner]) {
             *turned += increment.widened() as f32;
         }
         let turned = |axis: u8| self.turned.get(usize::from(axis)).copied();

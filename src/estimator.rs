@@ -28,7 +28,7 @@ use crate::method::Method;
 use crate::options::{OPTIONAL_STATES, OptionalColumns, OptionalEstimate, Options, force_columns, rotation_columns};
 use crate::reading::Readings;
 use crate::sample::CHANNELS;
-use crate::segment::{Segment, SegmentKind};
+use crate::segment::{Segment, SegmentKind, Standing};
 use crate::site::Site;
 use crate::units::{DEG, DEG_H};
 use crate::weighting::Weights;
@@ -370,26 +370,26 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     /// Takes in a finished segment and updates the live estimate. Returns whether the segment is used; one before the
     /// first stop, or broken by a gap, is not.
     pub fn add(&mut self, segment: &Segment<T>) -> bool {
-        if self.segments.is_empty() && segment.kind == SegmentKind::Move {
+        if self.segments.is_empty() && segment.kind() == SegmentKind::Move {
             return false;
         }
         if self.segments.push(*segment).is_err() {
             self.left_out = self.left_out.saturating_add(1);
             return false;
         }
-        if segment.kind == SegmentKind::Stop {
+        if let Some(standing) = segment.standing() {
             // The later, the more have the encoders shown of it.
-            let resolution_ticks = segment.readings.map(|readings| readings.resolution_ticks);
+            let resolution_ticks = standing.readings.map(|readings| readings.resolution_ticks);
             self.segments.iter_mut().for_each(|earlier| earlier.know_resolution(resolution_ticks));
-        }
-        if self.segments.len() == 1 {
-            self.start = self.coarse_alignment(segment);
-            self.nominal = self.start;
-            self.reference_us = segment.start_us;
+            if self.segments.len() == 1 {
+                self.start = self.coarse_alignment(segment, &standing.force_a);
+                self.nominal = self.start;
+                self.reference_us = segment.start_us;
+            }
         }
         let number = self.segments.len() - 1;
         let moves_before = self.moves_before(number);
-        let used = self.process(number, segment, self.use_of(segment.kind, moves_before, self.config.period_moves));
+        let used = self.process(number, segment, self.use_of(segment.kind(), moves_before, self.config.period_moves));
         self.absorb();
         used
     }
@@ -489,8 +489,8 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
 
     /// Encoder readings at the stop after segment `number`, or where there is none yet, at the one before.
     fn readings_after(&self, number: usize) -> [Readings; 2] {
-        let next = self.segments.get(number + 1).filter(|next| next.kind == SegmentKind::Stop);
-        next.map_or(self.readings, |stop| stop.readings)
+        let next = self.segments.get(number + 1).and_then(Segment::standing);
+        next.map_or(self.readings, |standing| standing.readings)
     }
 
     fn begin_pass(&mut self) {
@@ -554,7 +554,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     fn test_next(&mut self, onset: usize, part: usize) {
         let mut part = part;
         for onset in onset..self.segments.len() {
-            let is_stop = self.segments.get(onset).is_some_and(|segment| segment.kind == SegmentKind::Stop);
+            let is_stop = self.segments.get(onset).is_some_and(|segment| segment.kind() == SegmentKind::Stop);
             if (!is_stop || onset == 0) && self.suspects.restart(onset as u16, is_stop, part) {
                 let sweep = self.begin_sweep(None);
                 self.pass = Pass::Testing { sweep, onset, part };
@@ -582,12 +582,12 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.innovations.clear();
         for _ in 0..SEGMENTS_PER_PIECE {
             let Some(segment) = self.segments.get(sweep.next).copied() else { break };
-            let usage = self.use_of(segment.kind, sweep.moves, sweep.period_moves);
+            let usage = self.use_of(segment.kind(), sweep.moves, sweep.period_moves);
             let none = SegmentInnovations { segment: sweep.next as u16, normalized: [None; CHANNELS] };
             // It holds those of a piece.
             let _ = self.innovations.push(none);
             let _ = self.process(sweep.next, &segment, usage);
-            sweep.moves += u16::from(segment.kind == SegmentKind::Move);
+            sweep.moves += u16::from(segment.kind() == SegmentKind::Move);
             sweep.next += 1;
         }
         let ended = sweep.next >= self.segments.len();
@@ -638,7 +638,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     }
 
     fn process(&mut self, number: usize, segment: &Segment<T>, usage: Use) -> bool {
-        if segment.kind == SegmentKind::Move {
+        if segment.kind() == SegmentKind::Move {
             let sigma = self.config.noise.encoder_sigma_rad;
             let variance = |readings: Readings| real(sigma * sigma + readings.mean_variance());
             let variances = self.readings_after(number).map(variance);
@@ -649,16 +649,16 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             self.walk(segment);
         }
         let since_s = self.since_reference_s(segment);
-        if segment.kind == SegmentKind::Stop {
+        if let Some(standing) = segment.standing() {
             self.allowances = self.config.noise.allowances(segment);
-            self.readings = segment.readings;
+            self.readings = standing.readings;
         }
         if segment.is_broken() {
             return false;
         }
         let model = MeasurementModel::new(&InstrumentErrors::from_vector(&self.nominal), &self.config.site);
-        if usage.force {
-            self.process_force(number, segment, &model, since_s, usage);
+        if let Some(standing) = segment.standing().filter(|_| usage.force) {
+            self.process_force(number, (segment, standing), &model, since_s, usage);
         }
         if usage.rotation {
             self.process_rotation(number, segment, &model, since_s, usage);
@@ -671,7 +671,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     fn process_force(
         &mut self,
         number: usize,
-        segment: &Segment<T>,
+        (segment, standing): (&Segment<T>, &Standing<T>),
         model: &MeasurementModel<T>,
         since_s: T,
         usage: Use,
@@ -681,7 +681,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         let variance = Vector3::new(x, y, z) * (psd_sqrt * psd_sqrt / segment.duration_s());
         let prediction = model.force_at_stop(segment);
         let optional = force_columns(&prediction, since_s);
-        self.take_in(&segment.force_a, (&prediction, &optional), variance, usage, (number, 0));
+        self.take_in(&standing.force_a, (&prediction, &optional), variance, usage, (number, 0));
     }
 
     #[inline(never)]
@@ -698,7 +698,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         let white = Vector3::new(x, y, z) * (psd_sqrt * psd_sqrt * segment.duration_s());
         let mut prediction = model.rotation(segment);
         let variance = white + self.ends_variance(number, &prediction);
-        if segment.kind == SegmentKind::Stop {
+        if segment.kind() == SegmentKind::Stop {
             // The same encoder error at both ends.
             prediction.by_encoder_errors.fill(T::zero());
             prediction.by_harmonics.fill(T::zero());
@@ -814,9 +814,9 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     }
 
     /// Attitude from the first stop as if the sensors were perfect: levelling, then gyrocompassing.
-    fn coarse_alignment(&self, stop: &Segment<T>) -> Vector<T, PARAMETERS> {
+    fn coarse_alignment(&self, stop: &Segment<T>, force_a: &Vector3<T>) -> Vector<T, PARAMETERS> {
         let rot_rr0 = InstrumentErrors::<T>::default().rot_rr0(stop.outer, stop.inner);
-        let force_b = rot_rr0.transpose() * stop.force_a;
+        let force_b = rot_rr0.transpose() * force_a;
         let rotation_b = rot_rr0.transpose() * stop.rotation_g;
         let roll = force_b.y.atan2(force_b.z);
         let pitch = (-force_b.x).atan2(force_b.y.hypot(force_b.z));
@@ -832,14 +832,14 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     }
 
     fn moves_before(&self, number: usize) -> u16 {
-        let is_move = |segment: &&Segment<T>| segment.kind == SegmentKind::Move;
+        let is_move = |segment: &&Segment<T>| segment.kind() == SegmentKind::Move;
         self.segments.iter().take(number).filter(is_move).count() as u16
     }
 
     /// Number of moves after which the stops' angles begin again, if they do so once.
     fn find_period(&self) -> Option<u16> {
         const SAME_RAD: f64 = DEG;
-        let stops = || self.segments.iter().filter(|segment| segment.kind == SegmentKind::Stop);
+        let stops = || self.segments.iter().filter(|segment| segment.kind() == SegmentKind::Stop);
         let moves = stops().count().checked_sub(1)?;
         let half = moves / 2;
         let near = |a: &Segment<T>, b: &Segment<T>| {

@@ -19,7 +19,7 @@
 use crate::angle::{Angle, rad_to_ticks};
 use crate::error_model::{InstrumentErrors, PARAMETERS, block, frame_rotation_x, frame_rotation_z};
 use crate::linear::{Matrix, Matrix3, Real, Vector3, exp_so3, inverse3, left_jacobian_so3, real, skew};
-use crate::segment::{GUARD_S, GimbalSums, Segment, SegmentKind};
+use crate::segment::{AngleIntegrals, GUARD_S, Segment, SegmentKind, Turned};
 use crate::site::Site;
 
 /// Encoder errors that a measurement may depend on: outer and inner at the stop before, outer and inner at this stop.
@@ -118,21 +118,21 @@ impl<T: Real> MeasurementModel<T> {
     /// Integral of the gyro outputs over a segment. (5), (12)
     #[inline(never)]
     pub fn rotation(&self, segment: &Segment<T>) -> Prediction<T> {
-        let gimbals = &segment.gimbals;
+        let integrals = segment.integrals();
         let tilt = &self.rot_inner_axis;
         let untilt = tilt.transpose();
-        let axes = GimbalAxes::new(tilt, segment);
+        let axes = GimbalAxes::new(tilt, segment, &integrals);
         let y = skew(&unit::<T>(1));
-        let attitude = tilt * attitude_integral(gimbals, &untilt);
-        let attitude_by_tilt = y * attitude - tilt * attitude_integral(gimbals, &(untilt * y));
-        let turned = axes.outer_integral + axes.inner * gimbals.inner;
+        let attitude = tilt * attitude_integral(&integrals, &untilt);
+        let attitude_by_tilt = y * attitude - tilt * attitude_integral(&integrals, &(untilt * y));
+        let turned = axes.outer_integral + axes.inner * segment.turned.inner;
         let turned_by_tilt = y * turned + tilt * axes.outer_sums * untilt.column(2);
         let motion = Motion {
             in_r: turned + attitude * self.earth_rate_b,
             by_b: attitude,
             by_non_perpendicularity: turned_by_tilt + attitude_by_tilt * self.earth_rate_b,
             by_encoder_errors: axes.by_encoder_errors(),
-            by_harmonics: axes.by_harmonics(tilt, segment),
+            by_harmonics: axes.by_harmonics(tilt, segment, &integrals),
         };
         let mut prediction = self.felt(&motion, &self.earth_rate_b);
         sensed(&mut prediction, &self.rot_gs, &self.errors.gyro_scale, block::GYRO_SCALE, |omega_g| {
@@ -199,25 +199,24 @@ struct GimbalAxes<T: Real> {
 }
 
 impl<T: Real> GimbalAxes<T> {
-    fn new(tilt: &Matrix3<T>, segment: &Segment<T>) -> Self {
-        let gimbals = &segment.gimbals;
-        let [_, [cos_s, _, _], [sin_s, _, _]] = gimbals.attitude_s.map(|row| row.map(|sum_s| real(sum_s.into())));
-        let outer_sums = rotation_z_integral(gimbals.outer_cos_inner, gimbals.outer_sin_inner, gimbals.outer);
+    fn new(tilt: &Matrix3<T>, segment: &Segment<T>, integrals: &AngleIntegrals) -> Self {
+        let turned = &segment.turned;
+        let [_, [cos_s, _, _], [sin_s, _, _]] = integrals.attitude_s.map(|row| row.map(|sum_s| real(sum_s.into())));
+        let outer_sums = rotation_z_integral(turned.outer_cos_inner, turned.outer_sin_inner, turned.outer);
         let outer_untilted = tilt.transpose().column(0).into_owned();
         // What stands still at both ends of a move is no part of it.
         let duration_s = segment.duration_s();
-        let standing_s: T = if segment.kind == SegmentKind::Move { real(STANDING_S) } else { T::zero() };
+        let standing_s: T = if segment.kind() == SegmentKind::Move { real(STANDING_S) } else { T::zero() };
         let move_s = (duration_s - standing_s - standing_s).max(standing_s);
         let (sin_to, cos_to): (T, T) = segment.inner.sin_cos();
-        let (sin_from, cos_from): (T, T) =
-            segment.inner.turned(-rad_to_ticks(gimbals.inner.widened()) as i32).sin_cos();
+        let (sin_from, cos_from): (T, T) = inner_from(segment).sin_cos();
         let ends = rotation_z_integral(cos_from + cos_to, sin_from + sin_to, T::one() + T::one()) * standing_s;
         let mean = (rotation_z_integral(cos_s, sin_s, duration_s) - ends) / move_s;
-        let late = |late_s: T, sum: T| (late_s - sum * standing_s) / move_s;
+        let late = |late_s: f32, sum: T| (real::<T>(late_s.into()) - sum * standing_s) / move_s;
         let outer_late = rotation_z_integral(
-            late(gimbals.late_cos_inner_s, gimbals.outer_cos_inner),
-            late(gimbals.late_sin_inner_s, gimbals.outer_sin_inner),
-            gimbals.outer * real(0.5),
+            late(integrals.late_cos_inner_s, turned.outer_cos_inner),
+            late(integrals.late_sin_inner_s, turned.outer_sin_inner),
+            turned.outer * real(0.5),
         );
         Self {
             outer_sums,
@@ -237,24 +236,32 @@ impl<T: Real> GimbalAxes<T> {
     }
 
     /// Of the harmonics, from their integrals and, along the inner axis, from its angles at the ends.
-    fn by_harmonics(&self, tilt: &Matrix3<T>, segment: &Segment<T>) -> Matrix<T, 3, HARMONICS> {
-        let gimbals = &segment.gimbals;
+    fn by_harmonics(
+        &self,
+        tilt: &Matrix3<T>,
+        segment: &Segment<T>,
+        integrals: &AngleIntegrals,
+    ) -> Matrix<T, 3, HARMONICS> {
         let along_outer = |[cos, sin]: [f64; 2]| tilt * Vector3::new(real(cos), real(-sin), T::zero());
         let across = |[cos, sin]: [f64; 2]| tilt * Vector3::new(real(sin), real(cos), T::zero());
-        let inner_from = segment.inner.turned(-rad_to_ticks(gimbals.inner.widened()) as i32);
-        let (before, after) = (harmonics::<T>(inner_from), harmonics::<T>(segment.inner));
+        let (before, after) = (harmonics::<T>(inner_from(segment)), harmonics::<T>(segment.inner));
         let mut changes = before.into_iter().zip(after).map(|(before, after)| self.inner * (before - after));
         let mut along_inner = || changes.next().unwrap_or_else(Vector3::zeros);
         in_order(
-            outer_harmonics(gimbals).map(along_outer),
-            inner_harmonics(gimbals).map(|integrals| across(integrals) + along_inner()),
+            outer_harmonics(integrals).map(along_outer),
+            inner_harmonics(&segment.turned, integrals).map(|along_way| across(along_way) + along_inner()),
         )
     }
 }
 
+/// Inner angle at the beginning of a move.
+fn inner_from<T: Real>(segment: &Segment<T>) -> Angle {
+    segment.inner.turned(-rad_to_ticks(segment.turned.inner.widened()) as i32)
+}
+
 /// Integrals of (cos, sin)(inner) over the error of an outer harmonic, of each, negative.
-fn outer_harmonics<T: Real>(gimbals: &GimbalSums<T>) -> [[f64; 2]; HARMONICS / 2] {
-    let [by_cos, by_sin] = gimbals.harmonics.outer.map(|row| row.map(f64::from));
+fn outer_harmonics(integrals: &AngleIntegrals) -> [[f64; 2]; HARMONICS / 2] {
+    let [by_cos, by_sin] = integrals.harmonics.outer.map(|row| row.map(f64::from));
     let of = |[cos, sin, cos_double, sin_double]: [f64; 4]| [sin, -cos, 2.0 * sin_double, -2.0 * cos_double];
     let [a, b, c, d] = of(by_cos);
     let [e, f, g, h] = of(by_sin);
@@ -262,9 +269,9 @@ fn outer_harmonics<T: Real>(gimbals: &GimbalSums<T>) -> [[f64; 2]; HARMONICS / 2
 }
 
 /// Integrals of (cos, sin)(inner) times an inner harmonic over the outer angle, of each.
-fn inner_harmonics<T: Real>(gimbals: &GimbalSums<T>) -> [[f64; 2]; HARMONICS / 2] {
-    let [one, cos, sin] = [gimbals.outer, gimbals.outer_cos_inner, gimbals.outer_sin_inner].map(Real::widened);
-    let [cos_2, sin_2, cos_3, sin_3] = gimbals.harmonics.inner.map(f64::from);
+fn inner_harmonics<T: Real>(turned: &Turned<T>, integrals: &AngleIntegrals) -> [[f64; 2]; HARMONICS / 2] {
+    let [one, cos, sin] = [turned.outer, turned.outer_cos_inner, turned.outer_sin_inner].map(Real::widened);
+    let [cos_2, sin_2, cos_3, sin_3] = integrals.harmonics.inner.map(f64::from);
     [
         [0.5 * (one + cos_2) - cos, 0.5 * sin_2 - sin],
         [0.5 * sin_2, 0.5 * (one - cos_2)],
@@ -297,7 +304,7 @@ fn rotation_z_integral<T: Real>(cos: T, sin: T, one: T) -> Matrix3<T> {
 }
 
 /// Integral of `R_z(inner) middle R_x(outer)` over time, s.
-fn attitude_integral<T: Real>(gimbals: &GimbalSums<T>, middle: &Matrix3<T>) -> Matrix3<T> {
+fn attitude_integral<T: Real>(integrals: &AngleIntegrals, middle: &Matrix3<T>) -> Matrix3<T> {
     let (zero, one) = (T::zero(), T::one());
     // R_z = [1, cos, sin] . inner parts, R_x = [1, cos, sin] . outer parts
     let inner_parts = [
@@ -311,7 +318,7 @@ fn attitude_integral<T: Real>(gimbals: &GimbalSums<T>, middle: &Matrix3<T>) -> M
         Matrix3::new(zero, zero, zero, zero, zero, one, zero, -one, zero),
     ];
     let mut integral = Matrix3::zeros();
-    for (inner, row) in inner_parts.iter().zip(&gimbals.attitude_s) {
+    for (inner, row) in inner_parts.iter().zip(&integrals.attitude_s) {
         let mut weighted = Matrix3::zeros();
         for (outer, weight) in outer_parts.iter().zip(row) {
             weighted += outer * real::<T>((*weight).into());
@@ -427,10 +434,10 @@ mod tests {
     #[test]
     fn segment_kinds_and_windows() {
         let [first, turn, last] = segments();
-        assert_eq!([first.kind, turn.kind, last.kind], [SegmentKind::Stop, SegmentKind::Move, SegmentKind::Stop]);
+        assert_eq!([first.kind(), turn.kind(), last.kind()], [SegmentKind::Stop, SegmentKind::Move, SegmentKind::Stop]);
         assert_eq!(turn.start_us, first.start_us + first.duration_us);
         assert_eq!(last.start_us, turn.start_us + turn.duration_us);
-        assert!((turn.gimbals.outer + 1.2).abs() < 1e-8 && (turn.gimbals.inner - 0.9).abs() < 1e-8);
+        assert!((turn.turned.outer + 1.2).abs() < 1e-8 && (turn.turned.inner - 0.9).abs() < 1e-8);
     }
 
     #[test]

@@ -14,7 +14,7 @@ use crate::profile::Profile;
 use crate::reading::Readings;
 use crate::scatter::Scatter;
 use crate::scheme::{SETTLING_S, Scheme};
-use crate::segment::{GUARD_S, GimbalSums, Held, Segment, SegmentKind};
+use crate::segment::{AngleIntegrals, Course, GUARD_S, Held, Segment, Standing, Turned};
 
 /// What a stop loses on average because its window is made of whole blocks, less the ends of the ramps that count as still, s.
 pub const BLOCK_LOSS_S: f64 = 0.05;
@@ -83,10 +83,8 @@ pub fn usable_s(stop_s: f64, settling_s: f64, is_first: bool, is_last: bool) -> 
 
 /// A stop of which `usable_s` can be used. What the sensors read is left at zero.
 pub fn stop_segment<T: Real>(stand: &Stand, usable_s: f64) -> Segment<T> {
-    let (so, co) = ComplexField::sin_cos(stand.outer_rad);
-    let (si, ci) = ComplexField::sin_cos(stand.inner_rad);
-    let attitude_s = [1.0, ci, si].map(|inner| [1.0, co, so].map(|outer| (inner * outer * usable_s) as f32));
-    segment(SegmentKind::Stop, stand, &GimbalSums { attitude_s, ..GimbalSums::default() }, usable_s)
+    let standing = Standing { force_a: Vector3::zeros(), scatter: Scatter::default(), readings: [Readings::NONE; 2] };
+    segment(stand, usable_s, Turned::default(), Course::Stop(standing))
 }
 
 /// A move with the settling and guard at its ends. What the sensors read is left at zero.
@@ -95,19 +93,21 @@ pub fn move_segment<T: Real>(from: &Stand, to: &Stand, turning: &Turning) -> Seg
     let profiles = ways.map(|way| turning.profile(way));
     let move_s = turning.move_s(from, to);
     let guard_s = GUARD_S + 0.5 * BLOCK_LOSS_S;
-    let mut gimbals = GimbalSums { outer: ways[0], inner: ways[1], ..GimbalSums::default() };
+    let mut turned = Turned { outer: ways[0], inner: ways[1], ..Turned::default() };
+    let mut integrals = AngleIntegrals::default();
     let mut since_s = 0.0;
     let mut add = |[outer, inner]: [f64; 2], time_s: f64, outer_way: f64| {
         let (so, co) = ComplexField::sin_cos(from.outer_rad + outer);
         let (si, ci) = ComplexField::sin_cos(from.inner_rad + inner);
-        for (row, inner) in gimbals.attitude_s.iter_mut().zip([1.0, ci, si]) {
+        for (row, inner) in integrals.attitude_s.iter_mut().zip([1.0, ci, si]) {
             row.iter_mut().zip([1.0, co, so]).for_each(|(sum, outer)| *sum += (inner * outer * time_s) as f32);
         }
-        gimbals.outer_cos_inner += ci * outer_way;
-        gimbals.outer_sin_inner += si * outer_way;
-        gimbals.late_cos_inner_s += ci * outer_way * (since_s + 0.5 * time_s);
-        gimbals.late_sin_inner_s += si * outer_way * (since_s + 0.5 * time_s);
-        gimbals.harmonics.add((so as f32, co as f32), (si as f32, ci as f32), outer_way as f32);
+        let middle_s = since_s + 0.5 * time_s;
+        turned.outer_cos_inner += ci * outer_way;
+        turned.outer_sin_inner += si * outer_way;
+        integrals.late_cos_inner_s += (ci * outer_way * middle_s) as f32;
+        integrals.late_sin_inner_s += (si * outer_way * middle_s) as f32;
+        integrals.harmonics.add((so as f32, co as f32), (si as f32, ci as f32), outer_way as f32);
         since_s += time_s;
     };
     add([0.0; 2], guard_s, 0.0);
@@ -120,12 +120,17 @@ pub fn move_segment<T: Real>(from: &Stand, to: &Stand, turning: &Turning) -> Seg
         outer_before = outer_after;
     }
     add(ways, guard_s, 0.0);
-    segment(SegmentKind::Move, to, &gimbals, move_s + 2.0 * guard_s)
+    let turned = Turned {
+        outer: real(turned.outer),
+        inner: real(turned.inner),
+        outer_cos_inner: real(turned.outer_cos_inner),
+        outer_sin_inner: real(turned.outer_sin_inner),
+    };
+    segment(to, move_s + 2.0 * guard_s, turned, Course::Move(integrals))
 }
 
-fn segment<T: Real>(kind: SegmentKind, stand: &Stand, gimbals: &GimbalSums<f64>, duration_s: f64) -> Segment<T> {
+fn segment<T: Real>(stand: &Stand, duration_s: f64, turned: Turned<T>, course: Course<T>) -> Segment<T> {
     Segment {
-        kind,
         start_us: 0,
         duration_us: ComplexField::round(duration_s * 1e6) as u64,
         samples: 0,
@@ -133,21 +138,10 @@ fn segment<T: Real>(kind: SegmentKind, stand: &Stand, gimbals: &GimbalSums<f64>,
         held: Held::NONE,
         temperature_c: 0.0,
         rotation_g: Vector3::zeros(),
-        force_a: Vector3::zeros(),
         outer: Angle::from_rad(stand.outer_rad),
         inner: Angle::from_rad(stand.inner_rad),
-        gimbals: GimbalSums {
-            attitude_s: gimbals.attitude_s,
-            outer_cos_inner: real(gimbals.outer_cos_inner),
-            outer_sin_inner: real(gimbals.outer_sin_inner),
-            late_cos_inner_s: real(gimbals.late_cos_inner_s),
-            late_sin_inner_s: real(gimbals.late_sin_inner_s),
-            outer: real(gimbals.outer),
-            inner: real(gimbals.inner),
-            harmonics: gimbals.harmonics,
-        },
-        scatter: Scatter::default(),
-        readings: [Readings::NONE; 2],
+        turned,
+        course,
     }
 }
 
@@ -164,8 +158,11 @@ pub fn unobserved<T: Real, const SEGMENTS: usize, const STATES: usize>(
     let mut start_us = 0;
     let mut take = |mut segment: Segment<T>| {
         segment.start_us = start_us;
+        let force_a = model.force_at_stop(&segment).value;
         start_us += segment.duration_us;
-        segment.force_a = model.force_at_stop(&segment).value;
+        if let Course::Stop(standing) = &mut segment.course {
+            standing.force_a = force_a;
+        }
         segment.rotation_g = model.rotation(&segment).value;
         let _ = estimator.add(&segment);
     };

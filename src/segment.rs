@@ -88,24 +88,30 @@ impl HarmonicSums {
     }
 }
 
-/// Sums over the gimbal angles of a segment, from which the integrals of (3) follow for any non-perpendicularity.
+/// What the axes turn over a segment, rad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct GimbalSums<T> {
-    /// Integral of (1, cos, sin)(inner) x (1, cos, sin)(outer) over time, s: row inner, column outer. They weight Earth
-    /// rate, so `f32` is good for 0.0002" of a stop of 200 s, and saves memory where many segments are kept.
-    pub attitude_s: [[f32; 3]; 3],
-    /// Integral of cos(inner) over the outer angle, rad.
-    pub outer_cos_inner: T,
-    /// Integral of sin(inner) over the outer angle, rad.
-    pub outer_sin_inner: T,
-    /// The same two, each weighted with the time since the segment's start, rad s.
-    pub late_cos_inner_s: T,
-    /// See [`Self::late_cos_inner_s`].
-    pub late_sin_inner_s: T,
-    /// Outer increment, rad.
+pub struct Turned<T> {
+    /// Outer increment.
     pub outer: T,
-    /// Inner increment, rad.
+    /// Inner increment.
     pub inner: T,
+    /// Integral of cos(inner) over the outer angle.
+    pub outer_cos_inner: T,
+    /// Integral of sin(inner) over the outer angle.
+    pub outer_sin_inner: T,
+}
+
+/// Further sums over the gimbal angles, with [`Turned`] enough for the integrals of (3) with any non-perpendicularity. All
+/// of them weight small quantities, so `f32` is good, and saves memory where many segments are kept: Earth rate over a move
+/// of a minute to 0.0001", encoder errors to a hundredth.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AngleIntegrals {
+    /// Integral of (1, cos, sin)(inner) x (1, cos, sin)(outer) over time, s: row inner, column outer.
+    pub attitude_s: [[f32; 3]; 3],
+    /// As [`Turned::outer_cos_inner`], weighted with the time since the segment's start, rad s.
+    pub late_cos_inner_s: f32,
+    /// As [`Turned::outer_sin_inner`], weighted with the time since the segment's start, rad s.
+    pub late_sin_inner_s: f32,
     /// For harmonics of the encoder errors.
     pub harmonics: HarmonicSums,
 }
@@ -133,40 +139,84 @@ impl Held {
     }
 }
 
+/// What a segment has of its kind alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Course<T: Real> {
+    /// Both axes stand.
+    Stop(Standing<T>),
+    /// One or both axes turn.
+    Move(AngleIntegrals),
+}
+
+/// What is measured while both axes stand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Standing<T: Real> {
+    /// Mean of the accelerometer outputs, m/s^2.
+    pub force_a: Vector3<T>,
+    /// Scatter of the block means.
+    pub scatter: Scatter,
+    /// Readings of outer and inner encoder.
+    pub readings: [Readings; 2],
+}
+
 /// A finished stop or move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Segment<T: Real> {
-    /// Stop or move.
-    pub kind: SegmentKind,
     /// Time of the sample before the first, us.
     pub start_us: u64,
     /// Duration, us.
     pub duration_us: u64,
     /// Number of samples.
     pub samples: u32,
-    /// Longest interval between two samples, us.
-    pub longest_interval_us: u64,
+    /// Longest interval between two samples, us; one that is longer than an hour counts as 2^32 - 1.
+    pub longest_interval_us: u32,
     /// Readings that repeat.
     pub held: Held,
     /// Mean IMU temperature, deg C.
     pub temperature_c: f32,
     /// Integral of the gyro outputs over time, rad.
     pub rotation_g: Vector3<T>,
-    /// Mean of the accelerometer outputs, m/s^2.
-    pub force_a: Vector3<T>,
     /// Outer angle: mean of a stop, last of a move.
     pub outer: Angle,
     /// Inner angle: mean of a stop, last of a move.
     pub inner: Angle,
-    /// Gimbal sums.
-    pub gimbals: GimbalSums<T>,
-    /// Scatter of a stop's block means.
-    pub scatter: Scatter,
-    /// Readings of outer and inner encoder.
-    pub readings: [Readings; 2],
+    /// What the axes turn; at a stop, by their hunting.
+    pub turned: Turned<T>,
+    /// Stop or move, with what only that has.
+    pub course: Course<T>,
 }
 
 impl<T: Real> Segment<T> {
+    /// Stop or move.
+    pub fn kind(&self) -> SegmentKind {
+        match self.course {
+            Course::Stop(_) => SegmentKind::Stop,
+            Course::Move(_) => SegmentKind::Move,
+        }
+    }
+
+    /// What is measured at a stop; `None` for a move.
+    pub fn standing(&self) -> Option<&Standing<T>> {
+        match &self.course {
+            Course::Stop(standing) => Some(standing),
+            Course::Move(_) => None,
+        }
+    }
+
+    /// Integrals over the angles. At a stop these are as good as constant, and an encoder error is the same at both ends.
+    pub fn integrals(&self) -> AngleIntegrals {
+        match self.course {
+            Course::Move(integrals) => integrals,
+            Course::Stop(_) => {
+                let duration_s = self.duration_s();
+                let ((so, co), (si, ci)): ((T, T), (T, T)) = (self.outer.sin_cos(), self.inner.sin_cos());
+                let one = T::one();
+                let attitude = |inner: T| [one, co, so].map(|outer| (inner * outer * duration_s).widened() as f32);
+                AngleIntegrals { attitude_s: [one, ci, si].map(attitude), ..AngleIntegrals::default() }
+            }
+        }
+    }
+
     /// Duration, s.
     pub fn duration_s(&self) -> T {
         seconds(self.duration_us)
@@ -174,14 +224,15 @@ impl<T: Real> Segment<T> {
 
     /// Notes the resolutions of the encoders, ticks, which later segments may show better.
     pub fn know_resolution(&mut self, resolution_ticks: [u32; 2]) {
-        for (readings, resolution_ticks) in self.readings.iter_mut().zip(resolution_ticks) {
+        let Course::Stop(standing) = &mut self.course else { return };
+        for (readings, resolution_ticks) in standing.readings.iter_mut().zip(resolution_ticks) {
             readings.resolution_ticks = resolution_ticks;
         }
     }
 
     /// Whether samples are missing for so long that the sums are not those of a stop or a move.
     pub fn is_broken(&self) -> bool {
-        self.longest_interval_us > LONGEST_GAP_US
+        u64::from(self.longest_interval_us) > LONGEST_GAP_US
     }
 }
 
@@ -260,37 +311,46 @@ impl<T: Real> Sums<T> {
         self.harmonics.merge(&integrals.harmonics);
     }
 
-    fn segment(&self, kind: SegmentKind) -> Segment<T> {
-        let samples = self.samples().max(1);
-        let count: T = real(f64::from(samples));
-        let angle = |angles: &AngleSums| match kind {
-            SegmentKind::Stop => angles.mean(),
-            SegmentKind::Move => angles.last,
+    /// The stop, with how its block means scatter.
+    fn stop(&self, scatter: Scatter) -> Segment<T> {
+        let count: T = real(f64::from(self.samples().max(1)));
+        let standing = Standing {
+            force_a: totals(&self.force) / count,
+            scatter,
+            readings: [self.outer, self.inner].map(|angles| angles.readings()),
         };
+        self.segment([self.outer.mean(), self.inner.mean()], Course::Stop(standing))
+    }
+
+    fn motion(&self) -> Segment<T> {
+        let single = |sum: CompensatedSum<T>| sum.total().widened() as f32;
+        let integrals = AngleIntegrals {
+            attitude_s: self.attitude.map(|row| row.map(single)),
+            late_cos_inner_s: single(self.late_cos_inner_s),
+            late_sin_inner_s: single(self.late_sin_inner_s),
+            harmonics: self.harmonics,
+        };
+        self.segment([self.outer.last, self.inner.last], Course::Move(integrals))
+    }
+
+    fn segment(&self, [outer, inner]: [Angle; 2], course: Course<T>) -> Segment<T> {
         Segment {
-            kind,
             start_us: self.start_us,
             duration_us: self.duration_us,
             samples: self.samples(),
-            longest_interval_us: self.longest_interval_us,
+            longest_interval_us: u32::try_from(self.longest_interval_us).unwrap_or(u32::MAX),
             held: self.held,
-            temperature_c: self.temperature_c / samples as f32,
+            temperature_c: self.temperature_c / self.samples().max(1) as f32,
             rotation_g: totals(&self.rotation),
-            force_a: totals(&self.force) / count,
-            outer: angle(&self.outer),
-            inner: angle(&self.inner),
-            gimbals: GimbalSums {
-                attitude_s: self.attitude.map(|row| row.map(|sum| sum.total().widened() as f32)),
-                outer_cos_inner: self.outer_cos_inner.total(),
-                outer_sin_inner: self.outer_sin_inner.total(),
-                late_cos_inner_s: self.late_cos_inner_s.total(),
-                late_sin_inner_s: self.late_sin_inner_s.total(),
+            outer,
+            inner,
+            turned: Turned {
                 outer: ticks_to_rad(self.outer.turned_ticks),
                 inner: ticks_to_rad(self.inner.turned_ticks),
-                harmonics: self.harmonics,
+                outer_cos_inner: self.outer_cos_inner.total(),
+                outer_sin_inner: self.outer_sin_inner.total(),
             },
-            scatter: Scatter::default(),
-            readings: [self.outer, self.inner].map(|angles| angles.readings()),
+            course,
         }
     }
 }
@@ -396,7 +456,7 @@ impl<T: Real> Segmenter<T> {
 
     /// The stop as it is now, without the guard. `None` if the axes do not stand, or not for long enough.
     pub fn stop_so_far(&self) -> Option<Segment<T>> {
-        let mut segment = Segment { scatter: self.scatter.scatter(), ..self.stop.segment(SegmentKind::Stop) };
+        let mut segment = self.stop.stop(self.scatter.scatter());
         segment.know_resolution(self.carried.resolution_ticks());
         (!self.stop.is_empty()).then_some(segment)
     }
@@ -455,7 +515,7 @@ impl<T: Real> Segmenter<T> {
         }
         let moved = mem::replace(&mut self.moved, Sums::ZERO);
         let reported = mem::replace(&mut self.stopped_before, true) && !moved.is_empty();
-        reported.then(|| moved.segment(SegmentKind::Move))
+        reported.then(|| moved.motion())
     }
 
     /// The block on which the axes start: with the guard it begins the next move, or, if they had not stood long enough
@@ -486,8 +546,13 @@ impl<T: Real> Segmenter<T> {
 impl Segment<f64> {
     /// A level stop at (0, 0) without noise, of samples at 200 Hz.
     pub(crate) fn quiet_stop(duration_us: u64) -> Self {
+        let blocks = (duration_us / BLOCK_US) as u16;
+        let standing = Standing {
+            force_a: Vector3::new(0.0, 0.0, 9.8),
+            scatter: Scatter { blocks, freedom: blocks - 1, ..Scatter::default() },
+            readings: [Readings::NONE; 2],
+        };
         Self {
-            kind: SegmentKind::Stop,
             start_us: 0,
             duration_us,
             samples: (duration_us / 5000) as u32,
@@ -495,17 +560,24 @@ impl Segment<f64> {
             held: Held::NONE,
             temperature_c: 20.0,
             rotation_g: Vector3::zeros(),
-            force_a: Vector3::new(0.0, 0.0, 9.8),
             outer: Angle::default(),
             inner: Angle::default(),
-            gimbals: GimbalSums::default(),
-            scatter: Scatter {
-                blocks: (duration_us / BLOCK_US) as u16,
-                freedom: (duration_us / BLOCK_US) as u16 - 1,
-                ..Scatter::default()
-            },
-            readings: [Readings::NONE; 2],
+            turned: Turned::default(),
+            course: Course::Stop(standing),
         }
+    }
+
+    /// What is measured at this stop, to be spoilt.
+    pub(crate) fn standing_mut(&mut self) -> &mut Standing<f64> {
+        match &mut self.course {
+            Course::Stop(standing) => standing,
+            Course::Move(_) => panic!("a move"),
+        }
+    }
+
+    /// The mean force of this stop, m/s^2.
+    pub(crate) fn force_a(&self) -> Vector3<f64> {
+        self.standing().expect("a stop").force_a
     }
 }
 
@@ -557,7 +629,7 @@ mod tests {
         stream.turn(300, -1.5);
         stream.stand(400, 2.0);
         stream.segments.extend(stream.segmenter.finish());
-        let kinds: Vec<_> = stream.segments.iter().map(|segment| segment.kind).collect();
+        let kinds: Vec<_> = stream.segments.iter().map(|segment| segment.kind()).collect();
         assert_eq!(kinds, [SegmentKind::Stop, SegmentKind::Move, SegmentKind::Stop]);
         let [first, moved, last] = &stream.segments[..] else { unreachable!() };
         // 0.3 s of guard before the move, and 0.3 s of settling after it.
@@ -565,8 +637,8 @@ mod tests {
         assert_eq!(durations_us, [1_700_000, 2_100_000, 1_700_000]);
         assert_eq!(moved.start_us, first.start_us + first.duration_us);
         assert_eq!(last.start_us, moved.start_us + moved.duration_us);
-        assert!((moved.gimbals.outer + 1.5).abs() < 1e-8);
-        assert_eq!([first.force_a.x, last.force_a.x], [1.0, 2.0]);
+        assert!((moved.turned.outer + 1.5).abs() < 1e-8);
+        assert_eq!([first.force_a().x, last.force_a().x], [1.0, 2.0]);
     }
 
     #[test]
@@ -578,9 +650,9 @@ mod tests {
         stream.segmenter.restart_stop();
         assert!(stream.segmenter.stop_so_far().is_none());
         stream.stand(400, 2.0);
-        let stop = stream.segmenter.finish().expect("a stop");
-        assert_eq!(stop.force_a.x, 2.0);
-        assert_eq!((stop.duration_us, stop.scatter.blocks), (2_000_000, 20));
+        let mut stop = stream.segmenter.finish().expect("a stop");
+        assert_eq!(stop.force_a().x, 2.0);
+        assert_eq!((stop.duration_us, stop.standing_mut().scatter.blocks), (2_000_000, 20));
     }
 
     #[test]
@@ -632,13 +704,12 @@ mod tests {
             assert!(error < 1.5 * f64::from(f32::EPSILON), "{single} is {error} from {double}");
         };
         for axis in 0..3 {
-            close(single.force_a[axis], double.force_a[axis]);
+            close(single.standing().expect("a stop").force_a[axis], double.force_a()[axis]);
             close(single.rotation_g[axis], double.rotation_g[axis]);
         }
-        let attitudes = single.gimbals.attitude_s.iter().flatten().zip(double.gimbals.attitude_s.iter().flatten());
-        attitudes.for_each(|(single, double)| close(*single, f64::from(*double)));
-        let scatters = single.scatter.variance.iter().zip(double.scatter.variance);
-        for (single, double) in scatters {
+        let variances = |standing: &Scatter| standing.variance;
+        let single = variances(&single.standing().expect("a stop").scatter);
+        for (single, double) in single.into_iter().zip(double.standing().expect("a stop").scatter.variance) {
             assert!((single / double - 1.0).abs() < 1e-3, "{single} for {double}");
         }
     }

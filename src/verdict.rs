@@ -235,7 +235,7 @@ fn noise_levels<T: Real>(assessment: &Assessment<'_, T>) -> NoiseLevels {
         let (mut stops, mut stops_far) = (0, 0);
         for stop in assessment.segments {
             let Some(ratios) = assessment.noise.scatter(stop, channel) else { continue };
-            let freedom = u32::from(stop.scatter.freedom);
+            let freedom = ratios.freedom;
             stops += 1;
             // A channel that is dead has no noise at all.
             if is_unrest(ratios.variance, freedom) {
@@ -273,7 +273,7 @@ fn judge_segments<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>
     }
     for (number, segment) in (0_u16..).zip(assessment.segments) {
         if segment.is_broken() {
-            verdict.doubt(Reason::Gap { segment: number, longest_us: segment.longest_interval_us });
+            verdict.doubt(Reason::Gap { segment: number, longest_us: segment.longest_interval_us.into() });
         }
         if let Some((channel, unrest)) = unrest_but(segment, assessment.noise, levels) {
             verdict.doubt(Reason::Unrest { segment: number, channel, unrest });
@@ -293,8 +293,9 @@ fn judge_noise<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, l
         let mut trends = Pooled::default();
         let mut noisiest: Option<(u16, Pooled)> = None;
         for (segment, stop) in assessment.segments.iter().enumerate().rev() {
-            let Some(ScatterRatios { variance, trend, .. }) = assessment.noise.scatter(stop, channel) else { continue };
-            noise.add(variance, stop.scatter.freedom.into());
+            let Some(ratios) = assessment.noise.scatter(stop, channel) else { continue };
+            let ScatterRatios { variance, trend, freedom, .. } = ratios;
+            noise.add(variance, freedom);
             trends.add(trend * trend, 1);
             if noise.exceeds(NOISE_Z) && noisiest.is_none_or(|(_, most)| noise.deviate() > most.deviate()) {
                 noisiest = Some((segment as u16, noise));
@@ -468,9 +469,8 @@ pub fn unrest<T: Real>(segment: &Segment<T>, noise: &Noise) -> Option<(u8, Unres
 
 /// As [`unrest`], without the channels whose noise is another one throughout.
 fn unrest_but<T: Real>(segment: &Segment<T>, noise: &Noise, levels: &NoiseLevels) -> Option<(u8, Unrest)> {
-    let freedom = u32::from(segment.scatter.freedom);
     for channel in unnamed(levels) {
-        let ScatterRatios { variance: ratio, of_white, trend } = noise.scatter(segment, channel)?;
+        let ScatterRatios { variance: ratio, of_white, trend, freedom } = noise.scatter(segment, channel)?;
         if trend.abs() > TREND_LIMIT {
             return Some((channel, Unrest::Trend(trend as f32)));
         } else if is_unrest(ratio, freedom) {
@@ -500,7 +500,7 @@ mod tests {
     use crate::linear::Vector3;
     use crate::options::OptionalEstimate;
     use crate::scatter::Scatter;
-    use crate::segment::{GimbalSums, Held, SegmentKind};
+    use crate::segment::{AngleIntegrals, Course, Held, Turned};
     use crate::units::ARCSEC;
     use crate::wiring::Wiring;
     use std::string::ToString;
@@ -524,9 +524,9 @@ mod tests {
     fn stop() -> Segment<f64> {
         let sigma = |psd_sqrt: f64| (psd_sqrt * psd_sqrt / 0.1) as f32;
         let (accel, gyro) = (sigma(NOISE.accel_psd_sqrt), sigma(NOISE.gyro_psd_sqrt));
-        let scatter =
-            Scatter { variance: [accel, accel, accel, gyro, gyro, gyro], ..Segment::quiet_stop(10_000_000).scatter };
-        Segment { scatter, ..Segment::quiet_stop(10_000_000) }
+        let mut stop = Segment::quiet_stop(10_000_000);
+        stop.standing_mut().scatter.variance = [accel, accel, accel, gyro, gyro, gyro];
+        stop
     }
 
     fn good() -> Case {
@@ -566,6 +566,10 @@ mod tests {
         judge(&assessment, &case.limits)
     }
 
+    fn scatter(case: &mut Case, segment: usize) -> &mut Scatter {
+        &mut case.segments[segment].standing_mut().scatter
+    }
+
     /// The texts of the reasons of a good case that `spoil` has spoilt.
     fn reasons(spoil: impl FnOnce(&mut Case)) -> Vec<std::string::String> {
         let mut case = good();
@@ -584,11 +588,11 @@ mod tests {
         assert_eq!(few, ["only 1 segments: no stop, move and stop to calibrate from"]);
         let gap = reasons(|case| case.segments[4].longest_interval_us = 250_000);
         assert_eq!(gap, ["segment 4: no samples for 250 ms"]);
-        let variance = reasons(|case| case.segments[7].scatter.variance[1] *= 3.0);
+        let variance = reasons(|case| scatter(case, 7).variance[1] *= 3.0);
         assert_eq!(variance[0], "segment 7, accel y: variance 3.0 times that of the configured noise");
-        let trend = reasons(|case| case.segments[3].scatter.trend[5] = 6.0 * 3e-7 / 0.1_f32.sqrt());
+        let trend = reasons(|case| scatter(case, 3).trend[5] = 6.0 * 3e-7 / 0.1_f32.sqrt());
         assert_eq!(trend, ["segment 3, gyro z: drift of 6.0 sigma during the stop"]);
-        let stuck = reasons(|case| case.segments[2].scatter.variance[3] = 0.0);
+        let stuck = reasons(|case| scatter(case, 2).variance[3] = 0.0);
         assert_eq!(stuck, ["segment 2, gyro x: the channel does not change"]);
         assert_eq!(reasons(|case| case.solution.left_out = 2), ["2 segments did not fit and were left out"]);
     }
@@ -596,13 +600,18 @@ mod tests {
     #[test]
     fn stops_together_show_what_none_shows_alone() {
         // 1.3 times over 12 stops of 99 degrees of freedom: 0.3 / sqrt(2 / 1188) = 7.3 sigma; alone 2.1.
-        let noise = reasons(|case| case.segments[7..].iter_mut().for_each(|stop| stop.scatter.variance[2] *= 1.3));
+        let noise = reasons(|case| {
+            case.segments[7..].iter_mut().for_each(|stop| stop.standing_mut().scatter.variance[2] *= 1.3)
+        });
         assert_eq!(noise.len(), 1);
         assert!(noise[0].starts_with("accel z from segment ") && noise[0].contains("1.30 times"), "{}", noise[0]);
-        let little = reasons(|case| case.segments[7..].iter_mut().for_each(|stop| stop.scatter.variance[2] *= 1.1));
+        let little = reasons(|case| {
+            case.segments[7..].iter_mut().for_each(|stop| stop.standing_mut().scatter.variance[2] *= 1.1)
+        });
         assert_eq!(little.len(), 0);
         let trend = 2.0 * 1e-4 / 0.1_f32.sqrt();
-        let trends = reasons(|case| case.segments.iter_mut().for_each(|stop| stop.scatter.trend[0] = trend));
+        let trends =
+            reasons(|case| case.segments.iter_mut().for_each(|stop| stop.standing_mut().scatter.trend[0] = trend));
         assert_eq!(trends, ["accel x: drift during the stops, 4.0 times that of white noise"]);
     }
 
@@ -710,7 +719,7 @@ mod tests {
     fn wiring_is_named_first() {
         let upside_down = reasons(|case| {
             case.solution.fit.chi_square = 1e9;
-            case.segments.iter_mut().for_each(|stop| stop.force_a.z = -9.8);
+            case.segments.iter_mut().for_each(|stop| stop.standing_mut().force_a.z = -9.8);
         });
         assert_eq!(upside_down[0], "the sign of accel z is wrong");
         assert_eq!(Reason::Wiring(Wiring::Swapped(5)).to_string(), "gyro z and gyro x are swapped");
@@ -759,21 +768,21 @@ mod tests {
     fn wrong_units_are_the_only_reason() {
         let spoilt = |case: &mut Case| {
             case.solution.fit.chi_square = 1e9;
-            case.segments.iter_mut().for_each(|stop| stop.scatter.variance = [1.0; CHANNELS]);
+            case.segments.iter_mut().for_each(|stop| stop.standing_mut().scatter.variance = [1.0; CHANNELS]);
         };
         let in_g = reasons(|case| {
             spoilt(case);
-            case.segments.iter_mut().for_each(|stop| stop.force_a /= 9.8);
+            case.segments.iter_mut().for_each(|stop| stop.standing_mut().force_a /= 9.8);
         });
         assert_eq!(in_g, ["accelerometers read 0.102 times gravity at the stops: g in place of m/s^2?"]);
         let turning = |case: &mut Case, gyro: f64, encoder: f64| {
             let turn = core::f64::consts::FRAC_PI_2;
             for (number, segment) in case.segments.iter_mut().enumerate().filter(|(number, _)| number % 2 == 1) {
                 let (outer, inner) = if number % 4 == 1 { (turn, 0.0) } else { (0.0, turn) };
-                segment.kind = SegmentKind::Move;
                 segment.rotation_g = Vector3::new(outer, 0.0, inner) * gyro;
                 let (outer, inner) = (outer * encoder, inner * encoder);
-                segment.gimbals = GimbalSums { outer, inner, outer_cos_inner: outer, ..GimbalSums::default() };
+                segment.turned = Turned { outer, inner, outer_cos_inner: outer, ..Turned::default() };
+                segment.course = Course::Move(AngleIntegrals::default());
             }
         };
         assert!(reasons(|case| turning(case, 1.0, 1.0)).is_empty());
@@ -794,11 +803,11 @@ mod tests {
 
     #[test]
     fn one_stop_or_channel_of_another_scale_is_no_matter_of_units() {
-        let one = reasons(|case| case.segments[3].force_a *= 0.1);
+        let one = reasons(|case| case.segments[3].standing_mut().force_a *= 0.1);
         assert!(one.is_empty(), "left to the fit: {one:?}");
         let dead = reasons(|case| {
             case.segments.iter_mut().for_each(|stop| {
-                stop.force_a = Vector3::zeros();
+                stop.standing_mut().force_a = Vector3::zeros();
                 stop.held = Held { samples: 2000, channel: 2, stale: 0 };
             });
         });
@@ -810,8 +819,10 @@ mod tests {
         let scaled = |channels: Range<usize>, factor: f32| {
             reasons(|case| {
                 for stop in &mut case.segments {
-                    stop.scatter.variance[channels.clone()].iter_mut().for_each(|variance| *variance *= factor);
-                    stop.scatter.trend[channels.clone()].fill(6.0 * 1e-4 / 0.1_f32.sqrt());
+                    stop.standing_mut().scatter.variance[channels.clone()]
+                        .iter_mut()
+                        .for_each(|variance| *variance *= factor);
+                    stop.standing_mut().scatter.trend[channels.clone()].fill(6.0 * 1e-4 / 0.1_f32.sqrt());
                 }
             })
         };
@@ -820,10 +831,12 @@ mod tests {
         assert_eq!(scaled(4..5, 9.0), ["gyro y: noise is 3.00 times the configured"]);
         let quiet = reasons(|case| {
             case.solution.fit.chi_square = 60.0;
-            case.segments.iter_mut().for_each(|stop| stop.scatter.variance[5] *= 0.36);
+            case.segments.iter_mut().for_each(|stop| stop.standing_mut().scatter.variance[5] *= 0.36);
         });
         assert_eq!((quiet.len(), quiet[0].as_str()), (2, "gyro z: noise is 0.60 times the configured"));
-        let few = reasons(|case| case.segments[..9].iter_mut().for_each(|stop| stop.scatter.variance[1] *= 9.0));
+        let few = reasons(|case| {
+            case.segments[..9].iter_mut().for_each(|stop| stop.standing_mut().scatter.variance[1] *= 9.0)
+        });
         assert_eq!(few[0], "segment 0, accel y: variance 9.0 times that of the configured noise");
     }
 

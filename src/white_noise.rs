@@ -3,9 +3,11 @@
 //! What the encoders see of an axis that hunts is no noise (`scatter`), but single readings of a coarse encoder are wrong,
 //! and with them the rate of an axis over a block. The gyros of that axis are allowed for as much.
 
+use crate::angle::Angle;
 use crate::linear::{ComplexField, Real};
+use crate::reading::Readings;
 use crate::sample::CHANNELS;
-use crate::segment::{Segment, SegmentKind};
+use crate::segment::{Segment, Standing};
 use serde::{Deserialize, Serialize};
 
 /// Normal deviate beyond which the noise of a stop is larger than configured; 1e-3 each.
@@ -30,7 +32,7 @@ pub struct Noise {
     pub margin: f64,
 }
 
-/// Of one channel at a stop, in units of the noise that is allowed for.
+/// How one channel scatters at a stop, in units of the noise that is allowed for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScatterRatios {
     /// Variance of the block means.
@@ -39,6 +41,8 @@ pub struct ScatterRatios {
     pub of_white: f64,
     /// Their trend, in sigmas.
     pub trend: f64,
+    /// Degrees of freedom of the variances.
+    pub freedom: u32,
 }
 
 impl Noise {
@@ -56,19 +60,19 @@ impl Noise {
 
     /// Scatter of a stop's block means on one channel. `None` for moves and for stops that are too short.
     pub fn scatter<T: Real>(&self, stop: &Segment<T>, channel: u8) -> Option<ScatterRatios> {
-        let ScatterRatios { variance, of_white, trend } = self.unallowed(stop, channel)?;
+        let ScatterRatios { variance, of_white, trend, freedom } = self.unallowed(stop, channel)?;
         let allowance = self.allowance(stop, channel);
         Some(ScatterRatios {
             variance: variance / allowance,
             of_white: of_white / allowance,
             trend: trend / ComplexField::sqrt(allowance),
+            freedom,
         })
     }
 
     fn allowance<T: Real>(&self, stop: &Segment<T>, channel: u8) -> f64 {
-        let freedom = u32::from(stop.scatter.freedom);
         match self.unallowed(stop, channel) {
-            Some(ScatterRatios { variance, .. })
+            Some(ScatterRatios { variance, freedom, .. })
                 if variance * f64::from(freedom) > chi_square_quantile(freedom, LARGER_Z) =>
             {
                 // `clamp` can panic.
@@ -80,29 +84,27 @@ impl Noise {
 
     /// In units of the noise that is configured.
     fn unallowed<T: Real>(&self, stop: &Segment<T>, channel: u8) -> Option<ScatterRatios> {
-        let scatter = &stop.scatter;
-        if stop.kind == SegmentKind::Move || scatter.freedom < 2 {
-            return None;
-        }
+        let Standing { scatter, readings, .. } = stop.standing().filter(|standing| standing.scatter.freedom >= 2)?;
         let psd_sqrt = if channel < 3 { self.accel_psd_sqrt } else { self.gyro_psd_sqrt };
         let blocks = f64::from(scatter.blocks);
         let block_s = stop.duration_s().widened() / blocks;
         let white = psd_sqrt * psd_sqrt / block_s;
-        let readings = readings_variance(stop, channel, block_s);
+        let readings = readings_variance(readings, scatter.axis_rates, stop.inner, channel, block_s);
         let variance = f64::from(*scatter.variance.get(usize::from(channel))?);
         let trend = f64::from(*scatter.trend.get(usize::from(channel))?);
         Some(ScatterRatios {
             variance: variance / (white + readings),
             of_white: variance / white,
             trend: trend / ComplexField::sqrt(white + readings * TREND_PART / blocks),
+            freedom: scatter.freedom.into(),
         })
     }
 }
 
 /// What the errors of single encoder readings may do to the means over a stop's blocks on one channel, less what the
 /// encoders see: at most as much as they see.
-fn readings_variance<T: Real>(stop: &Segment<T>, channel: u8, block_s: f64) -> f64 {
-    let (sin, cos) = stop.inner.sin_cos::<f64>();
+fn readings_variance(readings: &[Readings; 2], axis_rates: [f32; 2], inner: Angle, channel: u8, block_s: f64) -> f64 {
+    let (sin, cos) = inner.sin_cos::<f64>();
     let axes = match channel {
         3 => [cos, 0.0],
         4 => [sin, 0.0],
@@ -110,7 +112,7 @@ fn readings_variance<T: Real>(stop: &Segment<T>, channel: u8, block_s: f64) -> f
         // Force depends on the mean of a block's readings, which is good.
         _ => return 0.0,
     };
-    let readings = axes.iter().zip(&stop.readings).zip(stop.scatter.axis_rates);
+    let readings = axes.iter().zip(readings).zip(axis_rates);
     readings.fold(0.0, |sum, ((by_axis, readings), seen)| {
         let gain = by_axis.abs() + INSTALLATION_RAD;
         sum + gain * gain * (2.0 * readings.variance() / (block_s * block_s)).min(seen.into())
@@ -143,7 +145,9 @@ mod tests {
             trend: [accel.sqrt(); 6],
             ..Scatter::default()
         };
-        Segment { scatter, ..Segment::quiet_stop(10_000_000) }
+        let mut stop = Segment::quiet_stop(10_000_000);
+        stop.standing_mut().scatter = scatter;
+        stop
     }
 
     #[test]

@@ -7,7 +7,7 @@
 use crate::angle::{Angle, ticks_to_rad};
 use crate::error_model::{frame_rotation_x, frame_rotation_z};
 use crate::linear::{ComplexField, Real, Vector3};
-use crate::segment::{Segment, SegmentKind};
+use crate::segment::Segment;
 use serde::{Deserialize, Serialize};
 
 /// Squared misfit, as part of the squared measurements, that errors of 10 deg in installation and in base tilt leave:
@@ -93,11 +93,11 @@ fn misfit<T: Real>(segments: &[Segment<T>], wiring: Option<Wiring>) -> f64 {
     };
     let undone_angles = |angles| wiring.map_or(angles, |wiring: Wiring| wiring.undone_angles(angles));
     for segment in segments {
-        if segment.kind == SegmentKind::Stop {
+        if let Some(standing) = segment.standing() {
             stop = undone_angles([radians(segment.outer), radians(segment.inner)]);
-            add(forces, &undone(0, &segment.force_a), &up_r(stop));
+            add(forces, &undone(0, &standing.force_a), &up_r(stop));
         } else {
-            let turned = undone_angles([segment.gimbals.outer.widened(), segment.gimbals.inner.widened()]);
+            let turned = undone_angles([segment.turned.outer.widened(), segment.turned.inner.widened()]);
             add(turns, &undone(3, &segment.rotation_g), &turn_r(stop, turned));
         }
     }
@@ -129,32 +129,13 @@ fn turn_r([_, inner]: [f64; 2], [outer_turn, inner_turn]: [f64; 2]) -> Vector3<f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::segment::GimbalSums;
+    use crate::segment::{AngleIntegrals, Course, Turned};
     use std::vec::Vec;
 
     const QUARTER: f64 = core::f64::consts::FRAC_PI_2;
 
     /// Outer and inner turns in quarters that move every channel.
     const TURNS: [[f64; 2]; 6] = [[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [-1.0, 0.0], [-1.0, 0.0], [0.0, 1.0]];
-
-    fn segment(kind: SegmentKind) -> Segment<f64> {
-        Segment {
-            kind,
-            start_us: 0,
-            duration_us: 10_000_000,
-            samples: 2000,
-            longest_interval_us: 5000,
-            held: crate::segment::Held::NONE,
-            temperature_c: 20.0,
-            rotation_g: Vector3::zeros(),
-            force_a: Vector3::zeros(),
-            outer: Angle::default(),
-            inner: Angle::default(),
-            gimbals: GimbalSums::default(),
-            scatter: crate::scatter::Scatter::default(),
-            readings: [crate::reading::Readings::NONE; 2],
-        }
-    }
 
     /// A perfect instrument on a base tilted by a few degrees, with one mistake: making it is undoing it once more.
     fn segments(wiring: Option<Wiring>) -> Vec<Segment<f64>> {
@@ -164,14 +145,20 @@ mod tests {
         let stop = |at: [f64; 2]| {
             let rot = frame_rotation_z::<f64>(Angle::from_rad(at[1])) * frame_rotation_x(Angle::from_rad(at[0]));
             let [outer, inner] = made_angles(at).map(Angle::from_rad);
-            Segment { outer, inner, force_a: made(0, rot * up_b), ..segment(SegmentKind::Stop) }
+            let mut stop = Segment { outer, inner, ..Segment::quiet_stop(10_000_000) };
+            stop.standing_mut().force_a = made(0, rot * up_b);
+            stop
         };
         let mut at = [0.0; 2];
         let mut segments = std::vec![stop(at)];
         for turn in TURNS.map(|turn| turn.map(|quarters| quarters * QUARTER)) {
             let [outer, inner] = made_angles(turn);
-            let gimbals = GimbalSums { outer, inner, ..GimbalSums::default() };
-            segments.push(Segment { rotation_g: made(3, turn_r(at, turn)), gimbals, ..segment(SegmentKind::Move) });
+            segments.push(Segment {
+                rotation_g: made(3, turn_r(at, turn)),
+                turned: Turned { outer, inner, ..Turned::default() },
+                course: Course::Move(AngleIntegrals::default()),
+                ..Segment::quiet_stop(10_000_000)
+            });
             at = [at[0] + turn[0], at[1] + turn[1]];
             segments.push(stop(at));
         }

@@ -187,7 +187,7 @@ impl<T: Real, const FILTER_STATES: usize> Chain for CoreChain<T, FILTER_STATES> 
 
     fn conclude(&mut self) -> Outcome {
         for segment in self.calibrator.estimator().segments() {
-            self.record.note_segment(segment.kind);
+            self.record.note_segment(segment.kind());
         }
         let record = &mut self.record;
         let solution = self.calibrator.conclude(&mut |message| record.note(message));

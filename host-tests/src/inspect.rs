@@ -205,7 +205,7 @@ impl Request<'_> {
     fn concluded(&self, passage: &Passage, channels: Vec<ChannelNoise>) -> Inspection {
         let seen = noise::of_channels(&channels, &self.unit.noise);
         let whole: Vec<Segment<f64>> = passage.segments.clone();
-        let moves = whole.iter().any(|segment| segment.kind == SegmentKind::Move);
+        let moves = whole.iter().any(|segment| segment.kind() == SegmentKind::Move);
         let setup =
             |noise: Noise| Setup { noise, ..Setup::new(&self.unit, passage.rate_hz, Method::Joint, Precision::F64) };
         let encoders = if moves { noise::encoders(&setup(seen), &whole) } else { None };
@@ -275,7 +275,7 @@ fn seen_or_configured(found: &EncoderNoise, noise: Noise) -> Noise {
 }
 
 fn sampling(passage: &Passage) -> Sampling {
-    let stops = passage.segments.iter().filter(|segment| segment.kind == SegmentKind::Stop);
+    let stops = passage.segments.iter().filter_map(Segment::standing);
     let (count, sum) = stops.fold((0, 0.0), |(count, sum), stop| (count + 1, sum + stop.force_a.norm()));
     Sampling {
         rows: passage.rows,
@@ -292,12 +292,12 @@ fn sampling(passage: &Passage) -> Sampling {
 }
 
 fn seen_segment(segment: &Segment<f64>) -> SegmentSeen {
-    let angles = match segment.kind {
+    let angles = match segment.kind() {
         SegmentKind::Stop => [segment.outer.rad(), segment.inner.rad()],
-        SegmentKind::Move => [segment.gimbals.outer, segment.gimbals.inner],
+        SegmentKind::Move => [segment.turned.outer, segment.turned.inner],
     };
     SegmentSeen {
-        kind: segment.kind,
+        kind: segment.kind(),
         start_s: segment.start_us as f64 * 1e-6,
         duration_s: segment.duration_s(),
         angles_deg: angles.map(|angle: f64| angle / DEG),

@@ -99,7 +99,7 @@ fn finals(setup: &Setup, segments: &[Segment<f64>]) -> Vec<Progress> {
         while !estimator.solve_piece() {}
         let estimate = estimator.solution()?.estimate;
         let end_us = last.start_us + last.duration_us;
-        Some(Progress { segments: count as u16 + 1, kind: last.kind, end_us, estimate })
+        Some(Progress { segments: count as u16 + 1, kind: last.kind(), end_us, estimate })
     };
     (0..segments.len()).into_par_iter().filter_map(up_to).collect()
 }

@@ -122,7 +122,7 @@ pub fn wrong_scales<T: Real>(
 /// Non-orthogonality and bias change the length of a mean force, too.
 fn wrong_force<T: Real>(segments: &[Segment<T>], gravity_m_s2: f64, limits: &VerdictLimits) -> Option<WrongScale> {
     let plausible = limits.scale + limits.installation_rad + limits.accel_bias_m_s2 / gravity_m_s2;
-    let stops = segments.iter().filter(|segment| segment.kind == SegmentKind::Stop);
+    let stops = segments.iter().filter_map(Segment::standing);
     let pairs = stops.map(|stop| (stop.force_a.norm().widened(), gravity_m_s2));
     let of_gravity = common_factor(pairs, plausible).filter(|factor| (factor - 1.0).abs() > plausible)?;
     Some(WrongScale::Force { of_gravity, interval_s: interval_s(segments) })
@@ -130,7 +130,7 @@ fn wrong_force<T: Real>(segments: &[Segment<T>], gravity_m_s2: f64, limits: &Ver
 
 fn wrong_turn<T: Real>(segments: &[Segment<T>], limits: &VerdictLimits) -> Option<WrongScale> {
     let plausible = limits.scale + limits.installation_rad;
-    let moves = segments.iter().filter(|segment| segment.kind == SegmentKind::Move);
+    let moves = segments.iter().filter(|segment| segment.kind() == SegmentKind::Move);
     let turns = moves.map(|segment| (segment, turn_rad(segment))).filter(|(_, turn)| *turn > LEAST_TURN_RAD);
     let of_encoders =
         common_factor(turns.clone().map(|(segment, turn)| (segment.rotation_g.norm().widened(), turn)), plausible)?;
@@ -144,9 +144,9 @@ fn wrong_turn<T: Real>(segments: &[Segment<T>], limits: &VerdictLimits) -> Optio
 
 /// Angle of a move by the encoders, rad: with both axes turning, that of the sum that the gyros give, too. (12)
 fn turn_rad<T: Real>(segment: &Segment<T>) -> f64 {
-    let gimbals = &segment.gimbals;
-    let outer = ComplexField::hypot(gimbals.outer_cos_inner.widened(), gimbals.outer_sin_inner.widened());
-    ComplexField::hypot(outer, gimbals.inner.widened())
+    let turned = &segment.turned;
+    let outer = ComplexField::hypot(turned.outer_cos_inner.widened(), turned.outer_sin_inner.widened());
+    ComplexField::hypot(outer, turned.inner.widened())
 }
 
 /// The factor between what is measured and what is expected, if it is the same for all within `spread`.

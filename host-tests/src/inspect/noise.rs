@@ -57,7 +57,7 @@ pub fn channels(
 ) -> Result<Vec<ChannelNoise>, LogError> {
     let interval_us = 1e6 / passage.rate_hz;
     let mut allan = AllanDeviation::<CHANNELS>::new(interval_us * 1e-6);
-    let stops: Vec<_> = passage.segments.iter().filter(|segment| segment.kind == SegmentKind::Stop).collect();
+    let stops: Vec<_> = passage.segments.iter().filter(|segment| segment.kind() == SegmentKind::Stop).collect();
     let (mut stop, mut last_us) = (0, 0);
     for (row, read) in (1..).zip(reader.take(usize::try_from(passage.rows).unwrap_or(usize::MAX))) {
         let reading = read?.reading;

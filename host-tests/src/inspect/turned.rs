@@ -40,8 +40,8 @@ pub fn stops(segments: &[Segment<f64>]) -> Vec<Leg> {
     let mut at = [0.0; 2];
     let mut stops = Vec::new();
     for segment in segments {
-        match segment.kind {
-            SegmentKind::Move => at = [at[0] + segment.gimbals.outer, at[1] + segment.gimbals.inner],
+        match segment.kind() {
+            SegmentKind::Move => at = [at[0] + segment.turned.outer, at[1] + segment.turned.inner],
             SegmentKind::Stop => {
                 if stops.is_empty() {
                     at = [segment.outer, segment.inner].map(|angle| ticks_to_rad(i64::from(angle.ticks() as i32)));
