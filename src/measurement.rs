@@ -16,7 +16,7 @@
 //! V changes by - int R_z e_x de_outer + int e_z x R_z e_x e_inner(inner) d outer - e_inner de_inner
 //! ```
 
-use crate::angle::{Angle, rad_to_ticks};
+use crate::angle::Angle;
 use crate::error_model::{InstrumentErrors, PARAMETERS, block, frame_rotation_x, frame_rotation_z};
 use crate::linear::{Matrix, Matrix3, Real, Vector3, exp_so3, inverse3, left_jacobian_so3, real, skew};
 use crate::segment::{AngleIntegrals, GUARD_S, Segment, SegmentKind, Turned};
@@ -147,6 +147,13 @@ impl<T: Real> MeasurementModel<T> {
         prediction
     }
 
+    /// The outer and the inner axis in the IMU frame, where the inner angle is this.
+    pub fn axes_at(&self, inner: Angle) -> [Vector3<T>; 2] {
+        let tilt = &self.rot_inner_axis;
+        let outer = tilt * frame_rotation_z(inner) * tilt.transpose().column(0);
+        [outer, self.inner_axis()].map(|axis| self.rot_sr * axis)
+    }
+
     fn inner_axis(&self) -> Vector3<T> {
         self.rot_inner_axis.column(2).into_owned()
     }
@@ -209,7 +216,7 @@ impl<T: Real> GimbalAxes<T> {
         let standing_s: T = if segment.kind() == SegmentKind::Move { real(STANDING_S) } else { T::zero() };
         let move_s = (duration_s - standing_s - standing_s).max(standing_s);
         let (sin_to, cos_to): (T, T) = segment.inner.sin_cos();
-        let (sin_from, cos_from): (T, T) = inner_from(segment).sin_cos();
+        let (sin_from, cos_from): (T, T) = segment.inner_from().sin_cos();
         let ends = rotation_z_integral(cos_from + cos_to, sin_from + sin_to, T::one() + T::one()) * standing_s;
         let mean = (rotation_z_integral(cos_s, sin_s, duration_s) - ends) / move_s;
         let late = |late_s: f32, sum: T| (real::<T>(late_s.into()) - sum * standing_s) / move_s;
@@ -244,7 +251,7 @@ impl<T: Real> GimbalAxes<T> {
     ) -> Matrix<T, 3, HARMONICS> {
         let along_outer = |[cos, sin]: [f64; 2]| tilt * Vector3::new(real(cos), real(-sin), T::zero());
         let across = |[cos, sin]: [f64; 2]| tilt * Vector3::new(real(sin), real(cos), T::zero());
-        let (before, after) = (harmonics::<T>(inner_from(segment)), harmonics::<T>(segment.inner));
+        let (before, after) = (harmonics::<T>(segment.inner_from()), harmonics::<T>(segment.inner));
         let mut changes = before.into_iter().zip(after).map(|(before, after)| self.inner * (before - after));
         let mut along_inner = || changes.next().unwrap_or_else(Vector3::zeros);
         in_order(
@@ -252,11 +259,6 @@ impl<T: Real> GimbalAxes<T> {
             inner_harmonics(&segment.turned, integrals).map(|along_way| across(along_way) + along_inner()),
         )
     }
-}
-
-/// Inner angle at the beginning of a move.
-fn inner_from<T: Real>(segment: &Segment<T>) -> Angle {
-    segment.inner.turned(-rad_to_ticks(segment.turned.inner.widened()) as i32)
 }
 
 /// Integrals of (cos, sin)(inner) over the error of an outer harmonic, of each, negative.

@@ -14,7 +14,7 @@ use crate::profile::Profile;
 use crate::reading::Readings;
 use crate::scatter::Scatter;
 use crate::scheme::{SETTLING_S, Scheme};
-use crate::segment::{AngleIntegrals, Course, GUARD_S, Held, Segment, Standing, Turned};
+use crate::segment::{AngleIntegrals, Course, GUARD_S, Held, Segment, SegmentKind, Standing, Turned};
 
 /// What a stop loses on average because its window is made of whole blocks, less the ends of the ramps that count as still, s.
 pub const BLOCK_LOSS_S: f64 = 0.05;
@@ -83,8 +83,11 @@ pub fn usable_s(stop_s: f64, settling_s: f64, is_first: bool, is_last: bool) -> 
 
 /// A stop of which `usable_s` can be used. What the sensors read is left at zero.
 pub fn stop_segment<T: Real>(stand: &Stand, usable_s: f64) -> Segment<T> {
-    let standing = Standing { force_a: Vector3::zeros(), scatter: Scatter::default(), readings: [Readings::NONE; 2] };
-    segment(stand, usable_s, Turned::default(), Course::Stop(standing))
+    segment(stand, usable_s, Turned::default(), standing(Vector3::zeros()))
+}
+
+fn standing<T: Real>(force_a: Vector3<T>) -> Course<T> {
+    Course::Stop(Standing { force_a, scatter: Scatter::default(), readings: [Readings::NONE; 2] })
 }
 
 /// A move with the settling and guard at its ends. What the sensors read is left at zero.
@@ -158,10 +161,9 @@ pub fn unobserved<T: Real, const SEGMENTS: usize, const STATES: usize>(
     let mut start_us = 0;
     let mut take = |mut segment: Segment<T>| {
         segment.start_us = start_us;
-        let force_a = model.force_at_stop(&segment).value;
         start_us += segment.duration_us;
-        if let Course::Stop(standing) = &mut segment.course {
-            standing.force_a = force_a;
+        if segment.kind() == SegmentKind::Stop {
+            segment.course = standing(model.force_at_stop(&segment).value);
         }
         segment.rotation_g = model.rotation(&segment).value;
         let _ = estimator.add(&segment);

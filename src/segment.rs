@@ -168,7 +168,7 @@ pub struct Segment<T: Real> {
     pub duration_us: u64,
     /// Number of samples.
     pub samples: u32,
-    /// Longest interval between two samples, us; one that is longer than an hour counts as 2^32 - 1.
+    /// Longest interval between two samples, us; 2^32 - 1, which is 71 minutes, for a longer one.
     pub longest_interval_us: u32,
     /// Readings that repeat.
     pub held: Held,
@@ -217,6 +217,11 @@ impl<T: Real> Segment<T> {
         }
     }
 
+    /// Inner angle at the beginning.
+    pub fn inner_from(&self) -> Angle {
+        self.inner.turned(-rad_to_ticks(self.turned.inner.widened()) as i32)
+    }
+
     /// Duration, s.
     pub fn duration_s(&self) -> T {
         seconds(self.duration_us)
@@ -246,14 +251,20 @@ struct Sums<T> {
     temperature_c: f32,
     rotation: [CompensatedSum<T>; 3],
     force: [CompensatedSum<T>; 3],
-    attitude: [[CompensatedSum<T>; 3]; 3],
     outer_cos_inner: CompensatedSum<T>,
     outer_sin_inner: CompensatedSum<T>,
+    outer: AngleSums,
+    inner: AngleSums,
+}
+
+/// The same over a move, with what only a move has.
+#[derive(Clone, Copy, Debug)]
+struct MoveSums<T> {
+    all: Sums<T>,
+    attitude: [[CompensatedSum<T>; 3]; 3],
     late_cos_inner_s: CompensatedSum<T>,
     late_sin_inner_s: CompensatedSum<T>,
     harmonics: HarmonicSums,
-    outer: AngleSums,
-    inner: AngleSums,
 }
 
 impl<T: Real> Sums<T> {
@@ -265,12 +276,8 @@ impl<T: Real> Sums<T> {
         temperature_c: 0.0,
         rotation: [CompensatedSum::ZERO; 3],
         force: [CompensatedSum::ZERO; 3],
-        attitude: [[CompensatedSum::ZERO; 3]; 3],
         outer_cos_inner: CompensatedSum::ZERO,
         outer_sin_inner: CompensatedSum::ZERO,
-        late_cos_inner_s: CompensatedSum::ZERO,
-        late_sin_inner_s: CompensatedSum::ZERO,
-        harmonics: HarmonicSums::ZERO,
         outer: AngleSums::NONE,
         inner: AngleSums::NONE,
     };
@@ -288,27 +295,16 @@ impl<T: Real> Sums<T> {
         if self.is_empty() {
             self.start_us = block.start_us;
         }
-        self.add_integrals(block);
         self.duration_us += block.duration_us;
         self.longest_interval_us = self.longest_interval_us.max(block.longest_interval_us);
         self.held.merge(block.held);
         self.temperature_c += block.temperature_c;
         block.rotation_parts().iter().for_each(|part| add_each(&mut self.rotation, part.as_slice()));
         block.force_parts().iter().for_each(|part| add_each(&mut self.force, part.as_slice()));
+        self.outer_cos_inner.add(block.integrals.outer_cos_inner);
+        self.outer_sin_inner.add(block.integrals.outer_sin_inner);
         self.outer.merge(&block.outer);
         self.inner.merge(&block.inner);
-    }
-
-    fn add_integrals(&mut self, Block { integrals, .. }: &Block<T>) {
-        for (row, block) in self.attitude.iter_mut().zip(&integrals.attitude_s) {
-            add_each(row, block);
-        }
-        self.outer_cos_inner.add(integrals.outer_cos_inner);
-        self.outer_sin_inner.add(integrals.outer_sin_inner);
-        let since_s = seconds::<T>(self.duration_us);
-        self.late_cos_inner_s.add(integrals.late_cos_inner_s + integrals.outer_cos_inner * since_s);
-        self.late_sin_inner_s.add(integrals.late_sin_inner_s + integrals.outer_sin_inner * since_s);
-        self.harmonics.merge(&integrals.harmonics);
     }
 
     /// The stop, with how its block means scatter.
@@ -320,17 +316,6 @@ impl<T: Real> Sums<T> {
             readings: [self.outer, self.inner].map(|angles| angles.readings()),
         };
         self.segment([self.outer.mean(), self.inner.mean()], Course::Stop(standing))
-    }
-
-    fn motion(&self) -> Segment<T> {
-        let single = |sum: CompensatedSum<T>| sum.total().widened() as f32;
-        let integrals = AngleIntegrals {
-            attitude_s: self.attitude.map(|row| row.map(single)),
-            late_cos_inner_s: single(self.late_cos_inner_s),
-            late_sin_inner_s: single(self.late_sin_inner_s),
-            harmonics: self.harmonics,
-        };
-        self.segment([self.outer.last, self.inner.last], Course::Move(integrals))
     }
 
     fn segment(&self, [outer, inner]: [Angle; 2], course: Course<T>) -> Segment<T> {
@@ -352,6 +337,40 @@ impl<T: Real> Sums<T> {
             },
             course,
         }
+    }
+}
+
+impl<T: Real> MoveSums<T> {
+    const ZERO: Self = Self {
+        all: Sums::ZERO,
+        attitude: [[CompensatedSum::ZERO; 3]; 3],
+        late_cos_inner_s: CompensatedSum::ZERO,
+        late_sin_inner_s: CompensatedSum::ZERO,
+        harmonics: HarmonicSums::ZERO,
+    };
+
+    /// Adds a block that begins where this ends.
+    fn add(&mut self, block: &Block<T>) {
+        let integrals = &block.integrals;
+        for (row, block) in self.attitude.iter_mut().zip(&integrals.attitude_s) {
+            add_each(row, block);
+        }
+        let since_s = seconds::<T>(self.all.duration_us);
+        self.late_cos_inner_s.add(integrals.late_cos_inner_s + integrals.outer_cos_inner * since_s);
+        self.late_sin_inner_s.add(integrals.late_sin_inner_s + integrals.outer_sin_inner * since_s);
+        self.harmonics.merge(&integrals.harmonics);
+        self.all.add(block);
+    }
+
+    fn segment(&self) -> Segment<T> {
+        let single = |sum: CompensatedSum<T>| sum.total().widened() as f32;
+        let integrals = AngleIntegrals {
+            attitude_s: self.attitude.map(|row| row.map(single)),
+            late_cos_inner_s: single(self.late_cos_inner_s),
+            late_sin_inner_s: single(self.late_sin_inner_s),
+            harmonics: self.harmonics,
+        };
+        self.all.segment([self.all.outer.last, self.all.inner.last], Course::Move(integrals))
     }
 }
 
@@ -390,7 +409,7 @@ pub struct Segmenter<T: Real> {
     guard: heapless::Deque<Block<T>, { GUARD_BLOCKS as usize + 1 }>,
     stop: Sums<T>,
     scatter: ScatterSums<T>,
-    moved: Sums<T>,
+    moved: MoveSums<T>,
 }
 
 impl<T: Real> Default for Segmenter<T> {
@@ -412,7 +431,7 @@ impl<T: Real> Segmenter<T> {
             guard: heapless::Deque::new(),
             stop: Sums::ZERO,
             scatter: ScatterSums::ZERO,
-            moved: Sums::ZERO,
+            moved: MoveSums::ZERO,
         }
     }
 
@@ -420,7 +439,7 @@ impl<T: Real> Segmenter<T> {
     pub fn restart(&mut self, stillness: &Stillness) {
         (self.previous, self.block, self.phase, self.stopped_before) = (None, None, Phase::Start, false);
         self.guard.clear();
-        (self.stop, self.moved) = (Sums::ZERO, Sums::ZERO);
+        (self.stop, self.moved) = (Sums::ZERO, MoveSums::ZERO);
         self.scatter = ScatterSums::ZERO;
         self.carried = Carried::NONE;
         self.still_ticks = i32::try_from(rad_to_ticks(stillness.still_rad)).unwrap_or(i32::MAX);
@@ -513,9 +532,9 @@ impl<T: Real> Segmenter<T> {
         if !arrived {
             return None;
         }
-        let moved = mem::replace(&mut self.moved, Sums::ZERO);
-        let reported = mem::replace(&mut self.stopped_before, true) && !moved.is_empty();
-        reported.then(|| moved.motion())
+        let moved = mem::replace(&mut self.moved, MoveSums::ZERO);
+        let reported = mem::replace(&mut self.stopped_before, true) && !moved.all.is_empty();
+        reported.then(|| moved.segment())
     }
 
     /// The block on which the axes start: with the guard it begins the next move, or, if they had not stood long enough
@@ -692,6 +711,50 @@ mod tests {
             assert!(segmenter.step(&still).is_none());
         }
         segmenter.finish().expect("a stop")
+    }
+
+    /// A move of a minute on which both axes turn, at 200 Hz, with a stop before and behind.
+    fn minute<T: Real>() -> Segment<T> {
+        let mut segmenter = Segmenter::<T>::new();
+        segmenter.restart(&Stillness::default());
+        let mut segments = Vec::new();
+        for sample in 0..12_800_u64 {
+            let part = (sample.saturating_sub(400) as f64 / 12_000.0).min(1.0);
+            let (outer, inner) = (Angle::from_rad(0.3 + 3.0 * part), Angle::from_rad(-1.0 + 4.0 * part * part));
+            let still = RawSample { time_us: sample * INTERVAL_US, outer, inner, ..RawSample::default() };
+            segments.extend(segmenter.step(&still));
+        }
+        segments.into_iter().find(|segment| segment.kind() == SegmentKind::Move).expect("a move")
+    }
+
+    #[test]
+    fn a_move_of_a_minute_is_as_good_in_single_precision() {
+        let (single, double) = (minute::<f32>(), minute::<f64>());
+        assert_eq!((single.duration_us, single.outer, single.inner), (double.duration_us, double.outer, double.inner));
+        // A block sums 20 rounded products; of integrals whose parts cancel it is their scale that counts.
+        let close = |single: f64, double: f64, scale: f64| {
+            assert!((single - double).abs() < 20.0 * f64::from(f32::EPSILON) * scale, "{single} for {double}");
+        };
+        let (duration_s, way) = (double.duration_s(), double.turned.outer);
+        let (of_single, of_double) = (single.integrals(), double.integrals());
+        let attitudes = of_single.attitude_s.iter().flatten().zip(of_double.attitude_s.iter().flatten());
+        attitudes.for_each(|(single, double)| close((*single).into(), (*double).into(), duration_s));
+        close(single.turned.outer_cos_inner.into(), double.turned.outer_cos_inner, way);
+        close(single.turned.outer_sin_inner.into(), double.turned.outer_sin_inner, way);
+        close(of_single.late_cos_inner_s.into(), of_double.late_cos_inner_s.into(), way * duration_s);
+        close(of_single.late_sin_inner_s.into(), of_double.late_sin_inner_s.into(), way * duration_s);
+    }
+
+    #[test]
+    fn integrals_of_a_stop_are_those_of_its_samples() {
+        let stop = hour::<f64>();
+        let (outer_rad, inner_rad, duration_s) = (1.0_f64, 1.0_f64, stop.duration_s());
+        for (row, inner) in stop.integrals().attitude_s.iter().zip([1.0, inner_rad.cos(), inner_rad.sin()]) {
+            for (sum, outer) in row.iter().zip([1.0, outer_rad.cos(), outer_rad.sin()]) {
+                // It hunts by 5 arcsec about its mean, which counts by its square; the rest is `f32`.
+                assert!((f64::from(*sum) / (inner * outer * duration_s) - 1.0).abs() < 2e-7, "{sum}");
+            }
+        }
     }
 
     #[test]
