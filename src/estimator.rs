@@ -697,7 +697,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         let [.., x, y, z] = self.allowances.map(real::<T>);
         let white = Vector3::new(x, y, z) * (psd_sqrt * psd_sqrt * segment.duration_s());
         let mut prediction = model.rotation(segment);
-        let variance = white + self.ends_variance(number, &prediction);
+        let variance = white + self.ends_variance(number, segment, model, &prediction);
         if segment.kind() == SegmentKind::Stop {
             // The same encoder error at both ends.
             prediction.by_encoder_errors.fill(T::zero());
@@ -708,17 +708,26 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     }
 
     /// What the encoder readings at the ends of a segment add to the variance of its rotation, channel by channel: single
-    /// ones along the axes; and across, while the outer axis turns, an inner axis whose step changes at any time.
-    fn ends_variance(&self, number: usize, prediction: &Prediction<T>) -> Vector3<T> {
-        let ends = [self.readings, self.readings_after(number)];
-        let [before_outer, before_inner, outer, inner] = *columns(&prediction.by_encoder_errors);
-        let squares = |column: [T; 3]| Vector3::from(column).map(|by| by * by);
-        let single = [before_outer, before_inner, outer, inner].into_iter().zip(ends.iter().flatten());
-        let along = single
-            .fold(Vector3::zeros(), |sum, (column, readings)| sum + squares(column) * real::<T>(readings.variance()));
-        let steps = ends.iter().map(|[_, inner]| inner.mean_variance()).sum::<f64>();
-        let across = Vector3::from(before_inner) + Vector3::from(inner);
-        along + squares(across.into()) * real::<T>(PASSING_PART * steps)
+    /// ones along the axes as these stand there; and across, while the outer axis turns, an inner axis whose step changes at
+    /// any time.
+    fn ends_variance(
+        &self,
+        number: usize,
+        segment: &Segment<T>,
+        model: &MeasurementModel<T>,
+        prediction: &Prediction<T>,
+    ) -> Vector3<T> {
+        let squares = |v: Vector3<T>| v.map(|by| by * by);
+        let ends = [(segment.inner_from(), self.readings), (segment.inner, self.readings_after(number))];
+        let mut variance = Vector3::zeros();
+        for (inner, readings) in ends {
+            for (axis, readings) in model.axes_at(inner).into_iter().zip(readings) {
+                variance += squares(axis) * real::<T>(readings.variance());
+            }
+        }
+        let steps = ends.iter().map(|(_, [_, inner])| inner.mean_variance()).sum::<f64>();
+        let [_, before, _, after] = *columns(&prediction.by_encoder_errors);
+        variance + squares(Vector3::from(before) + Vector3::from(after)) * real::<T>(PASSING_PART * steps)
     }
 
     /// From the time that biases and attitude refer to, to the middle of a segment.
@@ -967,3 +976,30 @@ fn common_accel_scale<T: Real, const STATES: usize>() -> Vector<T, STATES> {
 
 const ACCEL_SCALE: Range<usize> = ENCODER_ERRORS + block::ACCEL_SCALE..ENCODER_ERRORS + block::ACCEL_SCALE + 3;
 const COMMON_SCALE_SIGMA: f64 = 0.02;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::assignment::Assignment;
+    use crate::segment::{AngleIntegrals, Course, Turned};
+
+    #[test]
+    fn readings_at_the_ends_of_a_move_count_along_the_axes_as_they_stand_there() {
+        let Assignment::SelfCalibrate(config) = Assignment::default() else { unreachable!() };
+        let config = config.calibrator.estimator;
+        let mut estimator = Estimator::<f64>::new();
+        estimator.restart(&config);
+        let noisy = Readings { jumps_ticks2: 6e6, count: 1000, resolution_ticks: 0 };
+        estimator.readings = [noisy, Readings::NONE];
+        // The inner axis turns from 45 to 135 deg: the outer one is square to gyro x on average, but not at either end.
+        let turn = Segment {
+            inner: crate::angle::Angle::from_rad(135.0 * DEG),
+            turned: Turned { inner: 90.0 * DEG, ..Turned::default() },
+            course: Course::Move(AngleIntegrals::default()),
+            ..Segment::quiet_stop(6_000_000)
+        };
+        let model = MeasurementModel::new(&InstrumentErrors::default(), &config.site);
+        let variance = estimator.ends_variance(1, &turn, &model, &model.rotation(&turn)) / noisy.variance();
+        assert!((variance - Vector3::new(1.0, 1.0, 0.0)).norm() < 1e-6, "{variance}");
+    }
+}
