@@ -3,7 +3,7 @@
 //! ```text
 //! slot, little-endian   0-3      sequence number from 0, which gives the place: the remainder by the number of slots
 //!                       4..60    postcard of time, event and repeats, then zeros
-//!                       60-63    CRC-32/ISO-HDLC of all before
+//!                       60-63    CRC-32/ISO-HDLC of the format's number and all before
 //! ```
 //! An event is one slot: what a reset cuts in the middle is one event. Whatever the memory holds at power-on is a black box,
 //! most likely an empty one. Starts that all end alike, as those of an instrument whose IMU is broken, are folded into one, so
@@ -25,6 +25,8 @@ pub const SLOT_BYTES: usize = 64;
 
 const SEQUENCE_BYTES: usize = 4;
 const CRC_BYTES: usize = 4;
+/// To be counted up when an event is encoded in another way.
+const FORMAT: u8 = 2;
 static CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 
 type Slot = [u8; SLOT_BYTES];
@@ -258,16 +260,23 @@ impl<const N: usize> Default for BlackBox<N> {
     }
 }
 
+/// Memory may outlive the software: what another format has left there is as good as damaged.
+fn checksum(framed: &[u8]) -> u32 {
+    let mut digest = CRC.digest();
+    digest.update(&[FORMAT]);
+    digest.update(framed);
+    digest.finalize()
+}
+
 /// Number of a whole slot.
 fn sequence(slot: &Slot) -> Option<u32> {
     let (framed, crc) = slot.split_last_chunk::<CRC_BYTES>()?;
-    let whole = CRC.checksum(framed) == u32::from_le_bytes(*crc);
+    let whole = checksum(framed) == u32::from_le_bytes(*crc);
     framed.first_chunk().filter(|_| whole).map(|bytes| u32::from_le_bytes(*bytes))
 }
 
 fn decode(slot: &Slot) -> Option<Entry> {
     let sequence = sequence(slot)?;
-    // Earlier software has written no repeats: zero.
     let (time_us, event, repeats) = postcard::take_from_bytes(slot.get(SEQUENCE_BYTES..)?).ok()?.0;
     Some(Entry { sequence, time_us, event, repeats })
 }
@@ -277,7 +286,7 @@ fn encode(entry: &Entry) -> Option<Slot> {
     let (framed, crc) = slot.split_last_chunk_mut::<CRC_BYTES>()?;
     *framed.first_chunk_mut()? = entry.sequence.to_le_bytes();
     postcard::to_slice(&(entry.time_us, &entry.event, entry.repeats), framed.get_mut(SEQUENCE_BYTES..)?).ok()?;
-    *crc = CRC.checksum(framed).to_le_bytes();
+    *crc = checksum(framed).to_le_bytes();
     Some(slot)
 }
 
@@ -470,15 +479,15 @@ mod tests {
     }
 
     #[test]
-    fn an_event_of_earlier_software_has_no_repeats() {
+    fn what_another_format_has_left_is_no_event() {
         let mut black_box = BlackBox::<4>::new();
-        black_box.record(&Entry { repeats: 7, ..entry(1) });
+        black_box.record(&entry(1));
+        assert_eq!(black_box.newest(), Some(entry(1)));
         let slot = &mut black_box.slots[1];
-        let length = SEQUENCE_BYTES + postcard::to_slice(&(1000_u64, &entry(1).event), &mut [0; 56]).unwrap().len();
-        slot[length..].fill(0);
+        // As it was without the format's number.
         let crc = CRC.checksum(&slot[..SLOT_BYTES - CRC_BYTES]);
         slot[SLOT_BYTES - CRC_BYTES..].copy_from_slice(&crc.to_le_bytes());
-        assert_eq!(black_box.newest(), Some(entry(1)));
+        assert_eq!(black_box.newest(), None);
     }
 
     #[test]
