@@ -70,10 +70,15 @@ impl Default for Settings {
 }
 
 impl Settings {
-    /// From the middle of an interval to the last bit of its message, us; a byte has ten bits.
-    fn lag_us(&self) -> u64 {
+    /// From a request, or the end of an interval, to the last bit of its message, us; a byte has ten bits.
+    pub fn answer_us(&self) -> u64 {
         let message_s = 10.0 * MESSAGE_BYTES as f64 / f64::from(self.baud);
-        ((0.5 / self.rate_hz + message_s) * 1e6) as u64 + u64::from(self.latency_us)
+        (message_s * 1e6) as u64 + u64::from(self.latency_us)
+    }
+
+    /// From the middle of an interval to the last bit of its message, us.
+    fn lag_us(&self) -> u64 {
+        (0.5e6 / self.rate_hz) as u64 + self.answer_us()
     }
 
     /// What turns a number of the message into rad/s.

@@ -49,13 +49,13 @@ impl Imu {
             // A sample that is lost has been counted.
             let _ = self.streaming.on_byte(byte, came_us, view);
         }
-        // A full transfer may have left some behind.
-        self.taken < self.count() || self.count() == MOST_BYTES
+        // A full transfer may have left some behind, and a period that has ended meanwhile has asked in vain.
+        self.taken < self.count() || self.count() == MOST_BYTES || now_us() != self.end_us
     }
 
     fn count(&self) -> usize {
         let [count, ..] = self.fetched;
-        count.into()
+        usize::from(count).min(MOST_BYTES)
     }
 
     fn next(&mut self) -> Option<(u8, u64)> {

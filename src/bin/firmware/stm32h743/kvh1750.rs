@@ -1,8 +1,8 @@
 //! The IMU KVH 1750 on USART2. TIM3 requests its outputs, 200 a second.
 //!
-//! The time of a byte is that at which its interrupt reads it. Control keeps it waiting for some 0.06 ms at most, nearly all of
-//! it to read the encoders: of 16 bytes that the port holds 6 come meanwhile, and a stamp that is late by so much costs 0.001
-//! arcsec.
+//! Neither the latency of the unit nor when a byte is read has a part in the stamps: a message is over 0.5 ms after its
+//! request, so the last edge on MSYNC is the one that it answers. Control keeps the interrupt waiting for some 0.06 ms at most,
+//! nearly all of it to read the encoders: of 16 bytes that the port holds 6 come meanwhile.
 
 use super::{clock, pulses, view};
 use crate::work::{Span, Work, count};
@@ -23,10 +23,15 @@ use rins_selfcal::queue::SampleProducer;
 
 /// A request is high for 60 us of 5 ms.
 const REQUEST_THOUSANDTHS: u32 = 12;
+/// Within this time after it is asked the unit must send, us; it takes more than a second to start.
+const START_US: u64 = 5_000_000;
+
+/// The IMU on its way to the queue; and from a request to the last bit of its message, us.
+type Receiver = (Streaming<'static, Scalar>, u64);
 
 /// Filled once at power-up, then used by the interrupt of the port only, which takes it out while it does: the control
 /// interrupt may come into it.
-static STREAMING: Mutex<Cell<Option<Streaming<'static, Scalar>>>> = Mutex::new(Cell::new(None));
+static RECEIVER: Mutex<Cell<Option<Receiver>>> = Mutex::new(Cell::new(None));
 
 /// What the IMU is connected to.
 pub struct Wiring {
@@ -43,16 +48,19 @@ pub struct Imu {
 }
 
 impl Imu {
-    /// Opens the port; `None` if it cannot be set up so.
+    /// Opens the port, and waits for a message; `None` if none comes.
     pub fn start(wiring: Wiring, producer: SampleProducer<'static, Scalar>) -> Option<Self> {
         let Wiring { timer, request, port, rx } = wiring;
         let settings = Settings::default();
         let mut config = Config::default();
         config.baudrate = settings.baud;
         let port = UartRx::new_blocking(port, rx, config).ok()?;
-        let streaming = Streaming::new(Kvh1750::new(&settings), producer);
-        critical_section::with(|cs| STREAMING.borrow(cs).set(Some(streaming)));
         let request = pulses(timer, request, settings.rate_hz as u32, REQUEST_THOUSANDTHS);
+        if !answers(&mut Kvh1750::new(&settings)) {
+            return None;
+        }
+        let streaming = Streaming::new(Kvh1750::new(&settings), producer);
+        critical_section::with(|cs| RECEIVER.borrow(cs).set(Some((streaming, settings.answer_us()))));
         Some(Self { _request: request, _port: port })
     }
 
@@ -66,16 +74,39 @@ impl Imu {
     }
 }
 
+/// Whether a good message comes in time.
+fn answers(imu: &mut Kvh1750) -> bool {
+    let port = pac::USART2;
+    let end_us = clock::now_us() + START_US;
+    while clock::now_us() < end_us {
+        port.icr().write(|flags| flags.set_ore(true));
+        if port.isr().read().rxne()
+            && let Some(Ok(_)) = imu.push::<Scalar>(port.rdr().read().dr() as u8, clock::now_us())
+        {
+            return true;
+        }
+    }
+    false
+}
+
+/// Time of the last request, us. TIM3 counts from its edge.
+fn requested_us() -> u64 {
+    let (now_us, count) = critical_section::with(|_| (clock::now_us(), pac::TIM3.cnt().read().cnt()));
+    let counts = u64::from(pac::TIM3.arr().read().arr()) + 1;
+    let period_us = 1_000_000 / Settings::default().rate_hz as u64;
+    now_us.saturating_sub(u64::from(count) * period_us / counts)
+}
+
 #[handler]
 fn USART2() {
     let span = Span::start();
     let port = pac::USART2;
-    if let Some(mut streaming) = critical_section::with(|cs| STREAMING.borrow(cs).take()) {
+    if let Some((mut streaming, answer_us)) = critical_section::with(|cs| RECEIVER.borrow(cs).take()) {
         while port.isr().read().rxne() {
             // A sample that is lost has been counted.
-            let _ = streaming.on_byte(port.rdr().read().dr() as u8, clock::now_us(), view);
+            let _ = streaming.on_byte(port.rdr().read().dr() as u8, requested_us() + answer_us, view);
         }
-        critical_section::with(|cs| STREAMING.borrow(cs).set(Some(streaming)));
+        critical_section::with(|cs| RECEIVER.borrow(cs).set(Some((streaming, answer_us))));
     }
     // The CRC finds that bytes are missing.
     port.icr().write(|flags| flags.set_ore(true));
