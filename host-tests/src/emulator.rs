@@ -111,7 +111,7 @@ pub struct Run {
 /// Kinds of work that the firmware counts.
 pub const WORKS: [&str; 8] = [
     "control interrupt",
-    "data-ready interrupt",
+    "IMU's interrupt",
     "sample of a stop",
     "sample of a move",
     "end of a segment",
@@ -154,7 +154,7 @@ pub fn run<P: Plant>(
     mut on_message: impl FnMut(&Message),
 ) -> Result<Run> {
     let (expected, found) = (setup.image.imu, bench.imu());
-    ensure!(expected == found, "the image is for an IMU {expected:?}, and the bench has an {found:?}");
+    ensure!(expected == found, "the image is for the IMU {expected}, the bench has the IMU {found}");
     ensure_installed(EMULATOR, EMULATOR)?;
     let start = Instant::now();
     let elf = setup.image.read()?;

@@ -5,6 +5,7 @@ use crate::chips::adis16495::{Adis16495Chip, Model, flag};
 use crate::chips::kvh1750::{Kvh1750Chip, arrival_us};
 use crate::plant::Reading;
 use std::collections::VecDeque;
+use std::fmt;
 
 /// What a KVH 1750 reads where the plant has no temperature, deg C, as an ADIS16495 does.
 const ROOM_C: f64 = 25.0;
@@ -17,6 +18,15 @@ pub enum Imu {
     Adis16495,
     /// A KVH 1750 on a serial line, whose outputs are requested at the ends of the plant's intervals.
     Kvh1750,
+}
+
+impl fmt::Display for Imu {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Adis16495 => "adis16495",
+            Self::Kvh1750 => "kvh1750",
+        })
+    }
 }
 
 /// The IMU itself.

@@ -15,6 +15,7 @@ use host_tests::virtual_rins::{DrivenRins, VirtualUnit};
 use object::{Object, ObjectSymbol};
 use rins_selfcal::assignment::Assignment;
 use rins_selfcal::calibrator::CalibratorConfig;
+use rins_selfcal::drivers::kvh1750::MESSAGE_BYTES;
 use rins_selfcal::method::Method;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::self_calibration::SelfCalibrationConfig;
@@ -28,7 +29,7 @@ use std::process::ExitCode;
 /// of the emulator, or a size is not as in host-tests/data/firmware-sizes.toml.
 #[derive(Parser)]
 struct Arguments {
-    /// An image for mps2-an500, in place of those of all boards; it is not compared.
+    /// An image for mps2-an500 with an ADIS16495, in place of those of all boards; it is not compared.
     image: Option<PathBuf>,
     /// Writes the data file anew, in place of comparing with it.
     #[arg(long, conflicts_with = "image")]
@@ -70,8 +71,10 @@ fn report(arguments: &Arguments) -> Result<bool> {
         );
     }
     let optional = Variant { optional_states: true, ..Board::Mps2An500.into() };
+    let kvh = |board: Board| Variant { imu: Imu::Kvh1750, ..board.into() };
+    let emulated = [Board::Mps2An500.into(), optional, kvh(Board::Mps2An500), Board::Mps2An386.into()];
     let (mut clean, mut sizes) = (true, SizesByImage::new());
-    for variant in [Board::Mps2An500.into(), optional, Board::Mps2An386.into(), Board::Stm32h743.into()] {
+    for variant in emulated.into_iter().chain([Board::Stm32h743.into(), kvh(Board::Stm32h743)]) {
         let (found, is_clean) = report_image(&variant.features(), &build(variant)?)?;
         sizes.insert(variant.features(), found);
         clean &= is_clean;
@@ -132,23 +135,28 @@ fn report_calibration(image: &Image) -> Result<u64> {
     for (work, load) in WORKS.iter().zip(&calibration.loads) {
         println!("  {work:<21}{:>8.0} {:>8.0}", load.mean_instructions, load.most_instructions);
     }
-    print_timing(&calibration);
+    print_timing(&calibration, image.imu);
     Ok(calibration.stack_used_bytes)
 }
 
 /// The processor's clock on the NUCLEO-H743ZI2, Hz.
 const CORE_HZ: f64 = 480e6;
 
-/// What control at 1 kHz and sampling at 200 Hz ask of the processor, were every instruction a cycle at 480 MHz.
-fn print_timing(run: &Run) {
-    let [control, data_ready, ..] = run.loads;
+/// What control at 1 kHz and sampling at 200 Hz ask of the processor, were every instruction a cycle at 480 MHz. Every byte of a
+/// KVH 1750 is counted as the one that takes longest.
+fn print_timing(run: &Run, imu: Imu) {
+    let [control, acquire, ..] = run.loads;
+    let interrupts = match imu {
+        Imu::Adis16495 => 1.0,
+        Imu::Kvh1750 => MESSAGE_BYTES as f64,
+    };
     let percent = |instructions: f64, interval_s: f64| 100.0 * instructions / (CORE_HZ * interval_s);
     println!("  {:<21}{:>8} {:>8} {:>8}   instructions; % of the interval at 480 MHz", "", "latency", "in all", "%");
-    for (name, latency, load, interval_s) in [
-        ("control, 1 ms", run.control_latency, control, PERIOD_S),
-        ("data-ready, 5 ms", run.data_ready_latency, data_ready, 0.005),
+    for (name, latency, most, interval_s) in [
+        ("control, 1 ms", run.control_latency, control.most_instructions, PERIOD_S),
+        ("IMU, 5 ms", run.data_ready_latency, interrupts * acquire.most_instructions, 0.005),
     ] {
-        let whole = latency + load.most_instructions;
+        let whole = latency + most;
         println!("  {name:<21}{latency:>8.0} {whole:>8.0} {:>8.2}", percent(whole, interval_s));
     }
     println!("  late periods {}, late commands {}", run.late_periods, run.late_commands);
@@ -169,7 +177,7 @@ fn calibration(image: &Image) -> Result<Run> {
             off.set(true);
         }
     };
-    in_emulator(&assignment, image, None, &mut Bench::new(plant), |_| (), switch)
+    in_emulator(&assignment, image, None, &mut Bench::with_imu(plant, image.imu), |_| (), switch)
 }
 
 /// Names of the linked functions that should not be.

@@ -119,7 +119,7 @@ pub struct CalibrateArguments {
     pub axes: AxisArguments,
     #[command(flatten)]
     pub terms: TermsArguments,
-    /// IMU of the virtual RINS
+    /// Interface of the IMU; how good it is, --noise says
     #[arg(long, value_enum, default_value_t)]
     pub imu: Imu,
     /// Run the firmware in the emulator, twice: calibrate, then find the stored calibration
