@@ -206,7 +206,7 @@ struct GimbalAxes<T: Real> {
 }
 
 impl<T: Real> GimbalAxes<T> {
-    fn new(tilt: &Matrix3<T>, segment: &Segment<T>, integrals: &AngleIntegrals) -> Self {
+    fn new(tilt: &Matrix3<T>, segment: &Segment<T>, integrals: &AngleIntegrals<T>) -> Self {
         let turned = &segment.turned;
         let [_, [cos_s, _, _], [sin_s, _, _]] = integrals.attitude_s.map(|row| row.map(|sum_s| real(sum_s.into())));
         let outer_sums = rotation_z_integral(turned.outer_cos_inner, turned.outer_sin_inner, turned.outer);
@@ -219,7 +219,7 @@ impl<T: Real> GimbalAxes<T> {
         let (sin_from, cos_from): (T, T) = segment.inner_from().sin_cos();
         let ends = rotation_z_integral(cos_from + cos_to, sin_from + sin_to, T::one() + T::one()) * standing_s;
         let mean = (rotation_z_integral(cos_s, sin_s, duration_s) - ends) / move_s;
-        let late = |late_s: f32, sum: T| (real::<T>(late_s.into()) - sum * standing_s) / move_s;
+        let late = |late_s: T, sum: T| (late_s - sum * standing_s) / move_s;
         let outer_late = rotation_z_integral(
             late(integrals.late_cos_inner_s, turned.outer_cos_inner),
             late(integrals.late_sin_inner_s, turned.outer_sin_inner),
@@ -247,7 +247,7 @@ impl<T: Real> GimbalAxes<T> {
         &self,
         tilt: &Matrix3<T>,
         segment: &Segment<T>,
-        integrals: &AngleIntegrals,
+        integrals: &AngleIntegrals<T>,
     ) -> Matrix<T, 3, HARMONICS> {
         let along_outer = |[cos, sin]: [f64; 2]| tilt * Vector3::new(real(cos), real(-sin), T::zero());
         let across = |[cos, sin]: [f64; 2]| tilt * Vector3::new(real(sin), real(cos), T::zero());
@@ -262,7 +262,7 @@ impl<T: Real> GimbalAxes<T> {
 }
 
 /// Integrals of (cos, sin)(inner) over the error of an outer harmonic, of each, negative.
-fn outer_harmonics(integrals: &AngleIntegrals) -> [[f64; 2]; HARMONICS / 2] {
+fn outer_harmonics<T>(integrals: &AngleIntegrals<T>) -> [[f64; 2]; HARMONICS / 2] {
     let [by_cos, by_sin] = integrals.harmonics.outer.map(|row| row.map(f64::from));
     let of = |[cos, sin, cos_double, sin_double]: [f64; 4]| [sin, -cos, 2.0 * sin_double, -2.0 * cos_double];
     let [a, b, c, d] = of(by_cos);
@@ -271,7 +271,7 @@ fn outer_harmonics(integrals: &AngleIntegrals) -> [[f64; 2]; HARMONICS / 2] {
 }
 
 /// Integrals of (cos, sin)(inner) times an inner harmonic over the outer angle, of each.
-fn inner_harmonics<T: Real>(turned: &Turned<T>, integrals: &AngleIntegrals) -> [[f64; 2]; HARMONICS / 2] {
+fn inner_harmonics<T: Real>(turned: &Turned<T>, integrals: &AngleIntegrals<T>) -> [[f64; 2]; HARMONICS / 2] {
     let [one, cos, sin] = [turned.outer, turned.outer_cos_inner, turned.outer_sin_inner].map(Real::widened);
     let [cos_2, sin_2, cos_3, sin_3] = integrals.harmonics.inner.map(f64::from);
     [
@@ -306,7 +306,7 @@ fn rotation_z_integral<T: Real>(cos: T, sin: T, one: T) -> Matrix3<T> {
 }
 
 /// Integral of `R_z(inner) middle R_x(outer)` over time, s.
-fn attitude_integral<T: Real>(integrals: &AngleIntegrals, middle: &Matrix3<T>) -> Matrix3<T> {
+fn attitude_integral<T: Real>(integrals: &AngleIntegrals<T>, middle: &Matrix3<T>) -> Matrix3<T> {
     let (zero, one) = (T::zero(), T::one());
     // R_z = [1, cos, sin] . inner parts, R_x = [1, cos, sin] . outer parts
     let inner_parts = [

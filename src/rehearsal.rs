@@ -97,7 +97,7 @@ pub fn move_segment<T: Real>(from: &Stand, to: &Stand, turning: &Turning) -> Seg
     let move_s = turning.move_s(from, to);
     let guard_s = GUARD_S + 0.5 * BLOCK_LOSS_S;
     let mut turned = Turned { outer: ways[0], inner: ways[1], ..Turned::default() };
-    let mut integrals = AngleIntegrals::default();
+    let mut integrals = AngleIntegrals::<f64>::default();
     let mut since_s = 0.0;
     let mut add = |[outer, inner]: [f64; 2], time_s: f64, outer_way: f64| {
         let (so, co) = ComplexField::sin_cos(from.outer_rad + outer);
@@ -108,8 +108,8 @@ pub fn move_segment<T: Real>(from: &Stand, to: &Stand, turning: &Turning) -> Seg
         let middle_s = since_s + 0.5 * time_s;
         turned.outer_cos_inner += ci * outer_way;
         turned.outer_sin_inner += si * outer_way;
-        integrals.late_cos_inner_s += (ci * outer_way * middle_s) as f32;
-        integrals.late_sin_inner_s += (si * outer_way * middle_s) as f32;
+        integrals.late_cos_inner_s += ci * outer_way * middle_s;
+        integrals.late_sin_inner_s += si * outer_way * middle_s;
         integrals.harmonics.add((so as f32, co as f32), (si as f32, ci as f32), outer_way as f32);
         since_s += time_s;
     };
@@ -128,6 +128,12 @@ pub fn move_segment<T: Real>(from: &Stand, to: &Stand, turning: &Turning) -> Seg
         inner: real(turned.inner),
         outer_cos_inner: real(turned.outer_cos_inner),
         outer_sin_inner: real(turned.outer_sin_inner),
+    };
+    let integrals = AngleIntegrals {
+        attitude_s: integrals.attitude_s,
+        late_cos_inner_s: real(integrals.late_cos_inner_s),
+        late_sin_inner_s: real(integrals.late_sin_inner_s),
+        harmonics: integrals.harmonics,
     };
     segment(to, move_s + 2.0 * guard_s, turned, Course::Move(integrals))
 }

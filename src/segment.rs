@@ -101,17 +101,16 @@ pub struct Turned<T> {
     pub outer_sin_inner: T,
 }
 
-/// Further sums over the gimbal angles, with [`Turned`] enough for the integrals of (3) with any non-perpendicularity. All
-/// of them weight small quantities, so `f32` is good, and saves memory where many segments are kept: Earth rate over a move
-/// of a minute to 0.0001", encoder errors to a hundredth.
+/// Further sums over the gimbal angles, with [`Turned`] enough for the integrals of (3) with any non-perpendicularity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct AngleIntegrals {
-    /// Integral of (1, cos, sin)(inner) x (1, cos, sin)(outer) over time, s: row inner, column outer.
+pub struct AngleIntegrals<T> {
+    /// Integral of (1, cos, sin)(inner) x (1, cos, sin)(outer) over time, s: row inner, column outer. They weight Earth
+    /// rate, so `f32` is good for 0.0002" of a stop of 200 s, and saves memory where many segments are kept.
     pub attitude_s: [[f32; 3]; 3],
     /// As [`Turned::outer_cos_inner`], weighted with the time since the segment's start, rad s.
-    pub late_cos_inner_s: f32,
+    pub late_cos_inner_s: T,
     /// As [`Turned::outer_sin_inner`], weighted with the time since the segment's start, rad s.
-    pub late_sin_inner_s: f32,
+    pub late_sin_inner_s: T,
     /// For harmonics of the encoder errors.
     pub harmonics: HarmonicSums,
 }
@@ -145,7 +144,7 @@ pub enum Course<T: Real> {
     /// Both axes stand.
     Stop(Standing<T>),
     /// One or both axes turn.
-    Move(AngleIntegrals),
+    Move(AngleIntegrals<T>),
 }
 
 /// What is measured while both axes stand.
@@ -204,7 +203,7 @@ impl<T: Real> Segment<T> {
     }
 
     /// Integrals over the angles. At a stop these are as good as constant, and an encoder error is the same at both ends.
-    pub fn integrals(&self) -> AngleIntegrals {
+    pub fn integrals(&self) -> AngleIntegrals<T> {
         match self.course {
             Course::Move(integrals) => integrals,
             Course::Stop(_) => {
@@ -366,8 +365,8 @@ impl<T: Real> MoveSums<T> {
         let single = |sum: CompensatedSum<T>| sum.total().widened() as f32;
         let integrals = AngleIntegrals {
             attitude_s: self.attitude.map(|row| row.map(single)),
-            late_cos_inner_s: single(self.late_cos_inner_s),
-            late_sin_inner_s: single(self.late_sin_inner_s),
+            late_cos_inner_s: self.late_cos_inner_s.total(),
+            late_sin_inner_s: self.late_sin_inner_s.total(),
             harmonics: self.harmonics,
         };
         self.all.segment([self.all.outer.last, self.all.inner.last], Course::Move(integrals))
@@ -741,8 +740,8 @@ mod tests {
         attitudes.for_each(|(single, double)| close((*single).into(), (*double).into(), duration_s));
         close(single.turned.outer_cos_inner.into(), double.turned.outer_cos_inner, way);
         close(single.turned.outer_sin_inner.into(), double.turned.outer_sin_inner, way);
-        close(of_single.late_cos_inner_s.into(), of_double.late_cos_inner_s.into(), way * duration_s);
-        close(of_single.late_sin_inner_s.into(), of_double.late_sin_inner_s.into(), way * duration_s);
+        close(of_single.late_cos_inner_s.into(), of_double.late_cos_inner_s, way * duration_s);
+        close(of_single.late_sin_inner_s.into(), of_double.late_sin_inner_s, way * duration_s);
     }
 
     #[test]

@@ -18,7 +18,7 @@ use rins_selfcal::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
 use rins_selfcal::options::{OptionalColumns, force_columns, rotation_columns};
 use rins_selfcal::rehearsal::{BLOCK_LOSS_S, Stand, Turning, move_segment, stop_segment, usable_s};
 use rins_selfcal::segment::GUARD_S;
-use rins_selfcal::segment::SegmentKind;
+use rins_selfcal::segment::{AngleIntegrals, Course, Segment, SegmentKind};
 use rins_selfcal::site::EARTH_RATE_RAD_S;
 use rins_selfcal::white_noise::Noise;
 use std::borrow::Borrow;
@@ -209,7 +209,7 @@ impl<const STATES: usize> Forecast<STATES> {
         let move_s = self.turning.move_s(from, to);
         let turn = move_segment(from, to, &self.turning);
         let at_rest = stop_segment(to, 1.0);
-        let mut rest = self.model.rotation(&at_rest);
+        let mut rest = self.model.rotation(&rest_segment(to));
         // The same encoder error at both ends.
         rest.by_encoder_errors.fill(0.0);
         rest.by_harmonics.fill(0.0);
@@ -281,6 +281,15 @@ impl<const STATES: usize> Forecast<STATES> {
     fn if_needed(&self, since_reference_s: f64) -> Option<f64> {
         self.config.options.needs_states().then_some(since_reference_s)
     }
+}
+
+/// A second of rest. As a move by nothing, since a stop's angles are whole ticks of the encoders: what a search finds shall not
+/// depend on them.
+fn rest_segment(stand: &Stand) -> Segment<f64> {
+    let ((so, co), (si, ci)) = (stand.outer_rad.sin_cos(), stand.inner_rad.sin_cos());
+    let attitude_s = [1.0, ci, si].map(|inner| [1.0, co, so].map(|outer| (inner * outer) as f32));
+    let integrals = AngleIntegrals { attitude_s, ..AngleIntegrals::default() };
+    Segment { course: Course::Move(integrals), ..stop_segment(stand, 1.0) }
 }
 
 /// A prediction without its last digits, which depend on the order of operations in the core: a search shall find the same
