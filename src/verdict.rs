@@ -695,6 +695,14 @@ mod tests {
         assert!(beside[1].contains("outer encoder: slip"), "{beside:?}");
         let by_change = found(error, explained + 10.0);
         assert!(by_change[0].contains("outer encoder: slip"), "{by_change:?}");
+        let implausible = reasons(|case| {
+            case.solution.settings = felt(error);
+            case.solution.estimate.errors.gyro_scale[0] = 0.02;
+        });
+        assert!(
+            implausible.iter().all(|reason| reason != latitude),
+            "a wrong instrument may look like it: {implausible:?}"
+        );
         let not_earth = found([0.0, explained.sqrt() * 1e-8], 100.0);
         assert!(not_earth[0].contains("outer encoder: slip"), "{not_earth:?}");
         let south = reasons(|case| case.solution.settings = felt([0.0, -2.0 * up]));
@@ -753,6 +761,19 @@ mod tests {
     }
 
     #[test]
+    fn axes_stay_as_they_are_while_biases_may_change() {
+        let mut case = good();
+        case.stored = Some(case.solution.estimate);
+        case.solution.estimate.errors.gyro_bias_g[0] = 5.0 * ARCSEC;
+        assert!(verdict(&case).accepted(), "{:?}", verdict(&case).reasons);
+        case.solution.estimate.errors.axis_non_perpendicularity = 5.0 * ARCSEC;
+        assert_eq!(
+            verdict(&case).reasons[0].to_string(),
+            "axis_nonperpendicularity differs from the stored calibration by 11.8 combined sigma"
+        );
+    }
+
+    #[test]
     fn a_parameter_that_only_one_method_estimates_is_not_compared() {
         let mut case = good();
         let mut two_stage = case.solution.estimate;
@@ -790,6 +811,8 @@ mod tests {
         for (gyro, encoder, expected) in [
             (degrees, 1.0, "gyros in deg/s"),
             (1.0, degrees, "encoders in deg"),
+            // 2000 samples in 6 s.
+            (0.003, 1.0, "gyro increments"),
             (degrees, degrees, "gyros and encoders in deg"),
         ] {
             let found = reasons(|case| {
@@ -838,6 +861,18 @@ mod tests {
             case.segments[..9].iter_mut().for_each(|stop| stop.standing_mut().scatter.variance[1] *= 9.0)
         });
         assert_eq!(few[0], "segment 0, accel y: variance 9.0 times that of the configured noise");
+    }
+
+    #[test]
+    fn noise_is_another_one_where_most_of_few_stops_say_so() {
+        let loud = |stops: usize| {
+            reasons(|case| {
+                case.segments.truncate(5);
+                case.segments[..stops].iter_mut().for_each(|stop| stop.standing_mut().scatter.variance[1] *= 9.0);
+            })
+        };
+        assert_eq!(loud(3), ["accel y: noise is 3.00 times the configured"]);
+        assert_eq!(loud(2)[0], "segment 0, accel y: variance 9.0 times that of the configured noise");
     }
 
     #[test]

@@ -185,6 +185,7 @@ mod tests {
             turn(0.85),
             "gyros turn 0.850 times as far as the encoders: an unknown unit, a saturated sensor or lost samples?"
         );
+        assert!(turn(0.573).ends_with(": gyro increments in deg in place of rad/s?"));
         assert!(turn(0.010_02).ends_with("gyro increments in place of rad/s?"));
         assert!(WrongScale::Speed(16.0).to_string().starts_with("the axes turn at 16.0 rad/s: gyros and encoders in"));
     }
