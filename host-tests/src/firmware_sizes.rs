@@ -147,6 +147,16 @@ mod tests {
     fn every_board_is_in_the_data_file() {
         let sizes = read(&data_file()).expect("the data file");
         let names: Vec<_> = sizes.keys().map(String::as_str).collect();
-        assert_eq!(names, ["mps2-an386", "mps2-an500", "mps2-an500,optional-states", "stm32h743"]);
+        assert_eq!(
+            names,
+            [
+                "mps2-an386",
+                "mps2-an500",
+                "mps2-an500,kvh1750",
+                "mps2-an500,optional-states",
+                "stm32h743",
+                "stm32h743,kvh1750"
+            ]
+        );
     }
 }
