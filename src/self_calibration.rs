@@ -769,8 +769,10 @@ mod tests {
     #[test]
     fn every_wrong_number_of_a_configuration_is_refused() {
         type Spoil = fn(&mut SelfCalibrationConfig);
-        let wrong: [(Spoil, ConfigError); 30] = [
+        let wrong: [(Spoil, ConfigError); 32] = [
             (|config| config.motors[1].inertia_kg_m2 = 0.0, ConfigError::Motor(1)),
+            (|config| config.motors[0].viscous_nm_s = f64::INFINITY, ConfigError::Motor(0)),
+            (|config| config.motors[0].inductance_h = -1e-3, ConfigError::Motor(0)),
             (|config| config.scheme.first_stop_s = 0.49, ConfigError::ShortStop(0)),
             (|config| config.scheme.legs[6].stop_s = 0.49, ConfigError::ShortStop(7)),
             (|config| config.calibrator.estimator.noise.margin = 0.5, ConfigError::Noise),
