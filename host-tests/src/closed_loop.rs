@@ -4,7 +4,7 @@
 use crate::bench::{Bench, Imu};
 use crate::calibration::{Outcome, Precision, Record, Setup};
 use crate::drive::move_durations_s;
-use crate::emulator::image::{Board, Variant, build};
+use crate::emulator::image::{Board, Image, Variant, build};
 use crate::emulator::{self, Run};
 use crate::plant::Paced;
 use crate::power_up::{Switched, in_emulator, in_process, share};
@@ -12,9 +12,10 @@ use crate::refusal::refused;
 use crate::signals::{Recorded, SharedSignals};
 use crate::virtual_rins::DrivenRins;
 use crate::virtual_run::VirtualRun;
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, ensure};
 use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::axis::AxisLimits;
+use rins_selfcal::drivers::kvh1750::Settings;
 use rins_selfcal::error_model::InstrumentErrors;
 use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES};
 use rins_selfcal::policy::{Decision, PowerUpPolicy};
@@ -135,7 +136,7 @@ impl<'a> PowerUp<'a> {
         on_log: impl FnMut(&str),
         on_message: impl FnMut(&Message),
     ) -> Result<(Ended, Run)> {
-        let image = build(self.variant())?;
+        let image = self.image()?;
         let mut watch = Watch::new(self.run, &self.signals, on_message);
         let mut bench = Bench::with_imu(watch.plant(), self.imu);
         let told = |message: &Message| watch.note(message);
@@ -149,7 +150,7 @@ impl<'a> PowerUp<'a> {
     /// # Errors
     /// Why the emulator does not run it.
     pub fn on_line(&self, serial: &Path, eeprom: &Path, on_log: impl FnMut(&str)) -> Result<()> {
-        let image = build(self.variant())?;
+        let image = self.image()?;
         let mut rins = DrivenRins::new(&self.run.unit, self.run.seed);
         rins.expect_moves(&move_durations_s(&self.run.scheme, self.run.unit.rate_hz));
         let paced = Paced::new(rins, Duration::from_micros(PERIOD_US));
@@ -160,6 +161,12 @@ impl<'a> PowerUp<'a> {
         let setup =
             emulator::Setup { eeprom: Some(eeprom), configuration, reboots: true, serial: Some(serial), ..usual };
         emulator::run(&setup, &mut bench, on_log, |_| ()).map(drop)
+    }
+
+    fn image(&self) -> Result<Image> {
+        let (asked_hz, rate_hz) = (self.run.unit.rate_hz, Settings::default().rate_hz);
+        ensure!(asked_hz == rate_hz, "the firmware samples at {rate_hz} Hz, not at {asked_hz}");
+        build(self.variant())
     }
 
     fn variant(&self) -> Variant {

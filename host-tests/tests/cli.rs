@@ -686,6 +686,9 @@ fn a_full_output_is_an_error_and_a_closed_one_loses_no_file() {
 #[test]
 fn errors_name_what_was_meant() {
     assert!(refused(&["calibrate", "--scheme", "."]).starts_with("--scheme: .: "));
+    let rate = rins(&["calibrate", "--firmware", "--rate", "100"]);
+    assert_eq!(rate.status.code(), Some(1));
+    assert!(text(&rate.stderr).ends_with("the firmware samples at 200 Hz, not at 100\n"));
     let errors = log("unknown-error.toml", "[parameters]\nSgxy = 1.0\nSgxx = 2.0\n");
     assert_eq!(refused(&["calibrate", "--errors", &errors]), "unknown-error.toml:3: unknown parameter `Sgxx`");
     let semicolons = log("semicolons.csv", &HEADER.replace(',', ";"));
