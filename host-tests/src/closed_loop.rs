@@ -164,6 +164,7 @@ impl<'a> PowerUp<'a> {
     }
 
     fn image(&self) -> Result<Image> {
+        // Either IMU is set up for as many samples.
         let (asked_hz, rate_hz) = (self.run.unit.rate_hz, Settings::default().rate_hz);
         ensure!(asked_hz == rate_hz, "the firmware samples at {rate_hz} Hz, not at {asked_hz}");
         build(self.variant())

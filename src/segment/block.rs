@@ -158,7 +158,8 @@ impl AngleSums {
     }
 }
 
-/// Integrals over the gimbal angles of a block, as in [`super::Turned`] and [`super::AngleIntegrals`]. Zero while both axes stand.
+/// Integrals over the gimbal angles of a block, as in [`super::Turned`] and [`super::AngleIntegrals`]. Zero while both axes
+/// stand.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Integrals<T> {
     pub(super) attitude_s: [[T; 3]; 3],

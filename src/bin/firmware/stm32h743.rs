@@ -7,7 +7,8 @@
 //! USART3                priority 3   the serial line
 //! SysTick               lowest       wakes the main loop, feeds the watchdog
 //! ```
-//! Each IMU has a file, with what its interrupt does. The stack lies in the data TCM; both caches are on, and nothing but the processor touches memory.
+//! Each IMU has a file, with what its interrupt does. The stack lies in the data TCM; both caches are on, and nothing but the
+//! processor touches memory.
 #![allow(unsafe_code)]
 
 #[cfg(not(feature = "kvh1750"))]
@@ -25,7 +26,7 @@ use crate::{Scalar, recorder, stack, watchdog};
 use adis16495::{Imu, Wiring};
 use checked_flash::CheckedFlash;
 use clock::{CORE_HZ, Delay};
-use core::cell::RefCell;
+use core::cell::{Cell, RefCell};
 use core::mem::MaybeUninit;
 use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::syst::SystClkSource;
@@ -91,6 +92,22 @@ static CONTROL: Mutex<RefCell<Option<BoardControl>>> = Mutex::new(RefCell::new(N
 
 fn with_control<R>(act: impl FnOnce(&mut BoardControl) -> R) -> Option<R> {
     critical_section::with(|cs| Some(act(CONTROL.borrow(cs).try_borrow_mut().ok()?.as_mut()?)))
+}
+
+/// What the IMU's interrupt has. Filled once at power-up, then used by that interrupt only, which takes it out while it
+/// does: the control interrupt may come into it.
+type OfImu<T> = Mutex<Cell<Option<T>>>;
+
+/// The IMU's interrupt: `act` takes in what has come.
+fn on_imu<T>(of_imu: &OfImu<T>, act: impl FnOnce(&mut T)) {
+    let span = Span::start();
+    if let Some(mut imu) = critical_section::with(|cs| of_imu.borrow(cs).take()) {
+        act(&mut imu);
+        critical_section::with(|cs| of_imu.borrow(cs).set(Some(imu)));
+    }
+    watchdog::report(Task::Sampling, clock::now_us());
+    count(Work::Acquire, &span);
+    span.put_aside();
 }
 
 fn view(time_us: u64) -> View {

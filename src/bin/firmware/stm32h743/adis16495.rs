@@ -2,9 +2,8 @@
 //! long its interrupt has to wait does not matter.
 
 use super::clock::{self, Delay};
-use super::{Bus, pulses, spi_config, view};
-use crate::work::{Span, Work, count};
-use crate::{Scalar, watchdog};
+use super::{Bus, OfImu, on_imu, pulses, spi_config, view};
+use crate::Scalar;
 use core::cell::Cell;
 use critical_section::Mutex;
 use embassy_stm32::Peri;
@@ -19,14 +18,11 @@ use embassy_stm32::{interrupt as handler, pac};
 use embedded_hal_bus::spi::ExclusiveDevice;
 use rins_selfcal::acquisition::Acquisition;
 use rins_selfcal::drivers::adis16495::{Adis16495, Settings};
-use rins_selfcal::liveness::Task;
 use rins_selfcal::queue::SampleProducer;
 
 type BoardAcquisition = Acquisition<'static, Scalar, ExclusiveDevice<Bus, Output<'static>, Delay>>;
 
-/// Filled once at power-up, then used by the data-ready interrupt only, which takes it out while it does: the control
-/// interrupt may come into it.
-static ACQUISITION: Mutex<Cell<Option<BoardAcquisition>>> = Mutex::new(Cell::new(None));
+static ACQUISITION: OfImu<BoardAcquisition> = Mutex::new(Cell::new(None));
 
 /// What the IMU is connected to.
 pub struct Wiring {
@@ -82,15 +78,8 @@ fn captured_us() -> Option<u64> {
 
 #[handler]
 fn TIM2() {
-    let span = Span::start();
-    if let Some(edge_us) = captured_us()
-        && let Some(mut acquisition) = critical_section::with(|cs| ACQUISITION.borrow(cs).take())
-    {
+    on_imu(&ACQUISITION, |acquisition| {
         // A sample that is lost has been counted.
-        let _ = acquisition.on_data_ready(edge_us, view);
-        critical_section::with(|cs| ACQUISITION.borrow(cs).set(Some(acquisition)));
-    }
-    watchdog::report(Task::Sampling, clock::now_us());
-    count(Work::Acquire, &span);
-    span.put_aside();
+        let _ = captured_us().map(|edge_us| acquisition.on_data_ready(edge_us, view));
+    });
 }

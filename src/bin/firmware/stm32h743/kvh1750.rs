@@ -1,12 +1,11 @@
 //! The IMU KVH 1750 on USART2. TIM3 requests its outputs, 200 a second.
 //!
-//! Neither the latency of the unit nor when a byte is read has a part in the stamps: a message is over 0.5 ms after its
+//! Neither the latency of the unit nor when a byte is read has a part in the stamps: a message has ended 0.6 ms after its
 //! request, so the last edge on MSYNC is the one that it answers. Control keeps the interrupt waiting for some 0.06 ms at most,
 //! nearly all of it to read the encoders: of 16 bytes that the port holds 6 come meanwhile.
 
-use super::{clock, pulses, view};
-use crate::work::{Span, Work, count};
-use crate::{Scalar, watchdog};
+use super::{OfImu, clock, on_imu, pulses, view};
+use crate::Scalar;
 use core::cell::Cell;
 use critical_section::Mutex;
 use embassy_stm32::Peri;
@@ -18,7 +17,6 @@ use embassy_stm32::usart::{Config, UartRx};
 use embassy_stm32::{interrupt as handler, pac};
 use rins_selfcal::acquisition::Streaming;
 use rins_selfcal::drivers::kvh1750::{Kvh1750, Settings};
-use rins_selfcal::liveness::Task;
 use rins_selfcal::queue::SampleProducer;
 
 /// A request is high for 60 us of 5 ms.
@@ -29,9 +27,7 @@ const START_US: u64 = 5_000_000;
 /// The IMU on its way to the queue; and from a request to the last bit of its message, us.
 type Receiver = (Streaming<'static, Scalar>, u64);
 
-/// Filled once at power-up, then used by the interrupt of the port only, which takes it out while it does: the control
-/// interrupt may come into it.
-static RECEIVER: Mutex<Cell<Option<Receiver>>> = Mutex::new(Cell::new(None));
+static RECEIVER: OfImu<Receiver> = Mutex::new(Cell::new(None));
 
 /// What the IMU is connected to.
 pub struct Wiring {
@@ -59,6 +55,7 @@ impl Imu {
         if !answers(&mut Kvh1750::new(&settings)) {
             return None;
         }
+        // A new one, which misses no message that is sent before the interrupt comes.
         let streaming = Streaming::new(Kvh1750::new(&settings), producer);
         critical_section::with(|cs| RECEIVER.borrow(cs).set(Some((streaming, settings.answer_us()))));
         Some(Self { _request: request, _port: port })
@@ -99,18 +96,13 @@ fn requested_us() -> u64 {
 
 #[handler]
 fn USART2() {
-    let span = Span::start();
     let port = pac::USART2;
-    if let Some((mut streaming, answer_us)) = critical_section::with(|cs| RECEIVER.borrow(cs).take()) {
+    on_imu(&RECEIVER, |(streaming, answer_us)| {
         while port.isr().read().rxne() {
             // A sample that is lost has been counted.
-            let _ = streaming.on_byte(port.rdr().read().dr() as u8, requested_us() + answer_us, view);
+            let _ = streaming.on_byte(port.rdr().read().dr() as u8, requested_us() + *answer_us, view);
         }
-        critical_section::with(|cs| RECEIVER.borrow(cs).set(Some((streaming, answer_us))));
-    }
+    });
     // The CRC finds that bytes are missing.
     port.icr().write(|flags| flags.set_ore(true));
-    watchdog::report(Task::Sampling, clock::now_us());
-    count(Work::Acquire, &span);
-    span.put_aside();
 }
