@@ -16,17 +16,17 @@ use critical_section::Mutex;
 use defmt_rtt as _;
 use embassy_stm32::pac::Interrupt;
 use embassy_stm32::{interrupt, pac};
-use rins_selfcal::assignment::Assignment;
-use rins_selfcal::calibrator::Calibrator;
+use rins_selfcal::acquisition::queue::{Observed, SampleProducer, SampleQueue};
+use rins_selfcal::base::sample::CorrectedSample;
 use rins_selfcal::estimator::MAX_SEGMENTS;
 use rins_selfcal::gimbal::Gimbal;
-use rins_selfcal::queue::{Observed, SampleProducer, SampleQueue};
-use rins_selfcal::sample::CorrectedSample;
-use rins_selfcal::self_calibration::SelfCalibration;
-use rins_selfcal::servo::{Drive, PERIOD_US};
-use rins_selfcal::store::CalibrationStore;
-use rins_selfcal::store::Loaded;
-use rins_selfcal::store::medium::Eeprom;
+use rins_selfcal::gimbal::servo::{Drive, PERIOD_US};
+use rins_selfcal::keep::medium::Eeprom;
+use rins_selfcal::keep::store::CalibrationStore;
+use rins_selfcal::keep::store::Loaded;
+use rins_selfcal::run::assignment::Assignment;
+use rins_selfcal::run::calibrator::Calibrator;
+use rins_selfcal::run::self_calibration::SelfCalibration;
 use sensor_board::SensorBoard;
 
 /// Of the processor as your start-up code sets it; after reset.

@@ -1,8 +1,11 @@
 //! The core on a log: `cargo run --release -p host-tests --example host -- LOG.csv`
 use anyhow::{Context, Result};
 use host_tests::{calibration::raw_sample, log::LogReader, quantity::sigmas, quantity::values, unit::UnitConfig};
-use rins_selfcal::calibrator::{Calibrator, CalibratorConfig};
-use rins_selfcal::{error_model::PARAMETER_INFO, estimator::Estimate, method::Method, verdict::VerdictLimits};
+use rins_selfcal::base::method::Method;
+use rins_selfcal::estimator::Estimate;
+use rins_selfcal::model::error_model::PARAMETER_INFO;
+use rins_selfcal::run::calibrator::{Calibrator, CalibratorConfig};
+use rins_selfcal::verdict::VerdictLimits;
 
 fn main() -> Result<()> {
     let (estimate, accepted) = calibrate(&std::env::args().nth(1).context("which log?")?)?;

@@ -12,15 +12,15 @@ use defmt_rtt as _;
 mod app {
     use crate::sensor_board::SensorBoard;
     use cortex_m::peripheral::syst::SystClkSource;
-    use rins_selfcal::assignment::Assignment;
-    use rins_selfcal::calibrator::Calibrator;
+    use rins_selfcal::acquisition::queue::{Observed, SampleConsumer, SampleProducer, SampleQueue};
     use rins_selfcal::estimator::MAX_SEGMENTS;
     use rins_selfcal::gimbal::Gimbal;
-    use rins_selfcal::queue::{Observed, SampleConsumer, SampleProducer, SampleQueue};
-    use rins_selfcal::self_calibration::SelfCalibration;
-    use rins_selfcal::servo::PERIOD_US;
-    use rins_selfcal::store::medium::Eeprom;
-    use rins_selfcal::store::{CalibrationStore, Loaded};
+    use rins_selfcal::gimbal::servo::PERIOD_US;
+    use rins_selfcal::keep::medium::Eeprom;
+    use rins_selfcal::keep::store::{CalibrationStore, Loaded};
+    use rins_selfcal::run::assignment::Assignment;
+    use rins_selfcal::run::calibrator::Calibrator;
+    use rins_selfcal::run::self_calibration::SelfCalibration;
 
     /// Of the processor as your start-up code sets it; after reset.
     const CORE_HZ: u32 = 64_000_000;
@@ -124,7 +124,7 @@ mod app {
 #[panic_handler]
 fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
     cortex_m::interrupt::disable();
-    sensor_board::SensorBoard::at_external_memory().drive([rins_selfcal::servo::Drive::Off; 2]);
+    sensor_board::SensorBoard::at_external_memory().drive([rins_selfcal::gimbal::servo::Drive::Off; 2]);
     loop {
         cortex_m::asm::bkpt();
     }

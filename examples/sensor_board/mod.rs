@@ -4,11 +4,11 @@
 use core::convert::Infallible;
 use core::ptr::{addr_of, addr_of_mut, read_volatile, write_volatile};
 use embedded_storage::{ReadStorage, Storage};
-use rins_selfcal::angle::Angle;
+use rins_selfcal::base::angle::Angle;
+use rins_selfcal::base::linear::Vector3;
+use rins_selfcal::base::sample::RawSample;
+use rins_selfcal::gimbal::servo::Drive;
 use rins_selfcal::gimbal::{BridgeFault, EncoderFault, Sensed};
-use rins_selfcal::linear::Vector3;
-use rins_selfcal::sample::RawSample;
-use rins_selfcal::servo::Drive;
 
 const BYTES: usize = 8192;
 

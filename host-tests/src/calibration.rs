@@ -3,25 +3,25 @@
 use crate::plant::Reading;
 use crate::quantity::{STATES, states};
 use crate::unit::{Noise, UnitConfig};
-use rins_selfcal::angle::Angle;
-use rins_selfcal::calibrator::{Calibrator, CalibratorConfig, Progress};
-use rins_selfcal::error_model::{InstrumentErrors, PARAMETERS, ParameterInfo, block};
+use rins_selfcal::base::angle::Angle;
+use rins_selfcal::base::linear::{Matrix, Real, Vector3, real};
+use rins_selfcal::base::loss::Losses;
+use rins_selfcal::base::method::Method;
+use rins_selfcal::base::sample::RawSample;
+use rins_selfcal::base::site::Site;
+use rins_selfcal::base::units::DEG;
 use rins_selfcal::estimator::{
     BASIC_STATES, Estimate, Estimator, FULL_STATES, HeadingSource, SegmentInnovations, Solution,
 };
-use rins_selfcal::intake::IntakeCounts;
-use rins_selfcal::linear::{Matrix, Real, Vector3, real};
-use rins_selfcal::measurement::ENCODER_ERRORS;
-use rins_selfcal::method::Method;
-use rins_selfcal::options::{OPTIONAL_INFO, Options};
-use rins_selfcal::queue::Losses;
-use rins_selfcal::sample::RawSample;
+use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETERS, ParameterInfo, block};
+use rins_selfcal::model::measurement::ENCODER_ERRORS;
+use rins_selfcal::model::options::{OPTIONAL_INFO, Options};
+use rins_selfcal::run::abort::Abort;
+use rins_selfcal::run::calibrator::{Calibrator, CalibratorConfig, Progress};
+use rins_selfcal::run::telemetry::Message;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::SegmentKind;
-use rins_selfcal::sequencer::Abort;
-use rins_selfcal::site::Site;
-use rins_selfcal::telemetry::Message;
-use rins_selfcal::units::DEG;
+use rins_selfcal::segment::intake::IntakeCounts;
 use rins_selfcal::verdict::{Verdict, VerdictLimits};
 use serde::Serialize;
 

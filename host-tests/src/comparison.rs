@@ -7,7 +7,7 @@
 use crate::quantity::{self, fixed};
 use crate::report::SiteReport;
 use crate::saved::Saved;
-use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS, block};
+use rins_selfcal::model::error_model::{PARAMETER_INFO, PARAMETERS, block};
 use statrs::distribution::{ContinuousCDF, Normal};
 
 /// Probability with which two right results agree.

@@ -17,7 +17,7 @@ use image::Image;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::stat::Mode;
 use rins_selfcal::link::Decoder;
-use rins_selfcal::telemetry::Message;
+use rins_selfcal::run::telemetry::Message;
 use std::cell::Cell;
 use std::fs::{self, File, OpenOptions};
 use std::io::{ErrorKind, Read, Write};

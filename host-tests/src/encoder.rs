@@ -11,7 +11,7 @@
 
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
-use rins_selfcal::units::ARCSEC;
+use rins_selfcal::base::units::ARCSEC;
 use serde::{Deserialize, Serialize};
 
 /// Rate below which an axis counts as standing, rad/s.

@@ -16,7 +16,7 @@ use crate::virtual_run::VirtualRun;
 use rand_distr::{Distribution, StandardNormal, StandardUniform};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
-use rins_selfcal::units::{ARCSEC, DEG, DEG_H, MICRO_G};
+use rins_selfcal::base::units::{ARCSEC, DEG, DEG_H, MICRO_G};
 use std::f64::consts::TAU;
 use std::ops::Range;
 

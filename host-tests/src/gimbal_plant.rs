@@ -4,10 +4,10 @@ use crate::bench::{Bench, BenchControl, SharedBench, Trouble, control};
 use crate::chips::bridge::Output;
 use crate::motor::{Mechanics, Motor};
 use crate::plant::{Plant, Tick};
-use rins_selfcal::axis::AxisLimits;
+use rins_selfcal::base::linear::Real;
+use rins_selfcal::gimbal::axis::AxisLimits;
+use rins_selfcal::gimbal::servo::{MotorAndLoad, PERIOD_S};
 use rins_selfcal::gimbal::{Gimbal, GimbalStatus, MotionCommand};
-use rins_selfcal::linear::Real;
-use rins_selfcal::servo::{MotorAndLoad, PERIOD_S};
 use std::cell::RefCell;
 use std::rc::Rc;
 

@@ -18,7 +18,7 @@ use crate::vec3::{
 };
 use crate::vec3::{transpose, turn_frame};
 use crate::virtual_rins::VirtualUnit;
-use rins_selfcal::units::{ARCSEC, DEG_H, MICRO_G};
+use rins_selfcal::base::units::{ARCSEC, DEG_H, MICRO_G};
 
 /// A vector in proportion to time.
 #[derive(Clone, Copy, Debug, PartialEq)]

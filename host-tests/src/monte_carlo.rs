@@ -13,12 +13,12 @@ use crate::virtual_rins::VirtualUnit;
 use crate::virtual_run::{Stream, VirtualRun, derived_seed};
 use anyhow::Result;
 use rayon::prelude::*;
-use rins_selfcal::axis::AxisLimits;
-use rins_selfcal::error_model::block;
-use rins_selfcal::method::Method;
-use rins_selfcal::options::{OPTIONAL_INFO, Options};
+use rins_selfcal::base::method::Method;
+use rins_selfcal::gimbal::axis::AxisLimits;
+use rins_selfcal::model::error_model::block;
+use rins_selfcal::model::options::{OPTIONAL_INFO, Options};
+use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig};
 use rins_selfcal::scheme::Scheme;
-use rins_selfcal::self_calibration::{ConfigError, SelfCalibrationConfig};
 use serde::Serialize;
 
 /// Confidence of all bounds.

@@ -8,8 +8,8 @@
 //! A step is far below the control period and the winding's time constant: the winding's is exact for a constant rate, the
 //! load's is Euler's. The bridge knows a number of duties, the encoder a number of angles.
 
-use rins_selfcal::angle::Angle;
-use rins_selfcal::servo::{Drive, MotorAndLoad};
+use rins_selfcal::base::angle::Angle;
+use rins_selfcal::gimbal::servo::{Drive, MotorAndLoad};
 
 /// Step of the integration, s.
 const STEP_S: f64 = 1e-4;

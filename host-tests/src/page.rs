@@ -18,8 +18,8 @@ use crate::truth::ParameterTable;
 use anyhow::Context;
 use frame::{Section, document, shown};
 use maud::{Markup, html};
-use rins_selfcal::error_model::PARAMETER_INFO;
-use rins_selfcal::observability::INSTALLATION_STATES;
+use rins_selfcal::estimator::observability::INSTALLATION_STATES;
+use rins_selfcal::model::error_model::PARAMETER_INFO;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::SegmentKind;
 use std::path::Path;
@@ -195,7 +195,7 @@ fn facts(content: &Content) -> Vec<(&'static str, String)> {
     let (outcome, solution) = (content.outcome, &content.outcome.solution);
     let site = &outcome.setup.site;
     let temperature = Some(solution.temperature_c).filter(|temperature| temperature.is_finite());
-    let latitude_deg = site.latitude_rad / rins_selfcal::units::DEG;
+    let latitude_deg = site.latitude_rad / rins_selfcal::base::units::DEG;
     vec![
         ("source", content.source.into()),
         ("method", crate::calibration::method_name(outcome.setup.method).into()),

@@ -16,13 +16,13 @@ use crate::prediction::duration_s;
 use crate::virtual_run::SETTLING_S;
 use information::Forecast;
 use objective::Objective;
-use rins_selfcal::axis::AxisLimits;
+use rins_selfcal::base::method::Method;
+use rins_selfcal::base::units::DEG;
+use rins_selfcal::estimator::rehearsal::{Stand, Turning};
 use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES, MAX_SEGMENTS};
-use rins_selfcal::method::Method;
-use rins_selfcal::rehearsal::{Stand, Turning};
+use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::scheme::{Leg, MAX_LEGS, Scheme};
 use rins_selfcal::segment::GUARD_S;
-use rins_selfcal::units::DEG;
 use search::{Problem, search};
 
 /// Most legs of a scheme that the core can hold all segments of.

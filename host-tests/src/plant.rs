@@ -1,7 +1,7 @@
 //! What an instrument is to the bench: something that goes on by control periods, driven by two windings.
 
 use crate::chips::bridge::Output;
-use rins_selfcal::servo::PERIOD_US;
+use rins_selfcal::gimbal::servo::PERIOD_US;
 use std::cell::RefCell;
 use std::rc::Rc;
 use std::time::{Duration, Instant};

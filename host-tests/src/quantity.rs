@@ -1,8 +1,8 @@
 //! Parameters in report units: headings within a turn, errors against a truth, numbers with as many digits as they are
 //! worth.
 
-use rins_selfcal::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS, ParameterInfo, block};
-use rins_selfcal::options::{OPTIONAL_INFO, OPTIONAL_STATES};
+use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS, ParameterInfo, block};
+use rins_selfcal::model::options::{OPTIONAL_INFO, OPTIONAL_STATES};
 
 /// The parameters and, after them, the optional states.
 pub const STATES: usize = PARAMETERS + OPTIONAL_STATES;
@@ -88,7 +88,7 @@ pub fn significant(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rins_selfcal::units::DEG;
+    use rins_selfcal::base::units::DEG;
 
     #[test]
     fn heading_errors_go_the_shorter_way() {

@@ -1,12 +1,14 @@
 //! Schemes that the core refuses, in its words and with the numbers.
 
 use anyhow::{Error, Result, anyhow};
-use rins_selfcal::axis::AxisLimits;
-use rins_selfcal::calibrator::Calibrator;
+use rins_selfcal::base::units::DEG;
 use rins_selfcal::estimator::{FULL_STATES, MAX_SEGMENTS};
+use rins_selfcal::gimbal::axis::AxisLimits;
+use rins_selfcal::run::calibrator::Calibrator;
+use rins_selfcal::run::config::check_motion;
+use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig};
+use rins_selfcal::run::self_calibration::SelfCalibration;
 use rins_selfcal::scheme::Scheme;
-use rins_selfcal::self_calibration::{ConfigError, SelfCalibration, SelfCalibrationConfig, check_motion};
-use rins_selfcal::units::DEG;
 
 /// Checks a scheme in itself and against the axes.
 ///

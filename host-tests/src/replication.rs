@@ -8,10 +8,10 @@ use crate::statistics::ErrorStatistics;
 use crate::truth::ParameterTable;
 use crate::virtual_run::VirtualRun;
 use rayon::prelude::*;
-use rins_selfcal::calibrator::{Calibrator, Progress};
+use rins_selfcal::base::method::Method;
+use rins_selfcal::estimator::observability::INSTALLATION_STATES;
 use rins_selfcal::estimator::{BASIC_STATES, Estimator};
-use rins_selfcal::method::Method;
-use rins_selfcal::observability::INSTALLATION_STATES;
+use rins_selfcal::run::calibrator::{Calibrator, Progress};
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::Segment;
 

@@ -5,7 +5,7 @@ use crate::json_file::{self, JsonFileError};
 use crate::quantity;
 use crate::report::SiteReport;
 use crate::truth::ParameterTable;
-use rins_selfcal::error_model::{Calibration, PARAMETER_INFO, PARAMETERS};
+use rins_selfcal::model::error_model::{Calibration, PARAMETER_INFO, PARAMETERS};
 use serde::de::{Error as _, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use std::fmt;

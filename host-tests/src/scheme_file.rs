@@ -15,9 +15,9 @@
 mod table;
 
 use crate::toml_file::{TomlFile, TomlFileError};
+use rins_selfcal::base::units::DEG;
 use rins_selfcal::scheme::library::NAMES;
 use rins_selfcal::scheme::{Leg, MAX_LEGS, MAX_NAME_BYTES, Scheme, SchemeError};
-use rins_selfcal::units::DEG;
 use std::path::Path;
 use table::{LegTable, SchemeTable};
 

@@ -1,11 +1,11 @@
 //! The servo on a motor: step, ramp, move and hold, and the figures by which servos are judged.
 
 use crate::motor::{Mechanics, Motor};
-use rins_selfcal::angle::{rad_to_ticks, ticks_to_rad};
-use rins_selfcal::linear::Real;
-use rins_selfcal::profile::{MotionLimits, Point, Profile};
-use rins_selfcal::servo::{Drive, MotorAndLoad, PERIOD_S, Servo, Wanted};
-use rins_selfcal::units::{ARCSEC, DEG};
+use rins_selfcal::base::angle::{rad_to_ticks, ticks_to_rad};
+use rins_selfcal::base::linear::Real;
+use rins_selfcal::base::profile::{MotionLimits, Point, Profile};
+use rins_selfcal::base::units::{ARCSEC, DEG};
+use rins_selfcal::gimbal::servo::{Drive, MotorAndLoad, PERIOD_S, Servo, Wanted};
 
 /// The limits of the moves: 20 deg/s with ramps of a second, 1000 deg/s^3.
 pub fn usual_limits() -> MotionLimits {
@@ -46,7 +46,7 @@ impl<T: Real> ServoBench<T> {
 
     fn period(&mut self, time_s: f64, wanted: &impl Fn(f64) -> Point<T>) -> Trace {
         let encoder = self.motor.encoder();
-        let step = encoder.since(rins_selfcal::angle::Angle::from_ticks(self.ticks as u32));
+        let step = encoder.since(rins_selfcal::base::angle::Angle::from_ticks(self.ticks as u32));
         self.ticks += i64::from(step);
         self.servo.observe(step.into());
         let point = wanted(time_s);

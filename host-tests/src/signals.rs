@@ -2,7 +2,7 @@
 
 use crate::chips::bridge::Output;
 use crate::plant::{Plant, Reading, Tick};
-use rins_selfcal::angle::{Angle, ticks_to_rad};
+use rins_selfcal::base::angle::{Angle, ticks_to_rad};
 use std::cell::RefCell;
 use std::rc::Rc;
 

@@ -4,9 +4,9 @@ use crate::calibration::{Outcome, method_name};
 use crate::quantity::{self, STATES, fixed, rounded, significant, states};
 use crate::truth::ParameterTable;
 use comfy_table::{Cell, CellAlignment, Table, presets};
-use rins_selfcal::error_model::{PARAMETERS, ParameterInfo, block};
-use rins_selfcal::method::Method;
-use rins_selfcal::queue::Losses;
+use rins_selfcal::base::loss::Losses;
+use rins_selfcal::base::method::Method;
+use rins_selfcal::model::error_model::{PARAMETERS, ParameterInfo, block};
 use rins_selfcal::verdict::CHANNEL_NAMES;
 use std::ops::Range;
 

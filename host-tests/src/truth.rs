@@ -3,8 +3,8 @@
 use crate::json_file::{self, JsonFileError};
 use crate::quantity::parameter;
 use crate::report::write_json;
-use rins_selfcal::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS};
-use rins_selfcal::linear::Vector;
+use rins_selfcal::base::linear::Vector;
+use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS};
 use serde::de::{Error as _, MapAccess, Visitor};
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};

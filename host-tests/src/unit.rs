@@ -19,8 +19,8 @@
 
 use crate::quantity::significant;
 use crate::toml_file::{TomlFile, TomlFileError};
-use rins_selfcal::site::Site;
-use rins_selfcal::units::{ARCSEC, DEG, DEG_SQRT_H, MICRO_G};
+use rins_selfcal::base::site::Site;
+use rins_selfcal::base::units::{ARCSEC, DEG, DEG_SQRT_H, MICRO_G};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -105,8 +105,8 @@ impl Noise {
     }
 
     /// What the core must know of it, SI.
-    pub fn psd(&self) -> rins_selfcal::white_noise::Noise {
-        rins_selfcal::white_noise::Noise {
+    pub fn psd(&self) -> rins_selfcal::segment::white_noise::Noise {
+        rins_selfcal::segment::white_noise::Noise {
             accel_psd_sqrt: self.accel_vrw_ug_sqrt_hz * MICRO_G,
             gyro_psd_sqrt: self.gyro_arw_deg_sqrt_h * DEG_SQRT_H,
             encoder_sigma_rad: self.sigma_encoder_rad(),

@@ -15,11 +15,11 @@ pub use driven::DrivenRins;
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
-use rins_selfcal::error_model::InstrumentErrors;
-use rins_selfcal::linear::{Vector3, exp_so3};
-use rins_selfcal::options::OPTIONAL_STATES;
-use rins_selfcal::site::Site;
-use rins_selfcal::units::{ARCSEC, DEG, DEG_H, MICRO_G};
+use rins_selfcal::base::linear::{Vector3, exp_so3};
+use rins_selfcal::base::site::Site;
+use rins_selfcal::base::units::{ARCSEC, DEG, DEG_H, MICRO_G};
+use rins_selfcal::model::error_model::InstrumentErrors;
+use rins_selfcal::model::options::OPTIONAL_STATES;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 

@@ -80,8 +80,8 @@ mod tests {
     use crate::presets;
     use crate::quantity;
     use crate::unit::{Noise, UnitConfig};
-    use rins_selfcal::error_model::block;
-    use rins_selfcal::method::Method;
+    use rins_selfcal::base::method::Method;
+    use rins_selfcal::model::error_model::block;
 
     #[test]
     fn seeds_of_runs_and_streams_differ() {

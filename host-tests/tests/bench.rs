@@ -4,13 +4,14 @@ use host_tests::bench::{Bench, Chip, Imu, Trouble, acquisition, control};
 use host_tests::chips::bridge::Output;
 use host_tests::plant::{Plant, Tick, at_rest};
 use host_tests::power_up::{Interrupts, share, shared};
-use rins_selfcal::angle::Angle;
-use rins_selfcal::axis::AxisLimits;
-use rins_selfcal::control::COMMAND_DELAY_US;
+use rins_selfcal::acquisition::queue::{Observed, SampleQueue};
+use rins_selfcal::base::angle::Angle;
+use rins_selfcal::base::loss::{Loss, Losses};
+use rins_selfcal::base::units::{ARCSEC, DEG};
+use rins_selfcal::gimbal::axis::AxisLimits;
+use rins_selfcal::gimbal::control::COMMAND_DELAY_US;
+use rins_selfcal::gimbal::servo::{MotorAndLoad, PERIOD_US};
 use rins_selfcal::gimbal::{BridgeFault, Fault, FaultKind, Gimbal, MotionCommand};
-use rins_selfcal::queue::{Loss, Losses, Observed, SampleQueue};
-use rins_selfcal::servo::{MotorAndLoad, PERIOD_US};
-use rins_selfcal::units::{ARCSEC, DEG};
 
 fn gimbal() -> Gimbal<f64> {
     Gimbal::new(&[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2])

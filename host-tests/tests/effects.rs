@@ -9,9 +9,9 @@ use host_tests::monte_carlo::{ErrorSource, MethodStatistics, MonteCarlo};
 use host_tests::presets::{self, UnitErrors};
 use host_tests::unit::UnitConfig;
 use host_tests::virtual_rins::Effects;
-use rins_selfcal::error_model::PARAMETERS;
-use rins_selfcal::method::Method;
-use rins_selfcal::options::Options;
+use rins_selfcal::base::method::Method;
+use rins_selfcal::model::error_model::PARAMETERS;
+use rins_selfcal::model::options::Options;
 use rins_selfcal::scheme::Scheme;
 
 const RUNS: usize = 24;

@@ -9,12 +9,12 @@ use host_tests::statistics::ErrorStatistics;
 use host_tests::unit::UnitConfig;
 use host_tests::virtual_rins::VirtualUnit;
 use host_tests::virtual_run::VirtualRun;
-use rins_selfcal::constancy::{Change, Suspicion};
-use rins_selfcal::error_model::{PARAMETERS, block};
-use rins_selfcal::method::Method;
-use rins_selfcal::options::Options;
+use rins_selfcal::base::method::Method;
+use rins_selfcal::base::units::{ARCSEC, MICRO_G, PPM};
+use rins_selfcal::estimator::constancy::{Change, Suspicion};
+use rins_selfcal::model::error_model::{PARAMETERS, block};
+use rins_selfcal::model::options::Options;
 use rins_selfcal::scheme::Scheme;
-use rins_selfcal::units::{ARCSEC, MICRO_G, PPM};
 
 fn run(runs: u64, faults: Faults, precision: Precision) -> Vec<Outcome> {
     Campaign { runs, seed: 2, faults, precision }.run(|| ())

@@ -4,12 +4,12 @@ use host_tests::bench::Trouble;
 use host_tests::gimbal_plant::GimbalPlant;
 use host_tests::motor::Mechanics;
 use host_tests::servo_bench::{MoveFigures, ServoBench};
-use rins_selfcal::axis::AxisLimits;
+use rins_selfcal::base::linear::Real;
+use rins_selfcal::base::profile::Point;
+use rins_selfcal::base::units::{ARCSEC, DEG};
+use rins_selfcal::gimbal::axis::AxisLimits;
+use rins_selfcal::gimbal::servo::MotorAndLoad;
 use rins_selfcal::gimbal::{BridgeFault, EncoderFault, Fault, FaultKind, MotionCommand};
-use rins_selfcal::linear::Real;
-use rins_selfcal::profile::Point;
-use rins_selfcal::servo::MotorAndLoad;
-use rins_selfcal::units::{ARCSEC, DEG};
 
 fn plant_at<T: Real>(angles_deg: [f64; 2]) -> GimbalPlant<T> {
     let assumed = [MotorAndLoad::default(); 2];

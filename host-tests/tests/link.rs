@@ -7,18 +7,20 @@ use host_tests::presets;
 use host_tests::virtual_rins::{DrivenRins, VirtualUnit};
 use proptest::collection::vec;
 use proptest::prelude::*;
-use rins_selfcal::calibrator::CalibratorConfig;
+use rins_selfcal::base::method::Method;
 use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::link::{
     Answer, Command, Decoder, Item, MAX_FRAME_BYTES, Payload, Refusal, Setting, SettingName, Status, UNLOCK_WORD,
     UNLOCKED_US, encode,
 };
-use rins_selfcal::method::Method;
-use rins_selfcal::policy::PowerUpPolicy;
+use rins_selfcal::run::abort::{Abort, AbortReason};
+use rins_selfcal::run::calibrator::CalibratorConfig;
+use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig};
+use rins_selfcal::run::policy::PowerUpPolicy;
+use rins_selfcal::run::sequencer::Pace;
+use rins_selfcal::run::state::State;
+use rins_selfcal::run::telemetry::Message;
 use rins_selfcal::scheme::Scheme;
-use rins_selfcal::self_calibration::{ConfigError, SelfCalibrationConfig};
-use rins_selfcal::sequencer::{Abort, AbortReason, Pace, State};
-use rins_selfcal::telemetry::Message;
 use rins_selfcal::verdict::VerdictLimits;
 use std::collections::VecDeque;
 

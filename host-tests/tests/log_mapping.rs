@@ -2,7 +2,7 @@
 
 use host_tests::log::{COLUMNS, LogReader, LogWriter, Mapping};
 use host_tests::plant::Reading;
-use rins_selfcal::units::{ARCSEC, DEG, DEG_H};
+use rins_selfcal::base::units::{ARCSEC, DEG, DEG_H};
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};

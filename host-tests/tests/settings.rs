@@ -6,9 +6,9 @@ use host_tests::presets;
 use host_tests::unit::UnitConfig;
 use host_tests::virtual_rins::VirtualUnit;
 use host_tests::virtual_run::VirtualRun;
-use rins_selfcal::method::Method;
+use rins_selfcal::base::method::Method;
+use rins_selfcal::base::units::{ARCSEC, DEG};
 use rins_selfcal::scheme::Scheme;
-use rins_selfcal::units::{ARCSEC, DEG};
 use rins_selfcal::verdict::{Reason, Verdict, WrongSetting};
 
 /// What is said of a unit at 30.93041 N, 20 m, with one fault or none, by someone who was told this.
@@ -79,7 +79,7 @@ fn a_wrong_gravity_is_named_once() {
     let verdict = verdict(told, None, Precision::F64);
     let [WrongSetting::Gravity { of_configured, .. }] = settings(&verdict)[..] else { panic!("{:?}", verdict.reasons) };
     // The scale errors of the unit, 100 ppm with mixed signs, are their share.
-    let gravity = rins_selfcal::site::Site::default().gravity_m_s2();
+    let gravity = rins_selfcal::base::site::Site::default().gravity_m_s2();
     assert!((of_configured * 9.73 / gravity - 1.0).abs() < 100e-6, "{of_configured}");
     assert_eq!(verdict.reasons.len(), 1, "{:?}", verdict.reasons);
 }

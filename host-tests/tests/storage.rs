@@ -4,15 +4,14 @@
 use crc::{CRC_32_ISO_HDLC, Crc};
 use host_tests::memory::{MemoryFault, Power, Stuck, Torn, VirtualEeprom, VirtualFlash};
 use rayon::prelude::*;
-use rins_selfcal::error_model::{InstrumentErrors, PARAMETERS};
-use rins_selfcal::method::Method;
-use rins_selfcal::site::Site;
-use rins_selfcal::store::medium::{Eeprom, Flash, Medium};
-use rins_selfcal::store::record::{FORMAT_VERSION, encode};
-use rins_selfcal::store::{
-    CalibrationStore, Damage, HISTORY, Loaded, REJECTED_IN_A_ROW, SLOT_BYTES, StoreError, StoredCalibration,
-    StoredVerdict,
-};
+use rins_selfcal::base::method::Method;
+use rins_selfcal::base::site::Site;
+use rins_selfcal::keep::medium::{Eeprom, Flash, Medium};
+use rins_selfcal::keep::record::{Damage, SLOT_BYTES};
+use rins_selfcal::keep::record::{FORMAT_VERSION, encode};
+use rins_selfcal::keep::store::{CalibrationStore, HISTORY, Loaded, REJECTED_IN_A_ROW, StoreError};
+use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETERS};
+use rins_selfcal::run::result::{StoredCalibration, StoredVerdict};
 use rins_selfcal::verdict::{Reason, Verdict};
 use serde::Serialize;
 use std::ops::Range;

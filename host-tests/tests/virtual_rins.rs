@@ -12,12 +12,12 @@ use host_tests::truth::Truth;
 use host_tests::unit::{Noise, UnitConfig};
 use host_tests::vec3::{Vec3, add_scaled};
 use host_tests::virtual_rins::{Effects, VirtualRins, VirtualUnit};
-use rins_selfcal::angle::Angle;
-use rins_selfcal::error_model::InstrumentErrors;
-use rins_selfcal::linear::Vector3;
+use rins_selfcal::base::angle::Angle;
+use rins_selfcal::base::linear::Vector3;
+use rins_selfcal::base::site::Site;
+use rins_selfcal::base::units::{ARCSEC, DEG, DEG_H, MICRO_G};
+use rins_selfcal::model::error_model::InstrumentErrors;
 use rins_selfcal::scheme::Scheme;
-use rins_selfcal::site::Site;
-use rins_selfcal::units::{ARCSEC, DEG, DEG_H, MICRO_G};
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::path::Path;
 

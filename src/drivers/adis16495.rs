@@ -25,9 +25,9 @@
 //! so many samples as the decimation says; data-ready rises on DIO2. For 200 Hz on the processor's clock give it 4000 Hz
 //! and a decimation of 20. Status bits: 15 watchdog, 8 clock, 7 overrun, 6 flash, 5 sensor, 3 SPI, 2 memory, 1 boot.
 
-use super::{Counter, ImuFault, ImuReading, field};
-use crate::linear::{Real, Vector3, real};
-use crate::units::{DEG, MICRO_G};
+use super::imu::{Counter, ImuFault, ImuReading, field};
+use crate::base::linear::{Real, Vector3, real};
+use crate::base::units::{DEG, MICRO_G};
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 use embedded_hal::delay::DelayNs;
 use embedded_hal::spi::SpiDevice;

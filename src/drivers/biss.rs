@@ -19,7 +19,7 @@
 //! A wrong bit before the position could move the frame, which a CRC of 6 bits lets pass one time in 64. So the start bit
 //! may not be elsewhere than it was by more than one bit, the line's jitter against the clock, unless two reads agree.
 
-use crate::angle::Angle;
+use crate::base::angle::Angle;
 use crc::{Algorithm, Crc, Table};
 use embedded_hal::spi::SpiDevice;
 

@@ -22,9 +22,9 @@
 //! An f32 near 1 g has steps of 1.2e-7 g, and at 20 deg/s of 3e-8 rad/s: less than 1/1000 of the noise of a sample at
 //! 200 Hz with 10 ug/sqrt(Hz), and 1/130 with 0.001 deg/sqrt(h), so noise dithers them.
 
-use super::{Counter, ImuFault, ImuReading, field};
-use crate::linear::{Real, Vector3, real};
-use crate::units::{DEG, MICRO_G};
+use super::imu::{Counter, ImuFault, ImuReading, field};
+use crate::base::linear::{Real, Vector3, real};
+use crate::base::units::{DEG, MICRO_G};
 use core::convert::Infallible;
 use crc::{CRC_32_MPEG_2, Crc, Table};
 

@@ -1,6 +1,6 @@
 //! What can go wrong with a gimbal axis, and its text.
 
-use crate::units::{ARCSEC, DEG};
+use crate::base::units::{ARCSEC, DEG};
 use core::fmt;
 use serde::{Deserialize, Serialize};
 

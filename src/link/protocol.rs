@@ -1,17 +1,19 @@
 //! What is said over the link beside the messages of the rooms: requests and their replies.
 
 use super::frame::{Dropped, PROTOCOL_VERSION, Payload};
-use crate::axis::AxisLimits;
-use crate::black_box::Entry;
-use crate::calibrator::CalibratorConfig;
-use crate::error_model::PARAMETERS;
 use crate::estimator::Estimate;
-use crate::policy::PowerUpPolicy;
+use crate::gimbal::axis::AxisLimits;
+use crate::keep::black_box::Entry;
+use crate::keep::record::FORMAT_VERSION;
+use crate::model::error_model::PARAMETERS;
+use crate::run::calibrator::CalibratorConfig;
+use crate::run::config::{ConfigError, SelfCalibrationConfig};
+use crate::run::policy::PowerUpPolicy;
+use crate::run::result::StoredCalibration;
+use crate::run::sequencer::Pace;
+use crate::run::state::State;
+use crate::run::telemetry::Message;
 use crate::scheme::Scheme;
-use crate::self_calibration::{ConfigError, SelfCalibrationConfig};
-use crate::sequencer::{Pace, State};
-use crate::store::{FORMAT_VERSION, StoredCalibration};
-use crate::telemetry::Message;
 use crate::verdict::VerdictLimits;
 use core::fmt;
 use heapless::String;

@@ -3,13 +3,14 @@
 use super::lock::Lock;
 use super::protocol::{Answer, Command, Hello, Item, Refusal, Setting, Status};
 use super::{Link, LinkCounts};
-use crate::black_box::Entry;
-use crate::error_model::PARAMETERS;
-use crate::linear::Real;
-use crate::self_calibration::SelfCalibration;
-use crate::sequencer::State;
-use crate::store::medium::Medium;
-use crate::store::{CalibrationStore, StoredCalibration};
+use crate::base::linear::Real;
+use crate::keep::black_box::Entry;
+use crate::keep::medium::Medium;
+use crate::keep::store::CalibrationStore;
+use crate::model::error_model::PARAMETERS;
+use crate::run::result::StoredCalibration;
+use crate::run::self_calibration::SelfCalibration;
+use crate::run::state::State;
 
 /// The memories of an instrument, as commands see them.
 pub trait Archive {

@@ -7,11 +7,11 @@
 //! sensors' errors so that they average out, and leave the inner axis vertical: of the accelerometers only z ever feels
 //! gravity, so nothing tells their x and y scales, or gamma from gyro non-orthogonality. A run by them is refused, and
 //! where it is wanted all the same
-//! ([`refuse_unobserved`](crate::self_calibration::SelfCalibrationConfig::refuse_unobserved)) rejected in the end, with
+//! ([`refuse_unobserved`](crate::run::config::SelfCalibrationConfig::refuse_unobserved)) rejected in the end, with
 //! what it did find.
 
 use super::{Leg, Scheme};
-use crate::units::DEG;
+use crate::base::units::DEG;
 use heapless::{String, Vec};
 
 /// A scheme of the library.

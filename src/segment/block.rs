@@ -13,12 +13,12 @@
 //! are taken of every sample's angles.
 
 use super::{HarmonicSums, Held};
-use crate::angle::{Angle, RAD_PER_TICK, ticks_to_rad};
-use crate::linear::{Real, Vector3, real};
-use crate::reading::{Readings, Steps};
-use crate::sample::{CHANNELS, RawSample};
-use crate::scatter::BlockMeans;
-use crate::units::seconds;
+use crate::base::angle::{Angle, RAD_PER_TICK, ticks_to_rad};
+use crate::base::linear::{Real, Vector3, real};
+use crate::base::sample::{CHANNELS, RawSample};
+use crate::base::units::seconds;
+use crate::segment::readings::{Readings, Steps};
+use crate::segment::scatter::BlockMeans;
 use core::mem;
 
 /// For how many samples each channel has stayed the same.
@@ -404,7 +404,7 @@ fn swerve_rad2<T: Real>(ticks2: i64) -> T {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::units::ARCSEC;
+    use crate::base::units::ARCSEC;
     use core::f64::consts::TAU;
 
     /// A block of 20 samples in which the axes pass round a circle, twice.

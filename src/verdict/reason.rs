@@ -2,11 +2,11 @@
 
 use super::scale::WrongScale;
 use super::setting::WrongSetting;
-use crate::constancy::{Change, Suspicion};
-use crate::error_model::{PARAMETER_INFO, ParameterInfo, block};
-use crate::sample::CHANNELS;
-use crate::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM};
-use crate::wiring::Wiring;
+use crate::base::sample::CHANNELS;
+use crate::base::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM};
+use crate::estimator::constancy::{Change, Suspicion};
+use crate::model::error_model::{PARAMETER_INFO, ParameterInfo, block};
+use crate::verdict::wiring::Wiring;
 use core::fmt;
 use serde::{Deserialize, Serialize};
 

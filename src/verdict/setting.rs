@@ -3,11 +3,11 @@
 //!
 //! A wrong setting is named where it explains what does not fit, and no change during the run explains it as well.
 
-use crate::constancy::Settings;
+use crate::base::linear::{ComplexField, RealField};
+use crate::base::site::{EARTH_RATE_RAD_S, Site};
+use crate::base::units::DEG;
 use crate::estimator::Solution;
-use crate::linear::{ComplexField, RealField};
-use crate::site::{EARTH_RATE_RAD_S, Site};
-use crate::units::DEG;
+use crate::estimator::constancy::Settings;
 use core::fmt;
 use serde::{Deserialize, Serialize};
 

@@ -10,11 +10,11 @@ use host_tests::presets::{UnitErrors, real};
 use host_tests::unit::UnitConfig;
 use host_tests::virtual_rins::Effects;
 use indicatif::ProgressBar;
-use rins_selfcal::error_model::block;
-use rins_selfcal::method::Method;
-use rins_selfcal::options::Options;
+use rins_selfcal::base::method::Method;
+use rins_selfcal::base::units::{DEG_H, MICRO_G};
+use rins_selfcal::model::error_model::block;
+use rins_selfcal::model::options::Options;
 use rins_selfcal::scheme::Scheme;
-use rins_selfcal::units::{DEG_H, MICRO_G};
 
 /// Lets each effect beyond the 28 parameters act or not, and be estimated or not: error and chi-square
 #[derive(Parser)]

@@ -3,9 +3,9 @@
 use comfy_table::{Table, presets};
 use host_tests::motor::Mechanics;
 use host_tests::servo_bench::{MoveFigures, ServoBench};
-use rins_selfcal::profile::Point;
-use rins_selfcal::servo::MotorAndLoad;
-use rins_selfcal::units::{ARCSEC, DEG};
+use rins_selfcal::base::profile::Point;
+use rins_selfcal::base::units::{ARCSEC, DEG};
+use rins_selfcal::gimbal::servo::MotorAndLoad;
 
 /// What is not as the servo takes it: name, inertia, friction, bits of the encoder.
 const LOADS: [(&str, f64, f64, u8); 9] = [

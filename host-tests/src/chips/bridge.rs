@@ -1,6 +1,6 @@
 //! A motor bridge with PWM and direction: what its outputs do.
 
-use rins_selfcal::servo::Drive;
+use rins_selfcal::gimbal::servo::Drive;
 
 /// The bridge, as its pins are.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

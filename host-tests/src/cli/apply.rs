@@ -8,8 +8,8 @@ use crate::calibration::raw_sample;
 use crate::log::{LogReader, LogWriter};
 use crate::plant::Reading;
 use crate::saved::Saved;
-use rins_selfcal::error_model::Calibration;
-use rins_selfcal::linear::Vector3;
+use rins_selfcal::base::linear::Vector3;
+use rins_selfcal::model::error_model::Calibration;
 
 /// Rows between two looks at the counter.
 const TICK: u64 = 10_000;

@@ -13,8 +13,8 @@ use crate::scheme_file::write_scheme;
 use crate::table;
 use crate::unit::{Noise, UnitConfig};
 use anyhow::{Context, bail};
+use rins_selfcal::base::units::{DEG_H, DEG_SQRT_H, MICRO_G};
 use rins_selfcal::segment::SegmentKind;
-use rins_selfcal::units::{DEG_H, DEG_SQRT_H, MICRO_G};
 use std::path::Path;
 
 pub fn run(arguments: &InspectArguments) -> anyhow::Result<Ending> {

@@ -9,11 +9,11 @@ use crate::toml_file::TomlFile;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use console::{Key, Term};
-use rins_selfcal::assignment::Assignment;
-use rins_selfcal::black_box::Entry;
+use rins_selfcal::keep::black_box::Entry;
 use rins_selfcal::link::{Answer, Command, Item, Refusal, Setting, SettingName};
-use rins_selfcal::self_calibration::SelfCalibrationConfig;
-use rins_selfcal::store::StoredCalibration;
+use rins_selfcal::run::assignment::Assignment;
+use rins_selfcal::run::config::SelfCalibrationConfig;
+use rins_selfcal::run::result::StoredCalibration;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, channel};
@@ -356,8 +356,8 @@ impl Show {
     }
 }
 
-fn is_end(message: &rins_selfcal::telemetry::Message) -> bool {
-    use rins_selfcal::telemetry::Message;
+fn is_end(message: &rins_selfcal::run::telemetry::Message) -> bool {
+    use rins_selfcal::run::telemetry::Message;
     matches!(message, Message::Judged(_) | Message::Aborted(_) | Message::Saved(false))
 }
 

@@ -13,9 +13,9 @@ use crate::report::write_json;
 use crate::scheme_file::write_scheme;
 use crate::table;
 use anyhow::ensure;
-use rins_selfcal::error_model::PARAMETER_INFO;
+use rins_selfcal::base::units::DEG;
+use rins_selfcal::model::error_model::PARAMETER_INFO;
 use rins_selfcal::scheme::Scheme;
-use rins_selfcal::units::DEG;
 use std::path::Path;
 use std::sync::Mutex;
 

@@ -17,10 +17,10 @@ use crate::table;
 use anyhow::{Context, bail};
 use clap::Parser;
 use rayon::prelude::*;
-use rins_selfcal::calibrator::Progress as Segmented;
-use rins_selfcal::error_model::PARAMETER_INFO;
-use rins_selfcal::method::Method;
-use rins_selfcal::observability::INSTALLATION_STATES;
+use rins_selfcal::base::method::Method;
+use rins_selfcal::estimator::observability::INSTALLATION_STATES;
+use rins_selfcal::model::error_model::PARAMETER_INFO;
+use rins_selfcal::run::calibrator::Progress as Segmented;
 use serde::Serialize;
 use std::time::Instant;
 

@@ -10,7 +10,7 @@ use crate::truth::Truth;
 use crate::unit::UnitConfig;
 use crate::virtual_run::VirtualRun;
 use anyhow::Context;
-use rins_selfcal::method::Method;
+use rins_selfcal::base::method::Method;
 use std::path::Path;
 
 /// Samples between two looks at the bar.

@@ -10,7 +10,7 @@
 
 use super::sketch::{Series, Sketch};
 use crate::log::Unit;
-use rins_selfcal::units::{ARCSEC, DEG};
+use rins_selfcal::base::units::{ARCSEC, DEG};
 use std::f64::consts::TAU;
 
 /// Components of rotation and up.

@@ -4,9 +4,9 @@
 use crate::calibration::{HOST_SEGMENTS, raw_sample};
 use crate::log::{LogError, LogReader, Moment};
 use crate::plant::Reading;
-use rins_selfcal::angle::{Angle, ticks_to_rad};
-use rins_selfcal::intake::{Admission, Intake, IntakeCounts};
-use rins_selfcal::sample::RawSample;
+use rins_selfcal::base::angle::{Angle, ticks_to_rad};
+use rins_selfcal::base::sample::RawSample;
+use rins_selfcal::segment::intake::{Admission, Intake, IntakeCounts};
 use rins_selfcal::segment::{Segment, Segmenter, Stillness};
 use serde::Serialize;
 use std::collections::VecDeque;

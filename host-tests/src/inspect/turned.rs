@@ -2,11 +2,11 @@
 //!
 //! A log is its stops here: where both axes stand, counted over whole turns, and for how long.
 
-use rins_selfcal::angle::ticks_to_rad;
+use rins_selfcal::base::angle::ticks_to_rad;
+use rins_selfcal::base::units::DEG;
 use rins_selfcal::scheme::library::LIBRARY;
 use rins_selfcal::scheme::{Leg, MAX_LEGS, Scheme};
 use rins_selfcal::segment::{GUARD_S, Segment, SegmentKind};
-use rins_selfcal::units::DEG;
 use serde::Serialize;
 
 /// Angles that are this near belong to one scheme, rad.

@@ -1,6 +1,6 @@
 //! Units that a mapping may name.
 
-use rins_selfcal::units::{ARCSEC, DEG, DEG_H, MICRO_G};
+use rins_selfcal::base::units::{ARCSEC, DEG, DEG_H, MICRO_G};
 use std::f64::consts::TAU;
 
 /// Standard gravity, m/s^2.

@@ -5,7 +5,7 @@ use anyhow::{Context, Result, bail};
 use rins_selfcal::link::{
     Answer, Command, Damage, Decoder, Dropped, MAX_FRAME_BYTES, PROTOCOL_VERSION, UNLOCK_WORD, encode,
 };
-use rins_selfcal::telemetry::Message;
+use rins_selfcal::run::telemetry::Message;
 use std::collections::VecDeque;
 use std::io::ErrorKind;
 use std::time::{Duration, Instant};

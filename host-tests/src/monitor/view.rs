@@ -2,14 +2,15 @@
 
 use super::client::Event;
 use crate::quantity;
-use rins_selfcal::black_box::Restart;
-use rins_selfcal::error_model::{PARAMETER_INFO, PARAMETERS, block};
+use rins_selfcal::base::restart::Restart;
+use rins_selfcal::base::units::DEG;
 use rins_selfcal::estimator::Estimate;
 use rins_selfcal::link::{Answer, Dropped, Hello, Status};
-use rins_selfcal::policy::Decision;
-use rins_selfcal::sequencer::{Abort, State};
-use rins_selfcal::telemetry::Message;
-use rins_selfcal::units::DEG;
+use rins_selfcal::model::error_model::{PARAMETER_INFO, PARAMETERS, block};
+use rins_selfcal::run::abort::Abort;
+use rins_selfcal::run::policy::Decision;
+use rins_selfcal::run::state::State;
+use rins_selfcal::run::telemetry::Message;
 use rins_selfcal::verdict::Verdict;
 
 /// Widest progress bar, characters.
@@ -281,8 +282,8 @@ pub fn lines(event: &Event) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rins_selfcal::calibrator::Progress;
-    use rins_selfcal::error_model::InstrumentErrors;
+    use rins_selfcal::model::error_model::InstrumentErrors;
+    use rins_selfcal::run::calibrator::Progress;
     use rins_selfcal::segment::SegmentKind;
 
     #[test]

@@ -9,9 +9,9 @@ use crate::replication::{Foresight, Replication, Series, Study};
 use crate::table::{GROUPS, Group, number_or_none};
 use anyhow::Context;
 use maud::{Markup, html};
-use rins_selfcal::error_model::{InstrumentErrors, PARAMETER_INFO, block};
-use rins_selfcal::method::Method;
-use rins_selfcal::observability::INSTALLATION_STATES;
+use rins_selfcal::base::method::Method;
+use rins_selfcal::estimator::observability::INSTALLATION_STATES;
+use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETER_INFO, block};
 use rins_selfcal::scheme::{SETTLING_S, Scheme};
 use std::path::Path;
 

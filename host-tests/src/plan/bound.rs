@@ -25,12 +25,12 @@ use super::{PlanRequest, Travel};
 use crate::calibration::Setup;
 use crate::quantity::states;
 use rayon::prelude::*;
-use rins_selfcal::error_model::block;
-use rins_selfcal::linear::Matrix;
-use rins_selfcal::rehearsal::{Stand, Turning};
+use rins_selfcal::base::linear::Matrix;
+use rins_selfcal::base::units::DEG;
+use rins_selfcal::estimator::rehearsal::{Stand, Turning};
+use rins_selfcal::model::error_model::block;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::GUARD_S;
-use rins_selfcal::units::DEG;
 
 /// Accelerometer non-orthogonality, mounting, bias and scale; roll and pitch of the base.
 const STATES: usize = 14;
@@ -196,10 +196,10 @@ mod tests {
     use crate::calibration::Precision;
     use crate::prediction::{duration_s, predicted_sigmas_si};
     use crate::unit::UnitConfig;
-    use rins_selfcal::method::Method;
-    use rins_selfcal::observability::INSTALLATION_STATES;
+    use rins_selfcal::base::method::Method;
+    use rins_selfcal::base::units::ARCSEC;
+    use rins_selfcal::estimator::observability::INSTALLATION_STATES;
     use rins_selfcal::scheme::library::LIBRARY;
-    use rins_selfcal::units::ARCSEC;
 
     #[test]
     fn no_scheme_of_the_library_is_below_the_bound() {

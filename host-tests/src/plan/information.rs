@@ -11,16 +11,16 @@
 
 use crate::calibration::Setup;
 use crate::virtual_run::SETTLING_S;
-use rins_selfcal::error_model::{InstrumentErrors, PARAMETERS, block};
+use rins_selfcal::base::linear::{ComplexField, Matrix, Vector};
+use rins_selfcal::base::site::EARTH_RATE_RAD_S;
+use rins_selfcal::estimator::rehearsal::{BLOCK_LOSS_S, Stand, Turning, move_segment, stop_segment, usable_s};
 use rins_selfcal::estimator::{BASIC_STATES, EstimatorConfig};
-use rins_selfcal::linear::{ComplexField, Matrix, Vector};
-use rins_selfcal::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
-use rins_selfcal::options::{OptionalColumns, force_columns, rotation_columns};
-use rins_selfcal::rehearsal::{BLOCK_LOSS_S, Stand, Turning, move_segment, stop_segment, usable_s};
+use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETERS, block};
+use rins_selfcal::model::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
+use rins_selfcal::model::options::{OptionalColumns, force_columns, rotation_columns};
 use rins_selfcal::segment::GUARD_S;
+use rins_selfcal::segment::white_noise::Noise;
 use rins_selfcal::segment::{AngleIntegrals, Course, Segment, SegmentKind};
-use rins_selfcal::site::EARTH_RATE_RAD_S;
-use rins_selfcal::white_noise::Noise;
 use std::borrow::Borrow;
 
 /// Numbers of a model, of the size of one, are rounded to this; rotation by attitude to as much of Earth rate.
@@ -312,13 +312,13 @@ mod tests {
     use crate::prediction::predicted_sigmas_si;
     use crate::unit::UnitConfig;
     use crate::virtual_rins::VirtualUnit;
-    use rins_selfcal::error_model::PARAMETER_INFO;
+    use rins_selfcal::base::method::Method;
+    use rins_selfcal::base::units::{DEG_H, MICRO_G};
     use rins_selfcal::estimator::FULL_STATES;
-    use rins_selfcal::method::Method;
-    use rins_selfcal::options::Options;
-    use rins_selfcal::rehearsal::stands;
+    use rins_selfcal::estimator::rehearsal::stands;
+    use rins_selfcal::model::error_model::PARAMETER_INFO;
+    use rins_selfcal::model::options::Options;
     use rins_selfcal::scheme::Scheme;
-    use rins_selfcal::units::{DEG_H, MICRO_G};
 
     fn setup() -> Setup {
         Setup::new(&UnitConfig::default(), VirtualUnit::default().rate_hz, Method::Joint, Precision::F64)

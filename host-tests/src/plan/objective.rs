@@ -2,11 +2,11 @@
 
 use super::information::Information;
 use crate::quantity::{HEADING, states};
-use rins_selfcal::error_model::PARAMETERS;
+use rins_selfcal::base::linear::{ComplexField, Matrix, Vector};
 use rins_selfcal::estimator::OBSERVED_RATIO;
-use rins_selfcal::linear::{ComplexField, Matrix, Vector};
-use rins_selfcal::observability::INSTALLATION_STATES;
-use rins_selfcal::options::Options;
+use rins_selfcal::estimator::observability::INSTALLATION_STATES;
+use rins_selfcal::model::error_model::PARAMETERS;
+use rins_selfcal::model::options::Options;
 
 /// How weighted sigmas make one number.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]

@@ -13,9 +13,9 @@ use crate::virtual_run::{SETTLING_S, Stream, derived_seed};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;
-use rins_selfcal::linear::ComplexField;
-use rins_selfcal::rehearsal::Stand;
-use rins_selfcal::units::DEG;
+use rins_selfcal::base::linear::ComplexField;
+use rins_selfcal::base::units::DEG;
+use rins_selfcal::estimator::rehearsal::Stand;
 use std::collections::HashMap;
 use std::rc::Rc;
 

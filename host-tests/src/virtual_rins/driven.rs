@@ -9,7 +9,7 @@ use crate::kinematics::{Motion, Sensed};
 use crate::motor::{Mechanics, Motor};
 use crate::plant::{Plant, Reading, Tick};
 use crate::vec3::{Vec3, add_scaled, scale};
-use rins_selfcal::servo::{Drive, MotorAndLoad, PERIOD_S, PERIOD_US};
+use rins_selfcal::gimbal::servo::{Drive, MotorAndLoad, PERIOD_S, PERIOD_US};
 
 /// A unit with its motors.
 pub struct DrivenRins {

@@ -2,13 +2,14 @@
 
 use crate::Scalar;
 use embedded_hal::spi::SpiDevice;
-use rins_selfcal::black_box::{Restart, Stop};
-use rins_selfcal::control::{Control, MotorBridge};
+use rins_selfcal::acquisition::queue::SampleConsumer;
+use rins_selfcal::base::restart::Restart;
+use rins_selfcal::base::restart::Stop;
 use rins_selfcal::gimbal::Gimbal;
+use rins_selfcal::gimbal::control::{Control, MotorBridge};
+use rins_selfcal::keep::medium::Medium;
+use rins_selfcal::keep::store::CalibrationStore;
 use rins_selfcal::link::Link;
-use rins_selfcal::queue::SampleConsumer;
-use rins_selfcal::store::CalibrationStore;
-use rins_selfcal::store::medium::Medium;
 
 /// The board that this image is built for.
 #[cfg(any(feature = "mps2-an500", feature = "mps2-an386"))]

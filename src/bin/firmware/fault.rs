@@ -7,7 +7,7 @@ use core::arch::naked_asm;
 use core::panic::PanicInfo;
 use core::{ptr, slice, str};
 use cortex_m::peripheral::SCB;
-use rins_selfcal::black_box::{Registers, Stop};
+use rins_selfcal::base::restart::{Registers, Stop};
 
 /// Linked only if something can panic.
 #[panic_handler]

@@ -47,16 +47,18 @@ use pipe_pins::{BridgePin, EncoderSpi, input};
 use pipe_spi::{POWERED, PipeBus};
 use register::{Register, Timer};
 use rins_selfcal::acquisition::View;
-use rins_selfcal::black_box::{Event, Stop};
-use rins_selfcal::control::Control;
+use rins_selfcal::acquisition::queue::SampleQueue;
+use rins_selfcal::base::loss::Loss;
+use rins_selfcal::base::restart::Stop;
+use rins_selfcal::base::restart::Task;
 use rins_selfcal::drivers::biss::{BissEncoder, Mounting, Resolution};
 use rins_selfcal::drivers::bridge::Bridge;
 use rins_selfcal::gimbal::Gimbal;
+use rins_selfcal::gimbal::control::Control;
+use rins_selfcal::gimbal::servo::PERIOD_US;
+use rins_selfcal::keep::black_box::Event;
+use rins_selfcal::keep::store::CalibrationStore;
 use rins_selfcal::link::Link;
-use rins_selfcal::liveness::Task;
-use rins_selfcal::queue::{Loss, SampleQueue};
-use rins_selfcal::servo::PERIOD_US;
-use rins_selfcal::store::CalibrationStore;
 use semihosting::{File, exit};
 
 /// Ticks of the system clock per second.
@@ -126,7 +128,7 @@ defmt::timestamp!("{=u64:us}", uptime_us());
 type BoardBridge = Bridge<BridgePin, BridgePin, BridgePin, BridgePin>;
 type BoardControl = Control<Scalar, EncoderSpi, BoardBridge>;
 
-/// Filled once at power-up. See [`rins_selfcal::control`] for who uses it.
+/// Filled once at power-up. See [`rins_selfcal::gimbal::control`] for who uses it.
 static CONTROL: Mutex<RefCell<Option<BoardControl>>> = Mutex::new(RefCell::new(None));
 /// Filled once at power-up, then used by the IMU's interrupt only, which takes it out while it does: the control interrupt
 /// may come into it.

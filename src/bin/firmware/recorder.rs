@@ -2,7 +2,8 @@
 #![allow(unsafe_code)]
 
 use core::sync::atomic::{AtomicU32, Ordering};
-use rins_selfcal::black_box::{BlackBox, Entry, Event, Restart};
+use rins_selfcal::base::restart::Restart;
+use rins_selfcal::keep::black_box::{BlackBox, Entry, Event};
 
 /// Events that are kept: 4 KiB, see `regions.x`.
 const EVENTS: usize = 64;

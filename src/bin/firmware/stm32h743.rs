@@ -51,17 +51,20 @@ use embedded_hal_bus::spi::ExclusiveDevice;
 #[cfg(feature = "kvh1750")]
 use kvh1750::{Imu, Wiring};
 use rins_selfcal::acquisition::View;
-use rins_selfcal::black_box::{Event, Restart, Stop};
-use rins_selfcal::control::Control;
+use rins_selfcal::acquisition::queue::SampleQueue;
+use rins_selfcal::base::loss::Loss;
+use rins_selfcal::base::restart::Restart;
+use rins_selfcal::base::restart::Stop;
+use rins_selfcal::base::restart::Task;
 use rins_selfcal::drivers::biss::{BissEncoder, Mounting, Resolution};
 use rins_selfcal::drivers::bridge::{Bridge, NoPin};
 use rins_selfcal::gimbal::Gimbal;
+use rins_selfcal::gimbal::control::Control;
+use rins_selfcal::gimbal::servo::PERIOD_US;
+use rins_selfcal::keep::black_box::Event;
+use rins_selfcal::keep::medium;
+use rins_selfcal::keep::store::CalibrationStore;
 use rins_selfcal::link::Link;
-use rins_selfcal::liveness::Task;
-use rins_selfcal::queue::{Loss, SampleQueue};
-use rins_selfcal::servo::PERIOD_US;
-use rins_selfcal::store::CalibrationStore;
-use rins_selfcal::store::medium;
 
 /// Depth of the sample queue plus one: 5 s at 200 Hz. Erasing a sector of the flash takes the main loop 4 s at most.
 const QUEUE_LENGTH: usize = 1024;
@@ -87,7 +90,7 @@ type BoardControl = Control<Scalar, EncoderSpi, BoardBridge>;
 /// What control begins with.
 type Devices = ([BissEncoder<EncoderSpi>; 2], [BoardBridge; 2], Peri<'static, TIM6>);
 
-/// Filled once at power-up. See [`rins_selfcal::control`] for who uses it.
+/// Filled once at power-up. See [`rins_selfcal::gimbal::control`] for who uses it.
 static CONTROL: Mutex<RefCell<Option<BoardControl>>> = Mutex::new(RefCell::new(None));
 
 fn with_control<R>(act: impl FnOnce(&mut BoardControl) -> R) -> Option<R> {

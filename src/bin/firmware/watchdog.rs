@@ -5,8 +5,9 @@
 
 use crate::board::{Board, ThisBoard};
 use core::sync::atomic::{AtomicBool, Ordering};
-use rins_selfcal::black_box::Stop;
-use rins_selfcal::liveness::{Liveness, Task};
+use rins_selfcal::base::restart::Stop;
+use rins_selfcal::base::restart::Task;
+use rins_selfcal::keep::liveness::Liveness;
 
 static LIVENESS: Liveness = Liveness::new(ThisBoard::DEADLINES_US);
 /// Set by the main loop's first turn: what comes before may take its time.

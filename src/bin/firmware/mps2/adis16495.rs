@@ -6,9 +6,9 @@ use super::{EDGE, view};
 use crate::Scalar;
 use core::sync::atomic::Ordering;
 use rins_selfcal::acquisition::Acquisition;
+use rins_selfcal::acquisition::queue::SampleProducer;
 use rins_selfcal::drivers::adis16495::{Adis16495, Settings};
-use rins_selfcal::queue::SampleProducer;
-use rins_selfcal::servo::PERIOD_US;
+use rins_selfcal::gimbal::servo::PERIOD_US;
 
 /// What the IMU's interrupt has.
 pub struct Imu(Acquisition<'static, Scalar, PipeSpi>);

@@ -7,7 +7,7 @@ use core::convert::Infallible;
 use eeprom24x::{Eeprom24x, SlaveAddr, addr_size, page_size, unique_serial};
 use embedded_hal::delay::DelayNs;
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
-use rins_selfcal::store::medium;
+use rins_selfcal::keep::medium;
 
 const I2C_SET: Register = Register::at(0x4002_a000);
 const I2C_CLEAR: Register = Register::at(0x4002_a004);

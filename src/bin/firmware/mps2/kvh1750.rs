@@ -15,8 +15,8 @@ use super::{now_us, view};
 use crate::Scalar;
 use embedded_hal::spi::SpiDevice;
 use rins_selfcal::acquisition::Streaming;
+use rins_selfcal::acquisition::queue::SampleProducer;
 use rins_selfcal::drivers::kvh1750::{Kvh1750, Settings};
-use rins_selfcal::queue::SampleProducer;
 
 /// Most bytes of the line to a transfer: a transfer on SPI has at most 96.
 const MOST_BYTES: usize = 31;

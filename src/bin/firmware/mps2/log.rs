@@ -4,7 +4,7 @@
 use super::semihosting::File;
 use crate::board::{Board, ThisBoard};
 use core::cell::UnsafeCell;
-use rins_selfcal::black_box::Stop;
+use rins_selfcal::base::restart::Stop;
 
 struct Log {
     restore: critical_section::RestoreState,

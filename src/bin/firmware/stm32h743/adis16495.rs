@@ -17,8 +17,8 @@ use embassy_stm32::timer::simple_pwm::SimplePwm;
 use embassy_stm32::{interrupt as handler, pac};
 use embedded_hal_bus::spi::ExclusiveDevice;
 use rins_selfcal::acquisition::Acquisition;
+use rins_selfcal::acquisition::queue::SampleProducer;
 use rins_selfcal::drivers::adis16495::{Adis16495, Settings};
-use rins_selfcal::queue::SampleProducer;
 
 type BoardAcquisition = Acquisition<'static, Scalar, ExclusiveDevice<Bus, Output<'static>, Delay>>;
 

@@ -16,8 +16,8 @@ use embassy_stm32::timer::simple_pwm::SimplePwm;
 use embassy_stm32::usart::{Config, UartRx};
 use embassy_stm32::{interrupt as handler, pac};
 use rins_selfcal::acquisition::Streaming;
+use rins_selfcal::acquisition::queue::SampleProducer;
 use rins_selfcal::drivers::kvh1750::{Kvh1750, Settings};
-use rins_selfcal::queue::SampleProducer;
 
 /// A request is high for 60 us of 5 ms.
 const REQUEST_THOUSANDTHS: u32 = 12;

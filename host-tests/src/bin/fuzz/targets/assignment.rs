@@ -3,10 +3,10 @@
 use super::{bytes_of, stable_bytes};
 use crate::source::Source;
 use crate::target::{Claim, Outcome, Target, digest};
-use rins_selfcal::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
+use rins_selfcal::run::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
+use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig};
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::scheme::library::LIBRARY;
-use rins_selfcal::self_calibration::{ConfigError, SelfCalibrationConfig};
 
 /// An assignment as postcard.
 pub struct Assignments(Vec<Vec<u8>>);

@@ -8,11 +8,11 @@ use crate::target::{Claim, Outcome, Target};
 use host_tests::calibration::raw_sample;
 use host_tests::plant::Reading;
 use host_tests::power_up::Memory;
-use rins_selfcal::calibrator::Calibrator;
 use rins_selfcal::estimator::{BASIC_STATES, MAX_SEGMENTS};
 use rins_selfcal::gimbal::GimbalStatus;
 use rins_selfcal::link::{Answer, Command, Decoder, Link, Moment, PROTOCOL_VERSION, UNLOCK_WORD};
-use rins_selfcal::self_calibration::SelfCalibration;
+use rins_selfcal::run::calibrator::Calibrator;
+use rins_selfcal::run::self_calibration::SelfCalibration;
 use std::cell::RefCell;
 
 /// An instrument at rest and level.

@@ -7,7 +7,7 @@ use crate::source::Source;
 use crate::target::{Claim, Outcome, Target, digest};
 use host_tests::monitor::{Event, View, lines};
 use rins_selfcal::link::{Answer, Command, Decoder, Dropped, Link, MAX_PAYLOAD_BYTES, PROTOCOL_VERSION, Refusal};
-use rins_selfcal::telemetry::Message;
+use rins_selfcal::run::telemetry::Message;
 
 /// Kind, number and payload.
 pub struct LinkPayloads {

@@ -3,20 +3,20 @@
 use super::bytes_of;
 use host_tests::power_up::{Switched, in_process, shared};
 use host_tests::virtual_rins::{DrivenRins, VirtualUnit};
-use rins_selfcal::assignment::Assignment;
-use rins_selfcal::calibrator::CalibratorConfig;
-use rins_selfcal::error_model::PARAMETERS;
+use rins_selfcal::base::method::Method;
 use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::link::{
     Answer, Command, Hello, Item, LinkCounts, Payload, Refusal, Setting, SettingName, Status, UNLOCK_WORD,
 };
-use rins_selfcal::method::Method;
-use rins_selfcal::policy::PowerUpPolicy;
+use rins_selfcal::model::error_model::PARAMETERS;
+use rins_selfcal::run::assignment::Assignment;
+use rins_selfcal::run::calibrator::CalibratorConfig;
+use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig};
+use rins_selfcal::run::policy::PowerUpPolicy;
+use rins_selfcal::run::result::{StoredCalibration, StoredVerdict};
+use rins_selfcal::run::state::State;
+use rins_selfcal::run::telemetry::Message;
 use rins_selfcal::scheme::Scheme;
-use rins_selfcal::self_calibration::{ConfigError, SelfCalibrationConfig};
-use rins_selfcal::sequencer::State;
-use rins_selfcal::store::{StoredCalibration, StoredVerdict};
-use rins_selfcal::telemetry::Message;
 
 /// Payloads by kind.
 pub struct Samples {

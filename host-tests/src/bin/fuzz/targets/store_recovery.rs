@@ -5,9 +5,10 @@ use super::{bytes_of, stable_bytes};
 use crate::source::Source;
 use crate::target::{Claim, Outcome, Target};
 use host_tests::memory::VirtualEeprom;
-use rins_selfcal::store::medium::Eeprom;
-use rins_selfcal::store::record::{SLOT_BYTES, decode};
-use rins_selfcal::store::{CalibrationStore, Loaded, StoreError, StoredCalibration, StoredVerdict};
+use rins_selfcal::keep::medium::Eeprom;
+use rins_selfcal::keep::record::{SLOT_BYTES, decode};
+use rins_selfcal::keep::store::{CalibrationStore, Loaded, StoreError};
+use rins_selfcal::run::result::{StoredCalibration, StoredVerdict};
 use rins_selfcal::verdict::{Reason, Verdict};
 
 const EEPROM_BYTES: usize = 8192;

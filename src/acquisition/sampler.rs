@@ -1,0 +1,195 @@
+//! What the interrupt of the IMU does, data-ready or that of a UART: read the IMU, make one raw sample of it and the angles
+//! at its stamp, queue it with the gimbal's status.
+
+use crate::acquisition::queue::{Observed, SampleProducer};
+use crate::base::angle::Angle;
+use crate::base::linear::Real;
+use crate::base::loss::Loss;
+use crate::base::sample::RawSample;
+use crate::drivers::adis16495::Adis16495;
+use crate::drivers::kvh1750::Kvh1750;
+use crate::drivers::{ImuFault, ImuReading};
+use crate::gimbal::GimbalStatus;
+use embedded_hal::spi::SpiDevice;
+
+/// Angles of (outer, inner) at a time, and how the gimbal is; or why an angle is missing.
+pub type View = Result<([Angle; 2], GimbalStatus), Loss>;
+
+/// Makes samples of readings and angles, and accounts for those that are lost.
+pub struct Sampler<'q, T: Real> {
+    producer: SampleProducer<'q, T>,
+}
+
+impl<'q, T: Real> Sampler<'q, T> {
+    /// With the interrupt's end of the queue.
+    pub fn new(producer: SampleProducer<'q, T>) -> Self {
+        Self { producer }
+    }
+
+    /// Queues the sample of a reading with the angles at its stamp, for which `view_at` is asked.
+    ///
+    /// # Errors
+    /// There is no sample, and the queue has counted the reason.
+    pub fn take<E>(
+        &mut self,
+        reading: Result<ImuReading<T>, ImuFault<E>>,
+        view_at: impl FnOnce(u64) -> View,
+    ) -> Result<(), Loss> {
+        match self.observed(reading, view_at) {
+            Ok(observed) => self.producer.push(observed),
+            Err(loss) => {
+                self.producer.count(loss, 1);
+                Err(loss)
+            }
+        }
+    }
+
+    fn observed<E>(
+        &mut self,
+        reading: Result<ImuReading<T>, ImuFault<E>>,
+        view_at: impl FnOnce(u64) -> View,
+    ) -> Result<Observed<T>, Loss> {
+        let ImuReading { time_us, missed, omega_g, force_a, temperature_c } = reading.map_err(of_imu)?;
+        self.producer.count(Loss::Unread, missed);
+        let ([outer, inner], gimbal) = view_at(time_us)?;
+        Ok(Observed { sample: RawSample { time_us, omega_g, force_a, outer, inner, temperature_c }, gimbal })
+    }
+}
+
+/// The IMU on its way to the queue.
+pub struct Acquisition<'q, T: Real, S> {
+    imu: Adis16495<S>,
+    sampler: Sampler<'q, T>,
+}
+
+impl<'q, T: Real, S: SpiDevice> Acquisition<'q, T, S> {
+    /// Puts the parts together.
+    pub fn new(imu: Adis16495<S>, producer: SampleProducer<'q, T>) -> Self {
+        Self { imu, sampler: Sampler::new(producer) }
+    }
+
+    /// Reads the IMU and queues the sample: call it once for every data-ready edge, with its time. It takes one transfer
+    /// and does not wait.
+    ///
+    /// # Errors
+    /// There is no sample, and the queue has counted the reason.
+    pub fn on_data_ready(&mut self, edge_us: u64, view_at: impl FnOnce(u64) -> View) -> Result<(), Loss> {
+        self.sampler.take(self.imu.read(edge_us), view_at)
+    }
+}
+
+/// An IMU that sends by itself, on its way to the queue: in the interrupt of its UART
+///
+/// ```
+/// use rins_selfcal::acquisition::{Streaming, View};
+/// use rins_selfcal::drivers::kvh1750::{Kvh1750, Settings};
+/// use rins_selfcal::acquisition::queue::SampleQueue;
+///
+/// # fn received() -> [u8; 3] { [0xfe, 0x81, 0xff] }
+/// # fn now_us() -> u64 { 0 }
+/// # fn view_at(_: u64) -> View { Err(rins_selfcal::base::loss::Loss::Status) }
+/// let mut queue = SampleQueue::<f64, 64>::new();
+/// let (producer, samples) = queue.split();
+/// let mut streaming = Streaming::new(Kvh1750::new(&Settings::default()), producer);
+/// // The UART's interrupt; `view_at` asks `Control::view`.
+/// for byte in received() {
+///     streaming.on_byte(byte, now_us(), view_at);
+/// }
+/// # assert!(samples.is_empty());
+/// ```
+pub struct Streaming<'q, T: Real> {
+    imu: Kvh1750,
+    sampler: Sampler<'q, T>,
+}
+
+impl<'q, T: Real> Streaming<'q, T> {
+    /// Puts the parts together.
+    pub fn new(imu: Kvh1750, producer: SampleProducer<'q, T>) -> Self {
+        Self { imu, sampler: Sampler::new(producer) }
+    }
+
+    /// Takes in a byte, which came at `now_us`. The last of a message tells what became of its sample: if there is none, the
+    /// queue has counted the reason.
+    pub fn on_byte(&mut self, byte: u8, now_us: u64, view_at: impl FnOnce(u64) -> View) -> Option<Result<(), Loss>> {
+        self.imu.push(byte, now_us).map(|reading| self.sampler.take(reading, view_at))
+    }
+
+    /// The IMU.
+    pub fn imu(&self) -> &Kvh1750 {
+        &self.imu
+    }
+}
+
+fn of_imu<E>(fault: ImuFault<E>) -> Loss {
+    match fault {
+        ImuFault::Bus(_) => Loss::Bus,
+        ImuFault::NoAnswer | ImuFault::Crc => Loss::Crc,
+        ImuFault::Status(_) => Loss::Status,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::acquisition::queue::SampleQueue;
+    use crate::base::linear::Vector3;
+    use crate::base::loss::Losses;
+    use core::convert::Infallible;
+
+    type Read = Result<ImuReading<f64>, ImuFault<Infallible>>;
+
+    const STATUS: GimbalStatus =
+        GimbalStatus { time_us: 17_000, commands: 3, arrived: true, at_rest: true, move_us: 5, fault: None };
+
+    fn reading(time_us: u64, missed: u32) -> Read {
+        let (omega_g, force_a) = (Vector3::new(1.0, 2.0, 3.0), Vector3::new(4.0, 5.0, 6.0));
+        Ok(ImuReading { time_us, missed, omega_g, force_a, temperature_c: 21.0 })
+    }
+
+    /// Takes the readings, each with the angles that belong to it; outcomes, samples and losses.
+    fn run(readings: &[(Read, Result<u32, Loss>)]) -> (Vec<Result<(), Loss>>, Vec<Observed<f64>>, Losses) {
+        let mut queue = SampleQueue::<f64, 8>::new();
+        let (producer, mut consumer) = queue.split();
+        let mut sampler = Sampler::new(producer);
+        let view = |ticks| ([Angle::from_ticks(ticks), Angle::from_ticks(2)], STATUS);
+        let outcomes = readings.iter().map(|(reading, outer)| sampler.take(*reading, |_| outer.map(view))).collect();
+        (outcomes, core::iter::from_fn(|| consumer.pop()).collect(), consumer.losses())
+    }
+
+    #[test]
+    fn a_sample_joins_reading_and_angles() {
+        let (outcomes, samples, losses) = run(&[(reading(15_000, 0), Ok(7))]);
+        let RawSample { time_us, omega_g, force_a, outer, inner, temperature_c } = samples[0].sample;
+        assert_eq!((outcomes[0], time_us, outer.ticks(), inner.ticks(), temperature_c), (Ok(()), 15_000, 7, 2, 21.0));
+        assert_eq!((omega_g, force_a), (Vector3::new(1.0, 2.0, 3.0), Vector3::new(4.0, 5.0, 6.0)));
+        assert_eq!((samples[0].gimbal, losses), (STATUS, Losses::default()));
+    }
+
+    #[test]
+    fn the_angles_are_those_of_the_stamp() {
+        let mut queue = SampleQueue::<f64, 8>::new();
+        let mut sampler = Sampler::new(queue.split().0);
+        let mut asked = 0;
+        let taken = sampler.take(reading(4321, 0), |time_us| {
+            asked = time_us;
+            Ok(([Angle::default(); 2], STATUS))
+        });
+        assert_eq!((taken, asked), (Ok(()), 4321));
+    }
+
+    #[test]
+    fn every_missing_sample_is_counted_once() {
+        let readings = [
+            (Err(ImuFault::Crc), Ok(1)),
+            (Err(ImuFault::NoAnswer), Ok(1)),
+            (Err(ImuFault::Status(4)), Ok(1)),
+            (reading(0, 3), Ok(1)),
+            (reading(1, 1), Err(Loss::Crc)),
+            (reading(2, 0), Err(Loss::Status)),
+        ];
+        let (outcomes, samples, losses) = run(&readings);
+        assert_eq!(samples.len(), 1);
+        assert_eq!(losses, Losses { crc: 3, status: 2, unread: 4, bus: 0, overrun: 0 });
+        assert_eq!(outcomes[5], Err(Loss::Status));
+    }
+}

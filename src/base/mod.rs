@@ -1,0 +1,11 @@
+//! Shared types and mathematics: every room may name them, and they name no room.
+
+pub mod angle;
+pub mod linear;
+pub mod loss;
+pub mod method;
+pub mod profile;
+pub mod restart;
+pub mod sample;
+pub mod site;
+pub mod units;

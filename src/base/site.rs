@@ -1,0 +1,78 @@
+//! The Earth at the instrument's site: normal gravity and rotation, WGS-84.
+
+use crate::base::units::DEG;
+use serde::{Deserialize, Serialize};
+
+/// Earth rotation rate, rad/s (WGS-84).
+pub const EARTH_RATE_RAD_S: f64 = 7.292_115e-5;
+
+/// Where the instrument stands.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Site {
+    /// Geodetic latitude, rad.
+    pub latitude_rad: f64,
+    /// Height above the ellipsoid, m.
+    pub height_m: f64,
+    /// Measured gravity, m/s^2, in place of the normal gravity.
+    pub measured_gravity_m_s2: Option<f64>,
+}
+
+impl Default for Site {
+    /// Bai's laboratory: 30.93041 N, at 20 m.
+    fn default() -> Self {
+        Self { latitude_rad: 30.930_41 * DEG, height_m: 20.0, measured_gravity_m_s2: None }
+    }
+}
+
+impl Site {
+    /// Gravity at the site, m/s^2: the measured value, else normal gravity.
+    pub fn gravity_m_s2(&self) -> f64 {
+        self.measured_gravity_m_s2.unwrap_or_else(|| normal_gravity_m_s2(self.latitude_rad, self.height_m))
+    }
+
+    /// Earth rate in the local level frame n (east, north, up), rad/s.
+    pub fn earth_rate_n(&self) -> [f64; 3] {
+        use crate::base::linear::ComplexField;
+        let (sin, cos) = ComplexField::sin_cos(self.latitude_rad);
+        [0.0, EARTH_RATE_RAD_S * cos, EARTH_RATE_RAD_S * sin]
+    }
+}
+
+/// Normal gravity of WGS-84, m/s^2: Somigliana's closed formula on the ellipsoid and the second-order series in height
+/// (NIMA TR8350.2, 3rd ed., equations 4-1 and 4-3).
+pub fn normal_gravity_m_s2(latitude_rad: f64, height_m: f64) -> f64 {
+    use crate::base::linear::ComplexField;
+    const EQUATOR_M_S2: f64 = 9.780_325_335_9;
+    const SOMIGLIANA_K: f64 = 0.001_931_852_652_41;
+    const ECCENTRICITY_SQUARED: f64 = 0.006_694_379_990_13;
+    const SEMI_MAJOR_M: f64 = 6_378_137.0;
+    const FLATTENING: f64 = 1.0 / 298.257_223_563;
+    const CENTRIFUGAL_M: f64 = 0.003_449_786_506_84;
+    let sin = ComplexField::sin(latitude_rad);
+    let sin2 = sin * sin;
+    let surface = EQUATOR_M_S2 * (1.0 + SOMIGLIANA_K * sin2) / ComplexField::sqrt(1.0 - ECCENTRICITY_SQUARED * sin2);
+    let height = height_m / SEMI_MAJOR_M;
+    surface
+        * (1.0 - 2.0 * (1.0 + FLATTENING + CENTRIFUGAL_M - 2.0 * FLATTENING * sin2) * height + 3.0 * height * height)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn gravity_of_wgs84() {
+        // Equator and pole: defining and derived constants of TR8350.2, table 3.4.
+        assert!((normal_gravity_m_s2(0.0, 0.0) - 9.780_325_335_9).abs() < 1e-10);
+        assert!((normal_gravity_m_s2(90.0 * DEG, 0.0) - 9.832_184_937_8).abs() < 1e-9);
+        // Free-air gradient near the surface: 0.3086 mGal per metre.
+        let gradient = (normal_gravity_m_s2(45.0 * DEG, 100.0) - normal_gravity_m_s2(45.0 * DEG, 0.0)) / 100.0;
+        assert!((gradient + 3.086e-6).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_measured_value_wins() {
+        let site = Site { measured_gravity_m_s2: Some(9.8), ..Site::default() };
+        assert_eq!(site.gravity_m_s2(), 9.8);
+    }
+}

@@ -1,0 +1,394 @@
+//! Did anything change during the run? The parameters are constant; every way in which they may not have been is tested
+//! by itself, because one number for all of them, the chi-square, sees a small disturbance of one kind least.
+//!
+//! A change of size s adds `s c_k` to measurement k. The filter absorbs part of it; what is left shows in the innovations:
+//! ```text
+//! innovation k changes by s g_k,   g_k = c_k + h_k y_k,   y_k+1 = y_k - K_k g_k
+//! y: what has changed and the filter has not absorbed, per unit of s
+//! score = sum g_k nu_k / S_k,   information = sum g_k^2 / S_k
+//! s = score / information,   significance = score / sqrt(information)
+//! ```
+//! nu, S, K, h: innovation, its variance, gain and row of the filter. Innovations of a consistent filter are white, so
+//! the significance is standard normal when nothing changed, and no test for this kind of change has more power
+//! (generalized likelihood ratio; Willsky and Jones 1976).
+//!
+//! A change begins with a move, or with the run. Tested are steps and ramps of parameters, slips of encoders, and single
+//! measurements that are off. What was configured, and may be wrong from the first to the last segment, is tested in the same
+//! way: the Earth rate of the site, and the heading.
+
+use crate::base::linear::{ComplexField, Real, Vector, zeros};
+use crate::base::units::ARCSEC;
+use crate::model::error_model::{PARAMETERS, block};
+use crate::model::measurement::ENCODER_ERRORS;
+use crate::segment::{Segment, SegmentKind};
+use serde::{Deserialize, Serialize};
+
+/// Limit of a change that does no harm before it is found: 6e-7 each, 4e-4 for 700 of them.
+const HIGHEST_LIMIT: f64 = 5.0;
+/// Limit of one that could do harm before: 6e-5 each; of scheme "bai" with stops of 10 s, eight are so.
+const LOWEST_LIMIT: f64 = 4.0;
+/// Found this many sigmas before it alone uses up the tolerance; noise needs its part.
+const RESERVE_SIGMAS: f64 = 0.5;
+/// The scale of an encoder shows in all that follows its onset, so the tests of all onsets are nearly one: 2e-4 for all of
+/// them. That affords a lower limit, and to find it when it uses up this part of the tolerance.
+const LOWEST_SCALE_LIMIT: f64 = 3.7;
+const TOLERATED_SCALE_PART: f64 = 0.45;
+/// An installation error may be wrong by so many sigmas, or by so much, rad.
+const TOLERANCE_SIGMAS: f64 = 4.5;
+const TOLERANCE_RAD: f64 = ARCSEC;
+
+/// What may have changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Change {
+    /// A parameter, by index, is another one from here on; of the attitude's, the gyros have felt the turn.
+    Step(u8),
+    /// A parameter, by index, ramps from here on. Size per second.
+    Ramp(u8),
+    /// An encoder, outer or inner, has slipped.
+    Slip(u8),
+    /// An encoder, outer or inner, has another scale from here on.
+    EncoderScale(u8),
+    /// One measurement is off: accelerometers (m/s^2) and gyros (rad) of a stop, or gyros of a move.
+    Outlier(u8),
+    /// The Earth rate is another one than that of the site: north, up, or both by as much, rad/s.
+    EarthRate(EarthRateAxis),
+    /// The heading that was known beforehand is another one, rad.
+    Heading,
+}
+
+impl Change {
+    /// Whether it is no change, but something that was configured.
+    fn is_setting(self) -> bool {
+        matches!(self, Self::EarthRate(_) | Self::Heading)
+    }
+}
+
+/// Component of the Earth rate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum EarthRateAxis {
+    /// Horizontal.
+    North,
+    /// Vertical.
+    Up,
+    /// Both, for what they have in common.
+    Both,
+}
+
+/// What the segments say about what was configured: of the Earth rate felt less that of the site, north and up, score
+/// (s/rad) and information (s^2/rad^2), and of the heading.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Settings {
+    /// Score, north and up.
+    pub earth_rate_score: [f64; 2],
+    /// Information: north, north with up, up.
+    pub earth_rate_information: [f64; 3],
+    /// Heading that was felt less the one that was known beforehand, rad.
+    pub heading_rad: f64,
+    /// The same in units of its standard deviation.
+    pub heading_sigmas: f64,
+}
+
+impl Settings {
+    /// Product of two differences of Earth rates, weighted by the information.
+    pub fn product(&self, [a_north, a_up]: [f64; 2], [b_north, b_up]: [f64; 2]) -> f64 {
+        let [north, across, up] = self.earth_rate_information;
+        a_north * (north * b_north + across * b_up) + a_up * (across * b_north + up * b_up)
+    }
+
+    /// By how much the chi-square is smaller if the Earth rate is another one by this, rad/s.
+    pub fn explained_by(&self, error_rad_s: [f64; 2]) -> f64 {
+        let [north, up] = self.earth_rate_score;
+        2.0 * (error_rad_s[0] * north + error_rad_s[1] * up) - self.product(error_rad_s, error_rad_s)
+    }
+
+    /// Earth rate that was felt less that of the site, north and up, rad/s; `None` where it was not tested.
+    pub fn earth_rate_error_rad_s(&self) -> Option<[f64; 2]> {
+        let ([north, up], [i_nn, i_nu, i_uu]) = (self.earth_rate_score, self.earth_rate_information);
+        let determinant = i_nn * i_uu - i_nu * i_nu;
+        let error = [(i_uu * north - i_nu * up) / determinant, (i_nn * up - i_nu * north) / determinant];
+        (determinant > 0.0).then_some(error)
+    }
+}
+
+/// The most significant change.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Suspicion {
+    /// What has changed.
+    pub change: Change,
+    /// From which segment on.
+    pub segment: u16,
+    /// Its estimated size, SI.
+    pub size: f64,
+    /// The size in units of its standard deviation.
+    pub sigmas: f64,
+    /// Largest `sigmas` that chance explains.
+    pub limit: f64,
+}
+
+impl Suspicion {
+    /// Whether it cannot be chance.
+    pub fn is_founded(&self) -> bool {
+        // Not a number is no proof of innocence.
+        self.sigmas.is_nan() || self.sigmas.abs() > self.limit
+    }
+
+    /// The one that exceeds its limit more, or comes nearer to it.
+    pub fn more_significant(self, other: Self) -> Self {
+        if self.sigmas.is_nan() {
+            return self;
+        }
+        if other.sigmas.is_nan() || other.sigmas.abs() * self.limit > self.sigmas.abs() * other.limit {
+            other
+        } else {
+            self
+        }
+    }
+}
+
+impl Default for Suspicion {
+    /// No suspicion.
+    fn default() -> Self {
+        Self { change: Change::Step(0), segment: 0, size: 0.0, sigmas: 0.0, limit: HIGHEST_LIMIT }
+    }
+}
+
+/// One scalar measurement as the filter saw it.
+pub struct Seen<'a, T: Real, const STATES: usize> {
+    /// Row of the measurement matrix.
+    pub h: &'a Vector<T, STATES>,
+    /// Gain.
+    pub gain: &'a Vector<T, STATES>,
+    /// Innovation.
+    pub innovation: T,
+    /// Its variance.
+    pub variance: T,
+    /// Segment, counted from 0.
+    pub segment: u16,
+    /// Channel: accelerometers x y z, gyros x y z.
+    pub channel: u8,
+    /// Derivative of the channel by the rates of roll, pitch and heading, s.
+    pub by_attitude_rate: [T; 3],
+    /// Derivative of the channel by the Earth rate, north and up, s.
+    pub by_earth_rate: [T; 2],
+}
+
+/// A change under test. Its vector is `f32`, whatever the filter computes in: significance needs two digits.
+#[derive(Clone, Debug)]
+struct Suspect<const STATES: usize> {
+    change: Change,
+    segment: u16,
+    not_absorbed: Vector<f32, STATES>,
+    score: f64,
+    information: f64,
+}
+
+/// Changes under test in one sweep: of 37 that begin with a segment, those of two sweeps, for the sake of memory. The four
+/// settings are in the first one of all.
+const SUSPECTS: usize = 19;
+
+/// Changes that begin with one segment, under test in one sweep of the filter.
+#[derive(Clone, Debug)]
+pub struct Suspects<const STATES: usize> {
+    onset: u16,
+    duration_s: f32,
+    /// What the axes have turned since the onset, rad.
+    turned: [f32; 2],
+    suspects: heapless::Vec<Suspect<STATES>, SUSPECTS>,
+}
+
+impl<const STATES: usize> Suspects<STATES> {
+    /// No change under test.
+    pub const NONE: Self = Self { onset: 0, duration_s: 0.0, turned: [0.0; 2], suspects: heapless::Vec::new() };
+
+    /// Whether no change is under test.
+    pub fn is_empty(&self) -> bool {
+        self.suspects.is_empty()
+    }
+
+    /// Puts no change under test.
+    pub fn clear(&mut self) {
+        self.suspects.clear();
+    }
+
+    /// Puts the changes of sweep number `part`, from 0, that begin with segment `onset` under test; returns whether there
+    /// are any. `onset_is_stop`: which is the first stop.
+    pub fn restart(&mut self, onset: u16, onset_is_stop: bool, part: usize) -> bool {
+        let attitude = block::ATTITUDE..PARAMETERS;
+        let steps = (block::ACCEL_BIAS..block::NON_PERPENDICULARITY).chain(attitude.clone());
+        let biases = (block::ACCEL_BIAS..block::ACCEL_SCALE).chain(block::GYRO_BIAS..block::GYRO_SCALE);
+        let (stop, turn) = if onset_is_stop { (onset, onset + 1) } else { (onset + 1, onset) };
+        let changes = steps
+            .map(|parameter| (Change::Step(parameter as u8), onset))
+            .chain(biases.chain(attitude).map(|parameter| (Change::Ramp(parameter as u8), onset)))
+            .chain((0..2).flat_map(|axis| [(Change::Slip(axis), onset), (Change::EncoderScale(axis), onset)]))
+            .chain((0..6).map(|channel| (Change::Outlier(channel), stop)))
+            .chain((3..6).map(|channel| (Change::Outlier(channel), turn)));
+        let settings = [EarthRateAxis::North, EarthRateAxis::Up, EarthRateAxis::Both].map(Change::EarthRate);
+        let settings = settings.into_iter().chain([Change::Heading]).filter(|_| onset_is_stop);
+        let changes = settings.map(|setting| (setting, onset)).chain(changes);
+        let suspect =
+            |(change, segment)| Suspect { change, segment, not_absorbed: zeros(), score: 0.0, information: 0.0 };
+        (self.onset, self.duration_s, self.turned) = (onset, 0.0, [0.0; 2]);
+        self.suspects.clear();
+        for suspect in changes.map(suspect).skip(part * SUSPECTS).take(SUSPECTS) {
+            // As many as are taken fit.
+            let _ = self.suspects.push(suspect);
+        }
+        !self.suspects.is_empty()
+    }
+
+    /// Segment `number` begins. At a move, the filter has renewed its leading states, the encoder errors.
+    pub fn begin<T: Real>(&mut self, number: u16, segment: &Segment<T>) {
+        if number < self.onset {
+            return;
+        }
+        let first = number == self.onset;
+        let is_move = segment.kind() == SegmentKind::Move;
+        let duration_s = segment.duration_s().widened() as f32;
+        // From the middle of the segment before to the middle of this one, or from the onset on.
+        let passed_s = (self.duration_s + duration_s) * 0.5;
+        self.duration_s = duration_s;
+        for (turned, increment) in self.turned.iter_mut().zip([segment.turned.outer, segment.turned.inner]) {
+            *turned += increment.widened() as f32;
+        }
+        let turned = |axis: u8| self.turned.get(usize::from(axis)).copied();
+        for suspect in &mut self.suspects {
+            let parameter = |parameter: u8| ENCODER_ERRORS + usize::from(parameter);
+            let encoder = |axis: u8| ENCODER_ERRORS / 2 + usize::from(axis);
+            if is_move {
+                suspect.renew();
+            }
+            let changed = match suspect.change {
+                Change::Step(of) if first => Some((parameter(of), 1.0)),
+                Change::Heading if first => Some((ENCODER_ERRORS + block::ATTITUDE + 2, 1.0)),
+                Change::Ramp(of) => Some((parameter(of), passed_s)),
+                Change::Slip(axis) if is_move => Some((encoder(axis), 1.0)),
+                Change::EncoderScale(axis) if is_move => turned(axis).map(|turned| (encoder(axis), turned)),
+                _ => None,
+            };
+            if let Some((state, by)) = changed
+                && let Some(state) = suspect.not_absorbed.iter_mut().nth(state)
+            {
+                *state += by;
+            }
+        }
+    }
+
+    /// A measurement has been taken in.
+    pub fn see<T: Real>(&mut self, seen: &Seen<'_, T, STATES>) {
+        if seen.segment < self.onset {
+            return;
+        }
+        for suspect in &mut self.suspects {
+            let absorbed = seen.h.as_slice().iter().zip(suspect.not_absorbed.as_slice());
+            let through_states = absorbed.fold(0.0, |sum, (h, y)| sum + h.widened() * f64::from(*y));
+            let g = suspect.direct(seen, self.onset, self.duration_s) + through_states;
+            if g == 0.0 {
+                continue;
+            }
+            let weighted = g / seen.variance.widened();
+            suspect.score += weighted * seen.innovation.widened();
+            suspect.information += weighted * g;
+            for (y, gain) in suspect.not_absorbed.as_mut_slice().iter_mut().zip(seen.gain.as_slice()) {
+                *y -= (g * gain.widened()) as f32;
+            }
+        }
+    }
+
+    /// The most significant change of all, for parameters of these sigmas, SI: the one farthest beyond, or nearest to,
+    /// its limit.
+    pub fn most_significant(&self, sigmas: &[f64; PARAMETERS]) -> Suspicion {
+        let changes = self.suspects.iter().filter(|suspect| !suspect.change.is_setting());
+        let suspicions = changes.map(|suspect| suspect.suspicion(sigmas));
+        suspicions.fold(Suspicion::default(), Suspicion::more_significant)
+    }
+
+    /// What the segments say about what was configured, if that was under test.
+    pub fn settings(&self) -> Option<Settings> {
+        let found = |change| self.suspects.iter().find(|suspect| suspect.change == change);
+        let of = |axis| found(Change::EarthRate(axis)).map(|suspect| (suspect.score, suspect.information));
+        let heading = found(Change::Heading)?.suspicion(&[0.0; PARAMETERS]);
+        let ((north, i_nn), (up, i_uu)) = (of(EarthRateAxis::North)?, of(EarthRateAxis::Up)?);
+        let (_, both) = of(EarthRateAxis::Both)?;
+        Some(Settings {
+            earth_rate_score: [north, up],
+            earth_rate_information: [i_nn, 0.5 * (both - i_nn - i_uu), i_uu],
+            heading_rad: heading.size,
+            heading_sigmas: heading.sigmas,
+        })
+    }
+}
+
+impl<const STATES: usize> Suspect<STATES> {
+    /// The filter has renewed the encoder errors.
+    fn renew(&mut self) {
+        let mut moved = self.not_absorbed.iter().copied().skip(ENCODER_ERRORS / 2).take(ENCODER_ERRORS / 2);
+        let moved: [f32; ENCODER_ERRORS / 2] = core::array::from_fn(|_| moved.next().unwrap_or(0.0));
+        let renewed = moved.into_iter().chain([0.0; ENCODER_ERRORS / 2]);
+        for (y, renewed) in self.not_absorbed.iter_mut().zip(renewed) {
+            *y = renewed;
+        }
+    }
+
+    fn suspicion(&self, sigmas: &[f64; PARAMETERS]) -> Suspicion {
+        let sigma = ComplexField::sqrt(self.information.max(f64::MIN_POSITIVE)).recip();
+        // Installation errors do not change, so what is not absorbed of them is what they are wrong by.
+        let wrong = self.not_absorbed.iter().skip(ENCODER_ERRORS).take(block::ACCEL_BIAS).zip(sigmas);
+        let harm = wrong.fold(0.0_f64, |harm, (wrong, parameter_sigma)| {
+            let tolerance = (TOLERANCE_SIGMAS * parameter_sigma).max(TOLERANCE_RAD);
+            harm.max(f64::from(*wrong).abs() * sigma / tolerance)
+        });
+        let without_harm = harm.max(f64::MIN_POSITIVE).recip();
+        let limit = match self.change {
+            Change::EncoderScale(_) => (TOLERATED_SCALE_PART * without_harm).max(LOWEST_SCALE_LIMIT),
+            _ => (without_harm - RESERVE_SIGMAS).max(LOWEST_LIMIT),
+        };
+        let limit = limit.min(HIGHEST_LIMIT);
+        let size = self.score * sigma * sigma;
+        Suspicion { change: self.change, segment: self.segment, size, sigmas: self.score * sigma, limit }
+    }
+
+    /// What the change does to a measurement other than through the states.
+    fn direct<T: Real>(&self, seen: &Seen<'_, T, STATES>, onset: u16, duration_s: f32) -> f64 {
+        let by_rate = |parameter: u8| {
+            let axis = usize::from(parameter).checked_sub(block::ATTITUDE);
+            axis.and_then(|axis| seen.by_attitude_rate.get(axis)).map_or(0.0, |by| by.widened())
+        };
+        match self.change {
+            Change::Outlier(channel) if channel == seen.channel && self.segment == seen.segment => 1.0,
+            Change::Step(parameter) if seen.segment == onset => by_rate(parameter) / f64::from(duration_s),
+            Change::Ramp(parameter) => by_rate(parameter),
+            Change::EarthRate(axis) => {
+                let [north, up] = seen.by_earth_rate.map(Real::widened);
+                match axis {
+                    EarthRateAxis::North => north,
+                    EarthRateAxis::Up => up,
+                    EarthRateAxis::Both => north + up,
+                }
+            }
+            _ => 0.0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Limit of a change that makes an installation error of this sigma wrong by so much for each of its own sigmas.
+    fn limit(change: Change, wrong_rad: f64, sigma_rad: f64) -> f64 {
+        let mut not_absorbed: Vector<f32, { ENCODER_ERRORS + PARAMETERS }> = zeros();
+        not_absorbed[ENCODER_ERRORS] = wrong_rad as f32;
+        let suspect = Suspect { change, segment: 0, not_absorbed, score: 0.0, information: 1.0 };
+        let limit = suspect.suspicion(&[sigma_rad; PARAMETERS]).limit;
+        (100.0 * limit).round() / 100.0
+    }
+
+    #[test]
+    fn what_does_more_harm_is_found_sooner() {
+        let of = |change| move |part: f64| limit(change, part * TOLERANCE_RAD, 0.1 * ARCSEC);
+        assert_eq!([0.0, 0.08, 0.1, 0.12, 1.0].map(of(Change::EncoderScale(0))), [5.0, 5.0, 4.5, 3.75, 3.7]);
+        assert_eq!([0.0, 0.1, 0.2, 0.25, 1.0].map(of(Change::Slip(0))), [5.0, 5.0, 4.5, 4.0, 4.0]);
+        assert_eq!(limit(Change::Slip(0), TOLERANCE_RAD, 10.0 * ARCSEC), 5.0, "little to an error known no better");
+    }
+}

@@ -1,0 +1,224 @@
+//! What a rotation scheme makes observable.
+//!
+//! Bai's twelve are constant, F = 0, so the stripped observability matrix of the piecewise constant system (PWCS; Goshen-
+//! Meskin and Bar-Itzhack 1992) is the stack of the measurement matrices:
+//! ```text
+//! (11) H1 = [0(3x6) | R^T F(f_a) - F(f_a0) | [(R^T f_a) x](I - R^T)]      at stops
+//! (13) H2 = [-G(w_g) | 0(3x6)]                                            while turning
+//! ```
+//! (Bai et al., Sensors 2019, 19, 4005.) Here it is stacked in the scheme's own order, row by row in triangular form, so
+//! that its singular values cost the same however long the scheme is. H1 is taken in units of gravity and H2 in units of
+//! the scheme's rate, so that both are numbers.
+
+use crate::base::angle::Angle;
+use crate::base::linear::{ComplexField, Matrix, Vector, Vector3, singular_values, skew};
+use crate::base::profile::Profile;
+use crate::base::site::Site;
+use crate::model::error_model::InstrumentErrors;
+use crate::model::measurement::{accel_non_orthogonality_matrix, gyro_non_orthogonality_matrix};
+use crate::scheme::{Leg, Scheme};
+
+/// Bai's states: Sgxy Sgxz Sgyx Sgyz Sgzx Sgzy, Sayz Sazx Sazy, alpha beta gamma.
+pub const INSTALLATION_STATES: usize = 12;
+
+/// A singular value below this part of the largest counts as zero. Earth rate, 2e-4 of the scheme's, counts as seen.
+const RANK_TOLERANCE: f64 = 1e-10;
+/// Time between rows while turning, s.
+const ROW_S: f64 = 0.1;
+/// A direction is observed if the measurements leave at most this part of its prior variance.
+const OBSERVED_VARIANCE: f64 = 0.01;
+
+/// Rank and singular values of a stacked matrix.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Observability<const N: usize> {
+    /// Number of singular values that count.
+    pub rank: usize,
+    /// Singular values, the largest first, (N).
+    pub singular_values: Vector<f64, N>,
+}
+
+impl<const N: usize> Observability<N> {
+    fn of(matrix: &Matrix<f64, N, N>) -> Self {
+        let singular_values = singular_values(matrix);
+        let largest = singular_values.max();
+        let counts = |value: &&f64| **value > RANK_TOLERANCE * largest;
+        Self { rank: singular_values.iter().filter(counts).count(), singular_values }
+    }
+
+    /// Largest singular value over the smallest that counts.
+    pub fn condition_number(&self) -> f64 {
+        let counted = self.singular_values.iter().take(self.rank);
+        counted.clone().fold(0.0, |a, b| f64::max(a, *b)) / counted.fold(f64::INFINITY, |a, b| f64::min(a, *b))
+    }
+}
+
+/// Rows stacked so far, reduced to a triangle with the same singular values.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StrippedMatrix<const N: usize> {
+    triangle: Matrix<f64, N, N>,
+}
+
+impl<const N: usize> Default for StrippedMatrix<N> {
+    fn default() -> Self {
+        Self { triangle: Matrix::zeros() }
+    }
+}
+
+impl<const N: usize> StrippedMatrix<N> {
+    /// Adds the rows of a measurement matrix, by Givens rotations into the triangle.
+    pub fn add<const ROWS: usize>(&mut self, rows: &Matrix<f64, ROWS, N>) {
+        for row in rows.row_iter() {
+            let mut row = row.transpose();
+            for column in 0..N {
+                self.rotate(&mut row, column);
+            }
+        }
+    }
+
+    fn rotate(&mut self, row: &mut Vector<f64, N>, column: usize) {
+        let (diagonal, entry) = (self.triangle[(column, column)], row[column]);
+        let radius = ComplexField::hypot(diagonal, entry);
+        if entry == 0.0 {
+            return;
+        }
+        let (cos, sin) = (diagonal / radius, entry / radius);
+        for k in column..N {
+            let (above, below) = (self.triangle[(column, k)], row[k]);
+            self.triangle[(column, k)] = cos * above + sin * below;
+            row[k] = cos * below - sin * above;
+        }
+    }
+
+    /// Rank and singular values of what is stacked.
+    pub fn observability(&self) -> Observability<N> {
+        Observability::of(&self.triangle)
+    }
+}
+
+/// (11): the measurement matrix of a stop against the first stop, in units of gravity.
+fn stop_matrix(outer: Angle, inner: Angle, up_b: &Vector3<f64>) -> Matrix<f64, 3, INSTALLATION_STATES> {
+    let back = InstrumentErrors::<f64>::default().rot_rr0(outer, inner).transpose();
+    let force_a = back.transpose() * up_b;
+    let mut h = Matrix::<f64, 3, INSTALLATION_STATES>::zeros();
+    let non_orthogonality = back * accel_non_orthogonality_matrix(&force_a) - accel_non_orthogonality_matrix(up_b);
+    h.fixed_columns_mut::<3>(6).copy_from(&non_orthogonality);
+    h.fixed_columns_mut::<3>(9).copy_from(&(skew(&(back * force_a)) * (Matrix::identity() - back)));
+    h
+}
+
+/// (13): the measurement matrix while turning, in units of `unit_rad_s`.
+fn turn_matrix(omega_g: &Vector3<f64>, unit_rad_s: f64) -> Matrix<f64, 3, INSTALLATION_STATES> {
+    let mut h = Matrix::<f64, 3, INSTALLATION_STATES>::zeros();
+    h.fixed_columns_mut::<6>(0).copy_from(&(-gyro_non_orthogonality_matrix(omega_g) / unit_rad_s));
+    h
+}
+
+/// Stacks (11) and (13) along one period of a scheme on an instrument without errors, its base at this attitude, and
+/// reports after every row while turning and after every stop: time (s) and observability.
+///
+/// ```
+/// use rins_selfcal::model::error_model::InstrumentErrors;
+/// use rins_selfcal::estimator::observability::along_scheme;
+/// use rins_selfcal::scheme::Scheme;
+/// use rins_selfcal::base::site::Site;
+///
+/// let (scheme, base) = (Scheme::bai(200.0, 1), InstrumentErrors::default());
+/// let (mut rank, mut full_s) = (0, None);
+/// along_scheme(&scheme, &Site::default(), &base, |time_s, seen| {
+///     rank = seen.rank;
+///     if rank == 12 { full_s.get_or_insert(time_s); }
+/// });
+/// // Not before the inner axis moves, after six stops and five moves.
+/// assert!(rank == 12 && full_s.is_some_and(|time_s| time_s > 6.0 * 200.0 + 5.0 * 5.5));
+/// ```
+pub fn along_scheme(
+    scheme: &Scheme,
+    site: &Site,
+    base: &InstrumentErrors<f64>,
+    mut report: impl FnMut(f64, &Observability<INSTALLATION_STATES>),
+) {
+    let rot_bn = base.rot_nb().transpose();
+    let up_b = rot_bn.column(2).into_owned();
+    let earth_rate_b = rot_bn * Vector3::from(site.earth_rate_n());
+    let mut stripped = StrippedMatrix::default();
+    let mut time_s = scheme.first_stop_s;
+    let mut from = (0.0, 0.0);
+    for leg in &scheme.legs {
+        let Leg { outer_rad, inner_rad, stop_s } = *leg;
+        let move_s = scheme.move_s(outer_rad - from.0).max(scheme.move_s(inner_rad - from.1));
+        let [outer, inner] = [outer_rad - from.0, inner_rad - from.1]
+            .map(|way| Profile::trapezoid(way, scheme.rate_rad_s, scheme.acceleration_rad_s2));
+        let rows = ComplexField::ceil(move_s / ROW_S) as u32;
+        for row in 1..rows {
+            let at_s = move_s * f64::from(row) / f64::from(rows);
+            let (outer, inner) = (outer.at(at_s), inner.at(at_s));
+            let rot_inner =
+                crate::model::error_model::frame_rotation_z::<f64>(Angle::from_rad(from.1 + inner.angle_rad));
+            let rot_outer =
+                crate::model::error_model::frame_rotation_x::<f64>(Angle::from_rad(from.0 + outer.angle_rad));
+            let omega_g = rot_inner * (Vector3::x() * outer.rate_rad_s + rot_outer * earth_rate_b)
+                + Vector3::z() * inner.rate_rad_s;
+            stripped.add(&turn_matrix(&omega_g, scheme.rate_rad_s));
+            report(time_s + at_s, &stripped.observability());
+        }
+        time_s += move_s + stop_s;
+        stripped.add(&stop_matrix(Angle::from_rad(outer_rad), Angle::from_rad(inner_rad), &up_b));
+        report(time_s, &stripped.observability());
+        from = (outer_rad, inner_rad);
+    }
+}
+
+/// How many directions of the parameter space the measurements determine, and the condition number of the estimation
+/// problem: of the information matrix' square root with its columns scaled to length one, that is of the correlation
+/// matrix. States of prior sigma zero are left out.
+pub fn of_covariance<const N: usize>(covariance: &Matrix<f64, N, N>, prior_sigmas: &[f64; N]) -> (usize, f64) {
+    let inverse = |value: f64| if value > 0.0 { 1.0 / value } else { 0.0 };
+    let by_prior = Vector::<f64, N>::from_fn(|row, _| inverse(prior_sigmas[row]));
+    let by_sigma = covariance.diagonal().map(|variance| inverse(ComplexField::sqrt(variance)));
+    let scaled = |by: &Vector<f64, N>| singular_values(&covariance.component_mul(&(by * by.transpose())));
+    let states = prior_sigmas.iter().filter(|sigma| **sigma > 0.0).count();
+    let unobserved = scaled(&by_prior).iter().filter(|part| **part > OBSERVED_VARIANCE).count();
+    let correlation = scaled(&by_sigma);
+    let smallest = correlation.iter().copied().take(states).fold(f64::INFINITY, f64::min);
+    (states - unobserved, ComplexField::sqrt(correlation.max() / smallest))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::units::DEG;
+    use std::vec::Vec;
+
+    #[test]
+    fn triangle_has_the_singular_values_of_the_stack() {
+        let rows = Matrix::<f64, 7, 4>::from_fn(|row, column| ((3 * row + 5 * column * column) % 11) as f64 - 4.0);
+        let mut stripped = StrippedMatrix::<4>::default();
+        stripped.add(&rows);
+        let (found, expected) = (stripped.observability().singular_values, rows.singular_values());
+        assert!((found - expected).norm() < 1e-12, "{found} for {expected}");
+    }
+
+    /// Sayz, Sazy and alpha: nothing that is measured depends on them until then.
+    #[test]
+    fn turns_about_the_outer_axis_on_a_level_base_leave_three_states_without_a_column() {
+        for quarters in -4..=4 {
+            let h = stop_matrix(Angle::from_rad(f64::from(quarters) * 90.0 * DEG), Angle::default(), &Vector3::z());
+            assert!([6, 8, 9].into_iter().all(|state| h.column(state).norm() < 1e-12), "{h}");
+        }
+        let h = stop_matrix(Angle::default(), Angle::from_rad(90.0 * DEG), &Vector3::x());
+        assert!([6, 8, 9].into_iter().all(|state| h.column(state).norm() > 0.1), "{h}");
+    }
+
+    #[test]
+    fn rank_of_bai_is_9_until_the_inner_axis_moves_and_then_12() {
+        let base = InstrumentErrors { heading: 30.0 * DEG, ..InstrumentErrors::default() };
+        let scheme = Scheme::bai(200.0, 1);
+        let mut trace = Vec::new();
+        along_scheme(&scheme, &Site::default(), &base, |time_s, seen| trace.push((time_s, seen.rank)));
+        // Five outer moves of 5.5 s and six stops come before the first inner move.
+        let inner_moves_s = 6.0 * 200.0 + 5.0 * 5.5;
+        let before = trace.iter().filter(|(time_s, _)| *time_s <= inner_moves_s).map(|(_, rank)| *rank).max();
+        assert_eq!(before, Some(9));
+        assert_eq!(trace.last().map(|(_, rank)| *rank), Some(12));
+    }
+}

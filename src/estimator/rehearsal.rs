@@ -1,0 +1,234 @@
+//! A scheme before it is run: the stops and moves that the segmenter will find, from geometry alone, and what of a unit they
+//! will leave unobserved.
+//!
+//! The covariance depends on geometry alone, so a rehearsal is the filter's own work on segments of a perfect unit that is
+//! level and faces north: one sweep, done at power-up before anything turns. Windows are those of the segmenter, but for
+//! its blocks of 0.1 s, of which a stop loses a part that is taken as its mean.
+
+use crate::base::angle::Angle;
+use crate::base::linear::{ComplexField, Real, Vector3, real};
+use crate::base::profile::Profile;
+use crate::estimator::{Estimator, OBSERVED_RATIO};
+use crate::model::error_model::{InstrumentErrors, PARAMETERS, block};
+use crate::model::measurement::MeasurementModel;
+use crate::scheme::{SETTLING_S, Scheme};
+use crate::segment::readings::Readings;
+use crate::segment::scatter::Scatter;
+use crate::segment::{AngleIntegrals, Course, GUARD_S, Held, Segment, SegmentKind, Standing, Turned};
+
+/// What a stop loses on average because its window is made of whole blocks, less the ends of the ramps that count as still, s.
+pub const BLOCK_LOSS_S: f64 = 0.05;
+/// Shortest stop, s: settling before it, guard after it, and a whole block between them wherever the blocks begin.
+pub const SHORTEST_STOP_S: f64 = 0.5;
+/// Steps of the integrals over a move: midpoint rule, good to 4e-4 over half a turn.
+const STEPS: u32 = 32;
+const HEADING: usize = block::ATTITUDE + 2;
+
+/// A stop of a scheme: where, and for how long after settling.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Stand {
+    /// Outer angle, rad.
+    pub outer_rad: f64,
+    /// Inner angle, rad.
+    pub inner_rad: f64,
+    /// Time after settling, s.
+    pub stop_s: f64,
+}
+
+/// The stops of all periods of a scheme.
+pub fn stands(scheme: &Scheme) -> impl Iterator<Item = Stand> {
+    let first = Stand { stop_s: scheme.first_stop_s, ..Stand::default() };
+    let legs = (0..).map_while(|index| scheme.leg(index));
+    let legs = legs.map(|leg| Stand { outer_rad: leg.outer_rad, inner_rad: leg.inner_rad, stop_s: leg.stop_s });
+    core::iter::once(first).chain(legs)
+}
+
+/// Rate and acceleration of a turning axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turning {
+    /// Highest rate, rad/s.
+    pub rate_rad_s: f64,
+    /// Acceleration, rad/s^2.
+    pub acceleration_rad_s2: f64,
+}
+
+impl Turning {
+    /// As a scheme says.
+    pub fn of(scheme: &Scheme) -> Self {
+        Self { rate_rad_s: scheme.rate_rad_s, acceleration_rad_s2: scheme.acceleration_rad_s2 }
+    }
+
+    fn profile(&self, way_rad: f64) -> Profile<f64> {
+        Profile::trapezoid(way_rad, self.rate_rad_s, self.acceleration_rad_s2)
+    }
+
+    /// Time from one stop to another, s.
+    pub fn move_s(&self, from: &Stand, to: &Stand) -> f64 {
+        let [outer, inner] = ways(from, to).map(|way| self.profile(way).duration_s());
+        outer.max(inner)
+    }
+}
+
+fn ways(from: &Stand, to: &Stand) -> [f64; 2] {
+    [to.outer_rad - from.outer_rad, to.inner_rad - from.inner_rad]
+}
+
+/// Time that a stop of `stop_s` gives to the accelerometers when they need `settling_s` after a move, s. The first stop
+/// follows on no move, and no move on the last.
+pub fn usable_s(stop_s: f64, settling_s: f64, is_first: bool, is_last: bool) -> f64 {
+    let settling = if is_first { 0.0 } else { settling_s };
+    let guard = if is_last { 0.0 } else { GUARD_S };
+    SETTLING_S + stop_s - settling - guard - BLOCK_LOSS_S
+}
+
+/// A stop of which `usable_s` can be used. What the sensors read is left at zero.
+pub fn stop_segment<T: Real>(stand: &Stand, usable_s: f64) -> Segment<T> {
+    segment(stand, usable_s, Turned::default(), standing(Vector3::zeros()))
+}
+
+fn standing<T: Real>(force_a: Vector3<T>) -> Course<T> {
+    Course::Stop(Standing { force_a, scatter: Scatter::default(), readings: [Readings::NONE; 2] })
+}
+
+/// A move with the settling and guard at its ends. What the sensors read is left at zero.
+pub fn move_segment<T: Real>(from: &Stand, to: &Stand, turning: &Turning) -> Segment<T> {
+    let ways = ways(from, to);
+    let profiles = ways.map(|way| turning.profile(way));
+    let move_s = turning.move_s(from, to);
+    let guard_s = GUARD_S + 0.5 * BLOCK_LOSS_S;
+    let mut turned = Turned { outer: ways[0], inner: ways[1], ..Turned::default() };
+    let mut integrals = AngleIntegrals::<f64>::default();
+    let mut since_s = 0.0;
+    let mut add = |[outer, inner]: [f64; 2], time_s: f64, outer_way: f64| {
+        let (so, co) = ComplexField::sin_cos(from.outer_rad + outer);
+        let (si, ci) = ComplexField::sin_cos(from.inner_rad + inner);
+        for (row, inner) in integrals.attitude_s.iter_mut().zip([1.0, ci, si]) {
+            row.iter_mut().zip([1.0, co, so]).for_each(|(sum, outer)| *sum += (inner * outer * time_s) as f32);
+        }
+        let middle_s = since_s + 0.5 * time_s;
+        turned.outer_cos_inner += ci * outer_way;
+        turned.outer_sin_inner += si * outer_way;
+        integrals.late_cos_inner_s += ci * outer_way * middle_s;
+        integrals.late_sin_inner_s += si * outer_way * middle_s;
+        integrals.harmonics.add((so as f32, co as f32), (si as f32, ci as f32), outer_way as f32);
+        since_s += time_s;
+    };
+    add([0.0; 2], guard_s, 0.0);
+    let step_s = move_s / f64::from(STEPS);
+    let mut outer_before = 0.0;
+    for step in 0..STEPS {
+        let middle = profiles.map(|profile| profile.at((f64::from(step) + 0.5) * step_s).angle_rad);
+        let outer_after = profiles[0].at(f64::from(step + 1) * step_s).angle_rad;
+        add(middle, step_s, outer_after - outer_before);
+        outer_before = outer_after;
+    }
+    add(ways, guard_s, 0.0);
+    let turned = Turned {
+        outer: real(turned.outer),
+        inner: real(turned.inner),
+        outer_cos_inner: real(turned.outer_cos_inner),
+        outer_sin_inner: real(turned.outer_sin_inner),
+    };
+    let integrals = AngleIntegrals {
+        attitude_s: integrals.attitude_s,
+        late_cos_inner_s: real(integrals.late_cos_inner_s),
+        late_sin_inner_s: real(integrals.late_sin_inner_s),
+        harmonics: integrals.harmonics,
+    };
+    segment(to, move_s + 2.0 * guard_s, turned, Course::Move(integrals))
+}
+
+fn segment<T: Real>(stand: &Stand, duration_s: f64, turned: Turned<T>, course: Course<T>) -> Segment<T> {
+    Segment {
+        start_us: 0,
+        duration_us: ComplexField::round(duration_s * 1e6) as u64,
+        samples: 0,
+        longest_interval_us: 0,
+        held: Held::NONE,
+        temperature_c: 0.0,
+        rotation_g: Vector3::zeros(),
+        outer: Angle::from_rad(stand.outer_rad),
+        inner: Angle::from_rad(stand.inner_rad),
+        turned,
+        course,
+    }
+}
+
+/// The first parameter that a run of the scheme would leave unobserved, by the verdict's own measure. The estimator's
+/// configuration is used; what it has taken in is forgotten.
+pub fn unobserved<T: Real, const SEGMENTS: usize, const STATES: usize>(
+    estimator: &mut Estimator<T, SEGMENTS, STATES>,
+    scheme: &Scheme,
+) -> Option<u8> {
+    let config = *estimator.config();
+    estimator.restart(&config);
+    let model = MeasurementModel::<T>::new(&InstrumentErrors::default(), &config.site);
+    let turning = Turning::of(scheme);
+    let mut start_us = 0;
+    let mut take = |mut segment: Segment<T>| {
+        segment.start_us = start_us;
+        start_us += segment.duration_us;
+        if segment.kind() == SegmentKind::Stop {
+            segment.course = standing(model.force_at_stop(&segment).value);
+        }
+        segment.rotation_g = model.rotation(&segment).value;
+        let _ = estimator.add(&segment);
+    };
+    let mut before: Option<Stand> = None;
+    let count = scheme.moves() + 1;
+    for (number, stand) in stands(scheme).enumerate() {
+        if let Some(before) = before.replace(stand) {
+            take(move_segment(&before, &stand, &turning));
+        }
+        let usable_s = usable_s(stand.stop_s, GUARD_S, number == 0, number + 1 == count);
+        if usable_s > 0.0 {
+            take(stop_segment(&stand, usable_s));
+        }
+    }
+    let sigmas = estimator.estimate().sigmas;
+    let wide = |(parameter, (sigma, prior)): (usize, (&f64, &f64))| {
+        // NaN is not observed either.
+        let observed = *sigma <= OBSERVED_RATIO * prior || *prior == 0.0 || parameter == HEADING;
+        (!observed).then_some(parameter as u8)
+    };
+    sigmas.iter().zip(&config.prior_sigmas()).enumerate().take(PARAMETERS).find_map(wide)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::method::Method;
+    use crate::estimator::EstimatorConfig;
+    use crate::run::assignment::Assignment;
+    use std::boxed::Box;
+
+    fn config() -> EstimatorConfig {
+        let Assignment::SelfCalibrate(config) = Assignment::default() else { unreachable!() };
+        config.calibrator.estimator
+    }
+
+    fn unobserved_by<T: Real>(config: &EstimatorConfig, scheme: &Scheme) -> Option<u8> {
+        let mut estimator = Box::new(Estimator::<T>::new());
+        estimator.restart(config);
+        unobserved(&mut *estimator, scheme)
+    }
+
+    #[test]
+    fn schemes_that_leave_states_unobserved_are_found_in_either_precision() {
+        let whole = Scheme::bai(10.0, 1);
+        // Without a move of the inner axis nobody sees the outer axis' sensors apart.
+        let mut outer_only = whole.clone();
+        outer_only.legs.truncate(5);
+        for found in [unobserved_by::<f64>, unobserved_by::<f32>] {
+            assert_eq!(found(&config(), &whole), None);
+            assert!(found(&config(), &outer_only).is_some());
+        }
+        let two_stage = EstimatorConfig { method: Method::TwoStage, period_moves: Some(18), ..config() };
+        assert_eq!(unobserved_by::<f64>(&two_stage, &Scheme::bai(200.0, 2)), None);
+    }
+
+    #[test]
+    fn stops_too_short_to_be_seen_bring_nothing() {
+        assert!(unobserved_by::<f64>(&config(), &Scheme::bai(0.2, 1)).is_some());
+    }
+}

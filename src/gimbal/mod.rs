@@ -1,0 +1,11 @@
+//! Both axes of the gimbal, from encoder readings to motor duties, once a control period.
+
+pub mod angle_history;
+pub mod axis;
+mod both_axes;
+pub mod control;
+pub mod fault;
+pub mod servo;
+
+pub use both_axes::*;
+pub use fault::{BridgeFault, EncoderFault, Fault, FaultKind};

@@ -1,0 +1,117 @@
+//! A calibration as it is stored, and the frame around it.
+//!
+//! ```text
+//! slot, little-endian   0-2          "RSC"
+//!                       3            version of the format, a character
+//!                       4-7          sequence number, wraps; the newer record is the one ahead
+//!                       8-11         length n of the payload, bytes
+//!                       12..12+n     payload
+//!                       12+n..16+n   CRC-32/ISO-HDLC of all before
+//! ```
+//! All versions have this frame. The payload is postcard: of version 3, [`StoredCalibration`]; of version 2, the same without
+//! its verdict.
+
+use crate::run::result::StoredCalibration;
+use crc::{CRC_32_ISO_HDLC, Crc, Table};
+
+/// Memory of one slot, bytes: whole pages of every EEPROM and whole words of every flash.
+pub const SLOT_BYTES: usize = 768;
+/// Version of the format that is written.
+pub const FORMAT_VERSION: u8 = b'3';
+
+/// The version before, which has no verdict.
+const WITHOUT_VERDICT: u8 = b'2';
+const MAGIC: [u8; 3] = *b"RSC";
+const HEADER_BYTES: usize = 12;
+const CRC_BYTES: usize = 4;
+const PAYLOAD_BYTES: usize = SLOT_BYTES - HEADER_BYTES - CRC_BYTES;
+static CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
+
+/// What is wrong with a slot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Damage {
+    /// The slot does not begin as one.
+    Magic,
+    /// A whole record of another version of the format, this character.
+    Version(u8),
+    /// The length cannot be, bytes.
+    Length(u32),
+    /// The CRC is wrong.
+    Crc,
+    /// The CRC is right and the payload is no calibration.
+    Payload,
+    /// The memory cannot read it.
+    Unreadable,
+    /// It does not keep what is written.
+    Worn,
+}
+
+impl Damage {
+    /// Whether it is no damage at all, but the work of newer software.
+    pub fn is_newer(self) -> bool {
+        matches!(self, Self::Version(version) if version > FORMAT_VERSION)
+    }
+}
+
+/// A slot whose frame is right.
+struct Frame<'a> {
+    version: u8,
+    sequence: u32,
+    payload: &'a [u8],
+}
+
+/// Sequence number and record of a slot.
+///
+/// # Errors
+/// What is wrong with it.
+pub fn decode(slot: &[u8; SLOT_BYTES]) -> Result<(u32, StoredCalibration), Damage> {
+    let Frame { version, sequence, payload } = check(slot)?;
+    let record = match version {
+        FORMAT_VERSION => postcard::from_bytes(payload).ok(),
+        WITHOUT_VERDICT => with_empty_verdict(payload),
+        _ => return Err(Damage::Version(version)),
+    };
+    record.map(|record| (sequence, record)).ok_or(Damage::Payload)
+}
+
+/// Three zeros are the default verdict.
+fn with_empty_verdict(payload: &[u8]) -> Option<StoredCalibration> {
+    let mut whole = [0; PAYLOAD_BYTES];
+    whole.get_mut(..payload.len())?.copy_from_slice(payload);
+    postcard::from_bytes(whole.get(..payload.len() + 3)?).ok()
+}
+
+fn check(slot: &[u8; SLOT_BYTES]) -> Result<Frame<'_>, Damage> {
+    let [m0, m1, m2, version, s0, s1, s2, s3, l0, l1, l2, l3, rest @ ..] = slot;
+    if [*m0, *m1, *m2] != MAGIC {
+        return Err(Damage::Magic);
+    }
+    let length = u32::from_le_bytes([*l0, *l1, *l2, *l3]);
+    let (payload, crc) = rest.split_at_checked(length as usize).ok_or(Damage::Length(length))?;
+    let stored = crc.first_chunk().ok_or(Damage::Length(length))?;
+    let (framed, _) = slot.split_at_checked(HEADER_BYTES + payload.len()).ok_or(Damage::Length(length))?;
+    if CRC.checksum(framed) != u32::from_le_bytes(*stored) {
+        return Err(Damage::Crc);
+    }
+    Ok(Frame { version: *version, sequence: u32::from_le_bytes([*s0, *s1, *s2, *s3]), payload })
+}
+
+/// Fills the slot, whose other bytes are all ones, and returns the length of the frame; `None` if the record does not fit.
+pub fn encode(slot: &mut [u8; SLOT_BYTES], sequence: u32, record: &StoredCalibration) -> Option<usize> {
+    slot.fill(0xff);
+    let (header, rest) = slot.split_first_chunk_mut::<HEADER_BYTES>()?;
+    let payload = postcard::to_slice(record, rest.get_mut(..PAYLOAD_BYTES)?).ok()?.len();
+    let ([m0, m1, m2], [s0, s1, s2, s3]) = (MAGIC, sequence.to_le_bytes());
+    let [l0, l1, l2, l3] = u32::try_from(payload).ok()?.to_le_bytes();
+    *header = [m0, m1, m2, FORMAT_VERSION, s0, s1, s2, s3, l0, l1, l2, l3];
+    let (framed, rest) = slot.split_at_mut_checked(HEADER_BYTES + payload)?;
+    *rest.first_chunk_mut()? = CRC.checksum(framed).to_le_bytes();
+    Some(HEADER_BYTES + payload + CRC_BYTES)
+}
+
+/// Bytes that a slot uses, by its own account; `None` where that cannot be.
+pub fn used_bytes(head: &[u8; 32]) -> Option<usize> {
+    let [_, _, _, _, _, _, _, _, l0, l1, l2, l3, ..] = head;
+    let length = u32::from_le_bytes([*l0, *l1, *l2, *l3]) as usize;
+    (length <= PAYLOAD_BYTES).then_some(HEADER_BYTES + length + CRC_BYTES)
+}

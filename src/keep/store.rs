@@ -1,0 +1,518 @@
+//! The calibration store: a log of calibrations in non-volatile memory, the newest kept safe from whatever happens to the
+//! next.
+//!
+//! ```text
+//! EEPROM      | slot | slot | slot | ...                       a slot is written over when its turn has come
+//! NOR flash   | slot slot slot ... | slot slot slot ... | ...  sectors; one is erased when the log enters it
+//! ```
+//! Records follow each other through all slots, and round again. A save takes the slot after the newest record, writes, reads
+//! back, and goes on to the next slot where that fails; the newest accepted record is neither written over nor erased. At
+//! least [`HISTORY`] records are there at any time once they have been written and as long as the memory lasts. Memory never
+//! written, all ones, is empty, not damaged.
+//!
+//! Not `sequential-storage`: one layout serves EEPROM as well as NOR flash, and what was written is read back.
+
+use super::medium::{MAX_SLOTS, Medium};
+use super::record::{Damage, FORMAT_VERSION, SLOT_BYTES};
+use crate::run::result::StoredCalibration;
+use heapless::Vec;
+
+/// Records that are kept at least.
+pub const HISTORY: usize = 8;
+/// Rejected calibrations after the newest accepted one that are kept: more would need its place in time.
+pub const REJECTED_IN_A_ROW: usize = 4;
+
+/// Pieces in which the memory is read.
+const PIECE_BYTES: usize = 32;
+/// Place of the second slot of version 2 of the format, in EEPROM only. Its first one was at 0. It reaches into slots 1 and 2.
+const OLD_SECOND: usize = MAX_SLOTS;
+const OLD_SECOND_ADDRESS: u32 = 1024;
+const OLD_SECOND_SLOTS: [usize; 2] = [1, 2];
+
+/// What is in the store.
+#[derive(Clone, Debug, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "there is no heap to box the record on")]
+pub enum Loaded {
+    /// No accepted calibration, and no damage.
+    Empty,
+    /// The newest accepted calibration, and what is wrong with a slot, if something is: perhaps it held a newer one.
+    Found {
+        /// The record.
+        record: StoredCalibration,
+        /// The first damage; a record of newer software before all others.
+        damage: Option<Damage>,
+    },
+    /// There is no accepted calibration that can be read, and a slot is damaged.
+    Corrupt {
+        /// The first damage; a record of newer software before all others.
+        damage: Damage,
+    },
+}
+
+/// Why the store could not be read or written. The newest accepted record is intact in every case.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StoreError<E> {
+    /// The memory reports a fault.
+    Memory(E),
+    /// The memory is too small, bytes.
+    Capacity(usize),
+    /// The record does not fit in a slot.
+    Size,
+    /// No slot reads back as written, or is left as it was erased.
+    Worn,
+    /// There are records of newer software, in this version of the format: nothing is written until they are erased.
+    Newer(u8),
+    /// As many rejected calibrations as are kept follow the newest accepted one already.
+    Rejected,
+}
+
+/// One slot as found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Slot {
+    Empty,
+    Good { sequence: u32, accepted: bool },
+    Damaged(Damage),
+}
+
+/// A good record: where it is, and its sequence number.
+#[derive(Clone, Copy, Debug)]
+struct Good {
+    place: usize,
+    sequence: u32,
+    accepted: bool,
+}
+
+/// The store on a memory.
+///
+/// ```
+/// use embedded_storage::{ReadStorage, Storage};
+/// use rins_selfcal::keep::store::{CalibrationStore, Loaded, medium::Eeprom};
+/// use rins_selfcal::run::result::StoredCalibration;
+///
+/// /// An EEPROM of 16 KiB; a driver's type on a board.
+/// struct Memory(Vec<u8>);
+///
+/// impl ReadStorage for Memory {
+///     type Error = std::convert::Infallible;
+///     fn read(&mut self, at: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
+///         bytes.copy_from_slice(&self.0[at as usize..][..bytes.len()]);
+///         Ok(())
+///     }
+///     fn capacity(&self) -> usize {
+///         self.0.len()
+///     }
+/// }
+/// impl Storage for Memory {
+///     fn write(&mut self, at: u32, bytes: &[u8]) -> Result<(), Self::Error> {
+///         self.0[at as usize..][..bytes.len()].copy_from_slice(bytes);
+///         Ok(())
+///     }
+/// }
+///
+/// # use rins_selfcal::model::error_model::InstrumentErrors;
+/// # use rins_selfcal::base::method::Method;
+/// # use rins_selfcal::base::site::Site;
+/// # let record = StoredCalibration {
+/// #     errors: InstrumentErrors::default(), sigmas: [1e-6; 28], method: Method::Joint, scheme: "fast-180".try_into().unwrap(),
+/// #     site: Site::default(), utc_s: None, temperature_c: 25.0, chi_square: 80.0, degrees_of_freedom: 84,
+/// #     software_version: "0.1.0".try_into().unwrap(), verdict: Default::default(),
+/// # };
+/// let mut store = CalibrationStore::new(Eeprom(Memory(vec![0xff; 16 * 1024])));
+/// assert_eq!(store.load(), Ok(Loaded::Empty));
+/// // `record` is that of `SelfCalibration::record`, when a step says that it shall be saved.
+/// store.save(&record).expect("the memory works");
+/// assert_eq!(store.load(), Ok(Loaded::Found { record, damage: None }));
+/// ```
+#[derive(Debug)]
+pub struct CalibrationStore<M> {
+    memory: M,
+    /// Every slot as found at the first access, and as it was written since.
+    slots: Vec<Slot, MAX_SLOTS>,
+    old_second: Slot,
+}
+
+impl<M: Medium> CalibrationStore<M> {
+    /// The store on `memory`, which is not looked at yet.
+    pub fn new(memory: M) -> Self {
+        Self { memory, slots: Vec::new(), old_second: Slot::Empty }
+    }
+
+    /// The memory; what is written to it by another way is seen at the next [`Self::load`].
+    pub fn memory(&mut self) -> &mut M {
+        &mut self.memory
+    }
+
+    /// Gives the memory back.
+    pub fn release(self) -> M {
+        self.memory
+    }
+
+    /// Reads the newest accepted calibration.
+    ///
+    /// # Errors
+    /// The memory does not work or is too small; damage of its content is not an error but an answer.
+    #[inline(never)]
+    pub fn load(&mut self) -> Result<Loaded, StoreError<M::Error>> {
+        self.scan()?;
+        let damage = self.damage();
+        let Some(newest) = self.newest_accepted() else {
+            return Ok(damage.map_or(Loaded::Empty, |damage| Loaded::Corrupt { damage }));
+        };
+        // It was good a moment ago.
+        let (_, record) = self.read(newest.place)?.good().ok_or(StoreError::Worn)?;
+        Ok(Loaded::Found { record, damage })
+    }
+
+    /// The newest accepted calibration, as of the last look: only its slot is read.
+    ///
+    /// # Errors
+    /// The memory does not work or is too small.
+    #[inline(never)]
+    pub fn newest_record(&mut self) -> Result<Option<StoredCalibration>, StoreError<M::Error>> {
+        self.scan_once()?;
+        match self.newest_accepted() {
+            Some(newest) => Ok(self.read(newest.place)?.good().map(|(_, record)| record)),
+            None => Ok(None),
+        }
+    }
+
+    /// Sequence number and record of an entry of the history, 0 the newest; `None` beyond the last, or where it has been
+    /// damaged since.
+    ///
+    /// # Errors
+    /// The memory does not work or is too small.
+    #[inline(never)]
+    pub fn entry(&mut self, back: usize) -> Result<Option<(u32, StoredCalibration)>, StoreError<M::Error>> {
+        self.scan_once()?;
+        match self.place(back) {
+            Some(place) => Ok(self.read(place)?.good()),
+            None => Ok(None),
+        }
+    }
+
+    /// Number of entries of the history.
+    ///
+    /// # Errors
+    /// The memory does not work or is too small.
+    pub fn entries(&mut self) -> Result<usize, StoreError<M::Error>> {
+        self.scan_once()?;
+        Ok(self.good().count())
+    }
+
+    /// Number of slots with damage, as of the last look.
+    pub fn damaged(&self) -> usize {
+        self.slots.iter().filter(|slot| matches!(slot, Slot::Damaged(_))).count()
+    }
+
+    /// Appends a record. Returns the number of slots that did not take it before one did.
+    ///
+    /// # Errors
+    /// The memory does not work or is too small, the record does not fit, no slot takes it, or it may not be written.
+    #[inline(never)]
+    pub fn save(&mut self, record: &StoredCalibration) -> Result<usize, StoreError<M::Error>> {
+        self.scan_once()?;
+        self.refuse_newer()?;
+        let accepted = record.verdict.accepted();
+        if !accepted && self.rejected_in_a_row() >= REJECTED_IN_A_ROW {
+            return Err(StoreError::Rejected);
+        }
+        let (first, sequence) = self.next();
+        let mut buffer = [0; SLOT_BYTES];
+        let length = super::record::encode(&mut buffer, sequence, record).ok_or(StoreError::Size)?;
+        let image = buffer.get(..length.div_ceil(PIECE_BYTES) * PIECE_BYTES).ok_or(StoreError::Size)?;
+        let (mut failed, mut error) = (0, StoreError::Worn);
+        for ahead in 0..self.slots.len() {
+            let place = self.ahead(first, ahead);
+            match self.write(place, image) {
+                Ok(true) => {
+                    self.note(place, Slot::Good { sequence, accepted });
+                    return Ok(failed);
+                }
+                Ok(false) => {}
+                Err(fault) => {
+                    self.note(place, Slot::Damaged(Damage::Worn));
+                    (failed, error) = (failed + 1, fault);
+                }
+            }
+        }
+        Err(error)
+    }
+
+    /// Gets the place of the next record ready, which in flash may take an erase: at power-up, while nothing waits for it.
+    ///
+    /// # Errors
+    /// The memory does not work or is too small, or no place can be made ready.
+    #[inline(never)]
+    pub fn prepare(&mut self) -> Result<(), StoreError<M::Error>> {
+        self.scan_once()?;
+        self.refuse_newer()?;
+        let (first, _) = self.next();
+        for ahead in 0..self.slots.len() {
+            if self.is_ready(self.ahead(first, ahead))? {
+                return Ok(());
+            }
+        }
+        Err(StoreError::Worn)
+    }
+
+    /// Erases everything, records of newer software included.
+    ///
+    /// # Errors
+    /// The memory does not work or is too small, or does not become blank.
+    #[inline(never)]
+    pub fn erase(&mut self) -> Result<(), StoreError<M::Error>> {
+        let slots = self.slot_count()?;
+        self.slots.clear();
+        for place in (0..slots).step_by(M::SLOTS_PER_BLOCK) {
+            self.memory.erase(address::<M>(place)).map_err(StoreError::Memory)?;
+        }
+        self.scan()?;
+        let blank = self.slots.iter().all(|slot| *slot == Slot::Empty);
+        if blank { Ok(()) } else { Err(StoreError::Worn) }
+    }
+
+    // ------------------------------------------------------------------------------------------------------ what there is
+
+    /// Slots that the memory has room for.
+    fn slot_count(&self) -> Result<usize, StoreError<M::Error>> {
+        let capacity = self.memory.capacity();
+        let blocks = (capacity / M::BLOCK_BYTES).min(MAX_SLOTS / M::SLOTS_PER_BLOCK);
+        let slots = blocks * M::SLOTS_PER_BLOCK;
+        // While one block is empty.
+        if slots < HISTORY + M::SLOTS_PER_BLOCK { Err(StoreError::Capacity(capacity)) } else { Ok(slots) }
+    }
+
+    fn scan_once(&mut self) -> Result<(), StoreError<M::Error>> {
+        if self.slots.is_empty() { self.scan() } else { Ok(()) }
+    }
+
+    fn scan(&mut self) -> Result<(), StoreError<M::Error>> {
+        let count = self.slot_count()?;
+        self.slots.clear();
+        self.old_second = Slot::Empty;
+        let (mut slots, mut readable, mut fault) = (Vec::new(), false, None);
+        for place in 0..count {
+            let slot = match self.inspect(place) {
+                Ok(slot) => slot,
+                Err(error) if M::READ_FAULT_IS_DAMAGE => {
+                    fault = Some(error);
+                    Slot::Damaged(Damage::Unreadable)
+                }
+                Err(error) => return Err(error),
+            };
+            readable |= slot != Slot::Damaged(Damage::Unreadable);
+            // There is room for every slot.
+            let _ = slots.push(slot);
+        }
+        if let Some(fault) = fault
+            && !readable
+        {
+            return Err(fault);
+        }
+        self.slots = slots;
+        if M::ERASES { Ok(()) } else { self.look_for_old() }
+    }
+
+    /// Looks for the second slot of version 2, as long as nothing has been written over it.
+    fn look_for_old(&mut self) -> Result<(), StoreError<M::Error>> {
+        let over = |slot: &Slot| matches!(slot, Slot::Good { .. });
+        if OLD_SECOND_SLOTS.iter().any(|place| self.slots.get(*place).is_none_or(over)) {
+            return Ok(());
+        }
+        if let slot @ Slot::Good { .. } = self.inspect(OLD_SECOND)? {
+            self.old_second = slot;
+            // What is in them is the end of this record.
+            let [first, last] = OLD_SECOND_SLOTS;
+            self.slots.get_mut(first..=last).unwrap_or_default().fill(Slot::Empty);
+        }
+        Ok(())
+    }
+
+    fn note(&mut self, place: usize, slot: Slot) {
+        if let Some(noted) = self.slots.get_mut(place) {
+            *noted = slot;
+        }
+        if OLD_SECOND_SLOTS.contains(&place) {
+            self.old_second = Slot::Empty;
+        }
+    }
+
+    fn damage(&self) -> Option<Damage> {
+        let damages = || {
+            self.slots.iter().filter_map(|slot| match slot {
+                Slot::Damaged(damage) => Some(*damage),
+                Slot::Empty | Slot::Good { .. } => None,
+            })
+        };
+        damages().find(|damage| damage.is_newer()).or_else(|| damages().next())
+    }
+
+    fn refuse_newer(&self) -> Result<(), StoreError<M::Error>> {
+        match self.damage() {
+            Some(Damage::Version(version)) if version > FORMAT_VERSION => Err(StoreError::Newer(version)),
+            _ => Ok(()),
+        }
+    }
+
+    fn good(&self) -> impl Iterator<Item = Good> + '_ {
+        let places = (0..).zip(&self.slots).chain([(OLD_SECOND, &self.old_second)]);
+        places.filter_map(|(place, slot)| match *slot {
+            Slot::Good { sequence, accepted } => Some(Good { place, sequence, accepted }),
+            Slot::Empty | Slot::Damaged(_) => None,
+        })
+    }
+
+    fn newest(&self) -> Option<Good> {
+        self.good().reduce(newer)
+    }
+
+    fn newest_accepted(&self) -> Option<Good> {
+        self.good().filter(|good| good.accepted).reduce(newer)
+    }
+
+    /// Place of an entry of the history.
+    fn place(&self, back: usize) -> Option<usize> {
+        let newest = self.newest()?.sequence;
+        let age = |good: &Good| newest.wrapping_sub(good.sequence);
+        let mut entry = self.newest()?;
+        for _ in 0..back {
+            entry = self.good().filter(|good| age(good) > age(&entry)).min_by_key(age)?;
+        }
+        Some(entry.place)
+    }
+
+    fn rejected_in_a_row(&self) -> usize {
+        let Some(accepted) = self.newest_accepted() else { return 0 };
+        self.good().filter(|good| newer(accepted, *good).place != accepted.place).count()
+    }
+
+    // ----------------------------------------------------------------------------------------------------- where to write
+
+    /// The slot after the newest record, and the next sequence number: no slot that cannot be read just now has it.
+    fn next(&self) -> (usize, u32) {
+        let Some(newest) = self.newest() else { return (0, 0) };
+        let first = if newest.place == OLD_SECOND { OLD_SECOND_SLOTS[1] + 1 } else { newest.place + 1 };
+        let unreadable = self.slots.iter().filter(|slot| **slot == Slot::Damaged(Damage::Unreadable)).count();
+        (first, newest.sequence.wrapping_add(1 + unreadable as u32))
+    }
+
+    fn ahead(&self, first: usize, ahead: usize) -> usize {
+        let (place, count) = (first + ahead, self.slots.len());
+        if place < count { place } else { place - count }
+    }
+
+    /// Whether writing or erasing here would harm the newest accepted record.
+    fn is_protected(&self, place: usize, erasing: bool) -> bool {
+        self.newest_accepted().is_some_and(|newest| match newest.place {
+            OLD_SECOND => OLD_SECOND_SLOTS.contains(&place),
+            kept if erasing => kept / M::SLOTS_PER_BLOCK == place / M::SLOTS_PER_BLOCK,
+            kept => kept == place,
+        })
+    }
+
+    /// Whether a slot may be written now; a sector that the log enters is made blank, as a whole.
+    fn is_ready(&mut self, place: usize) -> Result<bool, StoreError<M::Error>> {
+        if self.is_protected(place, false) {
+            return Ok(false);
+        }
+        if !M::ERASES {
+            return Ok(true);
+        }
+        let block = place..place + M::SLOTS_PER_BLOCK;
+        let entering = place.is_multiple_of(M::SLOTS_PER_BLOCK) && !self.is_protected(place, true);
+        if entering && !block.clone().all(|place| self.is_blank(place)) {
+            self.memory.erase(address::<M>(place)).map_err(StoreError::Memory)?;
+            block.for_each(|place| self.note(place, Slot::Empty));
+        }
+        Ok(self.is_blank(place))
+    }
+
+    // ------------------------------------------------------------------------------------------------------------- access
+
+    /// Writes a slot and reads it back; `false` if it is not to be written.
+    fn write(&mut self, place: usize, image: &[u8]) -> Result<bool, StoreError<M::Error>> {
+        if !self.is_ready(place)? {
+            return Ok(false);
+        }
+        let mut address = address::<M>(place);
+        self.memory.write(address, image).map_err(StoreError::Memory)?;
+        for written in image.as_chunks::<PIECE_BYTES>().0 {
+            let mut read = [0; PIECE_BYTES];
+            self.memory.read(address, &mut read).map_err(StoreError::Memory)?;
+            if read != *written {
+                return Err(StoreError::Worn);
+            }
+            address += PIECE_BYTES as u32;
+        }
+        Ok(true)
+    }
+
+    fn is_blank(&mut self, place: usize) -> bool {
+        let address = address::<M>(place);
+        (0..SLOT_BYTES as u32).step_by(PIECE_BYTES).all(|offset| {
+            let mut piece = [0; PIECE_BYTES];
+            self.memory.read(address + offset, &mut piece).is_ok() && piece == [0xff; PIECE_BYTES]
+        })
+    }
+
+    /// A slot as it is. What seems damaged is read again: the way from the memory may be disturbed.
+    fn inspect(&mut self, place: usize) -> Result<Slot, StoreError<M::Error>> {
+        match self.read(place)?.slot() {
+            Slot::Damaged(_) => Ok(self.read(place)?.slot()),
+            found => Ok(found),
+        }
+    }
+
+    /// Reads a slot as far as it is used, by its own account.
+    fn read(&mut self, place: usize) -> Result<Content, StoreError<M::Error>> {
+        let address = address::<M>(place);
+        let mut buffer = [0xff; SLOT_BYTES];
+        let Some((head, rest)) = buffer.split_first_chunk_mut::<PIECE_BYTES>() else { return Ok(Content::Blank) };
+        self.memory.read(address, head).map_err(StoreError::Memory)?;
+        if *head == [0xff; PIECE_BYTES] {
+            return Ok(Content::Blank);
+        }
+        // A length that cannot be reads nothing more; decoding says so.
+        let more =
+            super::record::used_bytes(head).map_or(0, |used| used.div_ceil(PIECE_BYTES) * PIECE_BYTES - PIECE_BYTES);
+        let rest = rest.get_mut(..more).unwrap_or_default();
+        self.memory.read(address + PIECE_BYTES as u32, rest).map_err(StoreError::Memory)?;
+        Ok(super::record::decode(&buffer)
+            .map_or_else(Content::Damaged, |(sequence, record)| Content::Good(sequence, record)))
+    }
+}
+
+/// What was read of a slot.
+#[expect(clippy::large_enum_variant, reason = "there is no heap to box the record on")]
+enum Content {
+    Blank,
+    Damaged(Damage),
+    Good(u32, StoredCalibration),
+}
+
+impl Content {
+    fn slot(&self) -> Slot {
+        match self {
+            Self::Blank => Slot::Empty,
+            Self::Damaged(damage) => Slot::Damaged(*damage),
+            Self::Good(sequence, record) => Slot::Good { sequence: *sequence, accepted: record.verdict.accepted() },
+        }
+    }
+
+    fn good(self) -> Option<(u32, StoredCalibration)> {
+        if let Self::Good(sequence, record) = self { Some((sequence, record)) } else { None }
+    }
+}
+
+/// The one ahead; the sequence number wraps.
+fn newer(first: Good, second: Good) -> Good {
+    if second.sequence.wrapping_sub(first.sequence).cast_signed() > 0 { second } else { first }
+}
+
+fn address<M: Medium>(place: usize) -> u32 {
+    if place == OLD_SECOND {
+        return OLD_SECOND_ADDRESS;
+    }
+    let (block, slot) = (place / M::SLOTS_PER_BLOCK, place % M::SLOTS_PER_BLOCK);
+    (block * M::BLOCK_BYTES + slot * SLOT_BYTES) as u32
+}

@@ -1,0 +1,197 @@
+//! The instrument's end of a serial line: messages out, commands in, an answer to each.
+//!
+//! ```text
+//! on the wire   COBS of the frame, then a zero byte: nothing within a frame is zero, so that whatever came before,
+//!               what follows a zero byte is a frame
+//! frame         0     version of the protocol
+//!               1     what it carries: 'M' message, 'C' command, 'A' answer
+//!               2-3   number, little-endian: messages are counted, so that gaps show; a command's is the sender's choice,
+//!                     from 1, and its answer repeats it; 0 is an answer that nobody asked for
+//!               4..   payload: postcard of `Message`, `Command` or `Answer`
+//!               last  CRC-32/ISO-HDLC of all before, little-endian, 4 bytes
+//! ```
+//! Both ends use this module: [`encode`] and [`Decoder`] are all that the other one needs.
+//!
+//! Bytes in, bytes out: it touches no port and reads no clock. Nothing here waits. A frame that is damaged, of another
+//! version or of no meaning is dropped and counted, and [`Status`] tells the counts; a frame that cannot be sent in time is
+//! left out whole, live values first. Whole frames that hold no command are answered with a refusal, those of another
+//! version with a hello.
+
+use super::frame::{Damage, Decoder, MAX_FRAME_BYTES, encode};
+use super::lock::Lock;
+use super::outbox::Lane;
+use super::protocol::{Answer, Command, Hello, LinkCounts, Refusal};
+
+use super::outbox::Outbox;
+use crate::run::telemetry::Message;
+
+/// Room for frames that matter most, bytes: two of the longest answers, or a verdict with all that leads to it.
+const URGENT_BYTES: usize = 2560;
+/// Room for live values, bytes: two estimates.
+const ROUTINE_BYTES: usize = 1024;
+/// The status is told once in this time, us.
+const STATUS_US: u64 = 500_000;
+
+/// The link. It owns all its memory.
+///
+/// ```
+/// use rins_selfcal::link::{Answer, Command, Decoder, Link, MAX_FRAME_BYTES, encode};
+///
+/// let (mut instrument, mut host) = (Link::new(), Decoder::new());
+/// // The host's end: a command, number 7, into the line.
+/// let mut frame = [0; MAX_FRAME_BYTES];
+/// let command = encode(7, &Command::Start, &mut frame).expect("it fits");
+/// let received = command.iter().find_map(|byte| instrument.receive(*byte));
+/// assert_eq!(received, Some((7, Command::Start)));
+/// // The instrument's end: the answer, with the same number.
+/// instrument.reply(7, &Answer::Done);
+/// let mut answer = None;
+/// while let Some(byte) = instrument.transmit() {
+///     if let Some(Ok(frame)) = host.push(byte) {
+///         answer = Some((frame.number, frame.read::<Answer>()));
+///     }
+/// }
+/// assert_eq!(answer, Some((7, Some(Answer::Done))));
+/// ```
+#[derive(Debug)]
+pub struct Link {
+    decoder: Decoder,
+    outbox: Outbox<URGENT_BYTES, ROUTINE_BYTES>,
+    pub(super) lock: Lock,
+    hello: Option<Hello>,
+    messages: u16,
+    not_understood: u32,
+    overrun: u32,
+    status_us: Option<u64>,
+}
+
+impl Link {
+    /// A quiet one.
+    pub const fn new() -> Self {
+        Self {
+            decoder: Decoder::new(),
+            outbox: Outbox::new(),
+            lock: Lock::new(),
+            hello: None,
+            messages: 0,
+            not_understood: 0,
+            overrun: 0,
+            status_us: None,
+        }
+    }
+
+    /// Says what the instrument is, now and where a frame of another version comes in.
+    pub fn greet(&mut self, hello: Hello) {
+        self.volunteer(&Answer::Hello(hello.clone()));
+        self.hello = Some(hello);
+    }
+
+    /// Takes in a byte; the one that ends a command gives it, with its number. Not inlined, as others here: frames and what
+    /// they carry are large, and the stack of one is free again when the next needs it.
+    #[inline(never)]
+    pub fn receive(&mut self, byte: u8) -> Option<(u16, Command)> {
+        match self.decoder.push(byte)? {
+            Ok(frame) => match frame.read() {
+                Some(command) => return Some((frame.number, command)),
+                None => {
+                    let number = frame.number;
+                    self.not_understood = self.not_understood.saturating_add(1);
+                    self.reply(number, &Answer::Refused(Refusal::NotUnderstood));
+                }
+            },
+            Err(Damage::Version(_)) => {
+                if let Some(hello) = self.hello.clone() {
+                    self.volunteer(&Answer::Hello(hello));
+                }
+            }
+            Err(Damage::Corrupt) => {}
+        }
+        None
+    }
+
+    /// Answers the command of this number.
+    #[inline(never)]
+    pub fn reply(&mut self, number: u16, answer: &Answer) {
+        let mut frame = [0; MAX_FRAME_BYTES];
+        self.put(encode(number, answer, &mut frame), Lane::Urgent);
+    }
+
+    /// Puts a message into the outbox and returns its frame, for further channels. Messages without a lane are for those
+    /// channels only: they are bulk, which a serial line has no time for, and can be read by command.
+    pub fn tell<'b>(&mut self, message: &Message, frame: &'b mut [u8; MAX_FRAME_BYTES]) -> Option<&'b [u8]> {
+        let framed = encode(self.messages, message, frame);
+        if let Some(lane) = lane(message) {
+            self.messages = self.messages.wrapping_add(1);
+            self.put(framed, lane);
+        }
+        framed
+    }
+
+    /// The next byte for the wire.
+    pub fn transmit(&mut self) -> Option<u8> {
+        self.outbox.pop()
+    }
+
+    /// Takes note that so many bytes in all came in faster than they were taken.
+    pub fn note_overrun(&mut self, bytes: u32) {
+        self.overrun = bytes;
+    }
+
+    /// What was lost so far.
+    pub fn counts(&self) -> LinkCounts {
+        LinkCounts {
+            dropped: self.decoder.dropped(),
+            not_understood: self.not_understood,
+            overrun: self.overrun,
+            unsent: self.outbox.unsent(),
+        }
+    }
+
+    /// Tells something that nobody asked for.
+    #[inline(never)]
+    pub(super) fn volunteer(&mut self, answer: &Answer) {
+        let mut frame = [0; MAX_FRAME_BYTES];
+        let lane = if matches!(answer, Answer::Status(_)) { Lane::Routine } else { Lane::Urgent };
+        self.put(encode(0, answer, &mut frame), lane);
+    }
+
+    fn put(&mut self, frame: Option<&[u8]>, lane: Lane) {
+        match frame {
+            Some(frame) => self.outbox.put(frame, lane),
+            None => self.outbox.count(true),
+        }
+    }
+
+    pub(super) fn is_status_due(&mut self, now_us: u64) -> bool {
+        let due = self.status_us.is_none_or(|last_us| now_us.abs_diff(last_us) >= STATUS_US);
+        if due {
+            self.status_us = Some(now_us);
+        }
+        due
+    }
+}
+
+impl Default for Link {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// How a message goes over a serial line, if it does.
+fn lane(message: &Message) -> Option<Lane> {
+    match message {
+        Message::Covariance { .. } | Message::Innovations(_) => None,
+        Message::Segment(_) | Message::Corrected { .. } | Message::Queue { .. } => Some(Lane::Routine),
+        Message::Store { .. }
+        | Message::Decided(_)
+        | Message::Released
+        | Message::Refused(_)
+        | Message::State { .. }
+        | Message::Solved { .. }
+        | Message::Judged(_)
+        | Message::Aborted(_)
+        | Message::Fault(_)
+        | Message::Saved(_)
+        | Message::Restarted(_) => Some(Lane::Urgent),
+    }
+}

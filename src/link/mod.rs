@@ -1,0 +1,17 @@
+//! The instrument's end of a serial line: messages out, commands in, an answer to each.
+
+mod endpoint;
+mod frame;
+mod lock;
+mod outbox;
+mod protocol;
+mod service;
+
+pub use endpoint::Link;
+pub use frame::{
+    Damage, Decoder, Dropped, Frame, MAX_FRAME_BYTES, MAX_PAYLOAD_BYTES, PROTOCOL_VERSION, Payload, encode,
+};
+pub use lock::{Lock, UNLOCK_WORD, UNLOCKED_US};
+pub use outbox::Lane;
+pub use protocol::{Answer, Command, Hello, Item, LinkCounts, Refusal, Setting, SettingName, Status};
+pub use service::{Archive, Memories, Moment};

@@ -1,0 +1,415 @@
+//! The errors of the instrument, and what they do to a sample.
+//!
+//! ```text
+//! (1) rot_sa = [[1,0,0],[Sayz,1,0],[-Sazy,Sazx,1]]     rot_sg = [[1,-Sgxz,Sgxy],[Sgyz,1,-Sgyx],[-Sgzy,Sgzx,1]]
+//! (2) rot_s0r0 = exp(-[theta x]),  theta = (alpha, beta, gamma)
+//! (3) rot_rr0(outer, inner) = R_inner(inner) R_x(outer);  R_inner turns about (sin d, 0, cos d)
+//! (4) f_a = (I + diag ka) rot_sa^-1 f_s + ba
+//! (5) w_g = (I + diag kg) rot_sg^-1 w_s + bg
+//! ```
+//! Source: Bai et al., Sensors 2019, 19, 4005, for (1) to (3), made exact; d, k and b are ours. `R_x(a)` is the frame
+//! rotation `[[1,0,0],[0,c,s],[0,-s,c]]`. The second index of S is the rotation axis.
+
+use crate::base::angle::Angle;
+use crate::base::linear::{Matrix3, Real, Vector, Vector3, exp_so3, inverse3};
+use crate::base::sample::{CorrectedSample, RawSample};
+use crate::base::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM};
+use serde::{Deserialize, Serialize};
+
+/// Number of parameters.
+pub const PARAMETERS: usize = 28;
+
+/// The parameter vector's blocks: index of the first parameter of each.
+pub mod block {
+    /// Gyro non-orthogonality Sgxy Sgxz Sgyx Sgyz Sgzx Sgzy, rad.
+    pub const GYRO_NON_ORTHOGONALITY: usize = 0;
+    /// Accelerometer non-orthogonality Sayz Sazx Sazy, rad.
+    pub const ACCEL_NON_ORTHOGONALITY: usize = 6;
+    /// Mounting angles alpha beta gamma, rad.
+    pub const MOUNTING: usize = 9;
+    /// Accelerometer bias, a-frame, m/s^2.
+    pub const ACCEL_BIAS: usize = 12;
+    /// Accelerometer scale-factor error.
+    pub const ACCEL_SCALE: usize = 15;
+    /// Gyro bias, g-frame, rad/s.
+    pub const GYRO_BIAS: usize = 18;
+    /// Gyro scale-factor error.
+    pub const GYRO_SCALE: usize = 21;
+    /// Non-perpendicularity of the axes d, rad.
+    pub const NON_PERPENDICULARITY: usize = 24;
+    /// Roll, pitch, heading of the base, rad.
+    pub const ATTITUDE: usize = 25;
+}
+
+/// Name and unit of a parameter, for reports.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ParameterInfo {
+    /// Name as in the literature and in every file.
+    pub name: &'static str,
+    /// Unit in reports and files.
+    pub unit: &'static str,
+    /// `value_si = value_in_unit * unit_si`.
+    pub unit_si: f64,
+}
+
+const fn info(name: &'static str, unit: &'static str, unit_si: f64) -> ParameterInfo {
+    ParameterInfo { name, unit, unit_si }
+}
+
+/// Names and units in the order of the parameter vector.
+pub const PARAMETER_INFO: [ParameterInfo; PARAMETERS] = [
+    info("Sgxy", "arcsec", ARCSEC),
+    info("Sgxz", "arcsec", ARCSEC),
+    info("Sgyx", "arcsec", ARCSEC),
+    info("Sgyz", "arcsec", ARCSEC),
+    info("Sgzx", "arcsec", ARCSEC),
+    info("Sgzy", "arcsec", ARCSEC),
+    info("Sayz", "arcsec", ARCSEC),
+    info("Sazx", "arcsec", ARCSEC),
+    info("Sazy", "arcsec", ARCSEC),
+    info("alpha", "arcsec", ARCSEC),
+    info("beta", "arcsec", ARCSEC),
+    info("gamma", "arcsec", ARCSEC),
+    info("accel_bias_x", "ug", MICRO_G),
+    info("accel_bias_y", "ug", MICRO_G),
+    info("accel_bias_z", "ug", MICRO_G),
+    info("accel_scale_x", "ppm", PPM),
+    info("accel_scale_y", "ppm", PPM),
+    info("accel_scale_z", "ppm", PPM),
+    info("gyro_bias_x", "deg/h", DEG_H),
+    info("gyro_bias_y", "deg/h", DEG_H),
+    info("gyro_bias_z", "deg/h", DEG_H),
+    info("gyro_scale_x", "ppm", PPM),
+    info("gyro_scale_y", "ppm", PPM),
+    info("gyro_scale_z", "ppm", PPM),
+    info("axis_nonperpendicularity", "arcsec", ARCSEC),
+    info("base_roll", "deg", DEG),
+    info("base_pitch", "deg", DEG),
+    info("heading", "deg", DEG),
+];
+
+/// The errors of one instrument and the attitude of its base: the 28 parameters by name.
+#[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
+pub struct InstrumentErrors<T> {
+    /// Sgxy Sgxz Sgyx Sgyz Sgzx Sgzy of (1), rad.
+    pub gyro_non_orthogonality: [T; 6],
+    /// Sayz Sazx Sazy of (1), rad.
+    pub accel_non_orthogonality: [T; 3],
+    /// theta = (alpha, beta, gamma) of (2), rad.
+    pub mounting: [T; 3],
+    /// ba of (4), m/s^2.
+    pub accel_bias_a: [T; 3],
+    /// ka of (4).
+    pub accel_scale: [T; 3],
+    /// bg of (5), rad/s.
+    pub gyro_bias_g: [T; 3],
+    /// kg of (5).
+    pub gyro_scale: [T; 3],
+    /// d of (3), rad.
+    pub axis_non_perpendicularity: T,
+    /// Attitude of the base: `rot_nb = R_z(-heading) R_y(pitch) R_x(roll)` as active rotations, rad.
+    pub base_roll: T,
+    /// See `base_roll`.
+    pub base_pitch: T,
+    /// Bearing of the b-frame's y axis, clockwise from north, rad.
+    pub heading: T,
+}
+
+impl<T: Real> InstrumentErrors<T> {
+    /// From the parameter vector (28), SI.
+    pub fn from_vector(x: &Vector<T, PARAMETERS>) -> Self {
+        let [
+            g0,
+            g1,
+            g2,
+            g3,
+            g4,
+            g5,
+            a0,
+            a1,
+            a2,
+            m0,
+            m1,
+            m2,
+            ba0,
+            ba1,
+            ba2,
+            ka0,
+            ka1,
+            ka2,
+            bg0,
+            bg1,
+            bg2,
+            kg0,
+            kg1,
+            kg2,
+            d,
+            roll,
+            pitch,
+            heading,
+        ] = x.data.0[0];
+        Self {
+            gyro_non_orthogonality: [g0, g1, g2, g3, g4, g5],
+            accel_non_orthogonality: [a0, a1, a2],
+            mounting: [m0, m1, m2],
+            accel_bias_a: [ba0, ba1, ba2],
+            accel_scale: [ka0, ka1, ka2],
+            gyro_bias_g: [bg0, bg1, bg2],
+            gyro_scale: [kg0, kg1, kg2],
+            axis_non_perpendicularity: d,
+            base_roll: roll,
+            base_pitch: pitch,
+            heading,
+        }
+    }
+
+    /// The parameter vector (28), SI.
+    pub fn to_vector(&self) -> Vector<T, PARAMETERS> {
+        let [g0, g1, g2, g3, g4, g5] = self.gyro_non_orthogonality;
+        let [a0, a1, a2] = self.accel_non_orthogonality;
+        let [m0, m1, m2] = self.mounting;
+        let [ba0, ba1, ba2] = self.accel_bias_a;
+        let [ka0, ka1, ka2] = self.accel_scale;
+        let [bg0, bg1, bg2] = self.gyro_bias_g;
+        let [kg0, kg1, kg2] = self.gyro_scale;
+        Vector::from([
+            g0,
+            g1,
+            g2,
+            g3,
+            g4,
+            g5,
+            a0,
+            a1,
+            a2,
+            m0,
+            m1,
+            m2,
+            ba0,
+            ba1,
+            ba2,
+            ka0,
+            ka1,
+            ka2,
+            bg0,
+            bg1,
+            bg2,
+            kg0,
+            kg1,
+            kg2,
+            self.axis_non_perpendicularity,
+            self.base_roll,
+            self.base_pitch,
+            self.heading,
+        ])
+    }
+
+    /// (1): accelerometer axes to IMU axes.
+    pub fn rot_sa(&self) -> Matrix3<T> {
+        let [sayz, sazx, sazy] = self.accel_non_orthogonality;
+        let (zero, one) = (T::zero(), T::one());
+        Matrix3::new(one, zero, zero, sayz, one, zero, -sazy, sazx, one)
+    }
+
+    /// (1): gyro axes to IMU axes.
+    pub fn rot_sg(&self) -> Matrix3<T> {
+        let [sgxy, sgxz, sgyx, sgyz, sgzx, sgzy] = self.gyro_non_orthogonality;
+        let one = T::one();
+        Matrix3::new(one, -sgxz, sgxy, sgyz, one, -sgyx, -sgzy, sgzx, one)
+    }
+
+    /// (2): rotation frame to IMU frame, at gimbal angles (0, 0) and, both being fixed to the inner gimbal, at all.
+    pub fn rot_sr(&self) -> Matrix3<T> {
+        exp_so3(&-Vector3::from(self.mounting))
+    }
+
+    /// (3): rotation frame at gimbal angles (0, 0) to rotation frame at (outer, inner).
+    pub fn rot_rr0(&self, outer: Angle, inner: Angle) -> Matrix3<T> {
+        let tilt = self.rot_inner_axis();
+        tilt * frame_rotation_z(inner) * tilt.transpose() * frame_rotation_x(outer)
+    }
+
+    /// Active rotation about y that carries (0, 0, 1) to the inner axis (sin d, 0, cos d).
+    pub fn rot_inner_axis(&self) -> Matrix3<T> {
+        exp_so3(&Vector3::new(T::zero(), self.axis_non_perpendicularity, T::zero()))
+    }
+
+    /// Base to local level: `R_z(-heading) R_y(pitch) R_x(roll)`. The base frame b is the rotation frame at gimbal
+    /// angles (0, 0): encoder zeros and the gimbal axes define it, whatever the IMU's mounting.
+    pub fn rot_nb(&self) -> Matrix3<T> {
+        let zero = T::zero();
+        exp_so3(&Vector3::new(zero, zero, -self.heading))
+            * exp_so3(&Vector3::new(zero, self.base_pitch, zero))
+            * exp_so3(&Vector3::new(self.base_roll, zero, zero))
+    }
+
+    /// (4) and (5): what the sensors read, (`f_a`, `w_g`), when the IMU frame feels `force_s` (m/s^2) and turns at
+    /// `omega_is_s` (rad/s).
+    pub fn corrupt(&self, force_s: &Vector3<T>, omega_is_s: &Vector3<T>) -> (Vector3<T>, Vector3<T>) {
+        let force_a = inverse3(&self.rot_sa()) * force_s;
+        let omega_g = inverse3(&self.rot_sg()) * omega_is_s;
+        let one = Vector3::repeat(T::one());
+        (
+            force_a.component_mul(&(one + Vector3::from(self.accel_scale))) + Vector3::from(self.accel_bias_a),
+            omega_g.component_mul(&(one + Vector3::from(self.gyro_scale))) + Vector3::from(self.gyro_bias_g),
+        )
+    }
+}
+
+/// Frame rotation about z: `[[c,s,0],[-s,c,0],[0,0,1]]`.
+pub fn frame_rotation_z<T: Real>(angle: Angle) -> Matrix3<T> {
+    let (s, c) = angle.sin_cos();
+    let (zero, one) = (T::zero(), T::one());
+    Matrix3::new(c, s, zero, -s, c, zero, zero, zero, one)
+}
+
+/// Frame rotation about x: `[[1,0,0],[0,c,s],[0,-s,c]]`.
+pub fn frame_rotation_x<T: Real>(angle: Angle) -> Matrix3<T> {
+    let (s, c) = angle.sin_cos();
+    let (zero, one) = (T::zero(), T::one());
+    Matrix3::new(one, zero, zero, zero, c, s, zero, -s, c)
+}
+
+/// The inverse of (4) and (5), ready to apply to every sample.
+///
+/// ```
+/// use rins_selfcal::model::error_model::{Calibration, InstrumentErrors};
+/// use rins_selfcal::base::linear::Vector3;
+/// use rins_selfcal::base::sample::RawSample;
+/// use rins_selfcal::base::units::{ARCSEC, MICRO_G};
+///
+/// // A bias, and the sensors 100 arcsec off the rotation axes about z.
+/// let errors = InstrumentErrors {
+///     accel_bias_a: [30.0 * MICRO_G, 0.0, 0.0],
+///     mounting: [0.0, 0.0, 100.0 * ARCSEC],
+///     ..InstrumentErrors::default()
+/// };
+/// let (force_s, omega_is_s) = (Vector3::new(0.0, 0.0, 9.79), Vector3::new(0.0, 0.3, 0.0));
+/// let (force_a, omega_g) = errors.corrupt(&force_s, &omega_is_s);
+/// let corrected = Calibration::new(&errors).correct(&RawSample { force_a, omega_g, ..RawSample::default() });
+/// assert!((corrected.force_s - force_s).norm() < 1e-12);
+/// // At gimbal angles (0, 0) the IMU is off the vehicle by the mounting angle alone.
+/// assert!((corrected.rot_sb[(0, 1)] - 100.0 * ARCSEC).abs() < 1e-9);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Calibration<T: Real> {
+    /// `rot_sa (I + diag ka)^-1`
+    force_matrix_sa: Matrix3<T>,
+    accel_bias_a: Vector3<T>,
+    /// `rot_sg (I + diag kg)^-1`
+    rate_matrix_sg: Matrix3<T>,
+    gyro_bias_g: Vector3<T>,
+    rot_sr: Matrix3<T>,
+    errors: InstrumentErrors<T>,
+}
+
+impl<T: Real> Calibration<T> {
+    /// Prepares the correction for an instrument with these errors.
+    pub fn new(errors: &InstrumentErrors<T>) -> Self {
+        let inverse_scale =
+            |scale: [T; 3]| Matrix3::from_diagonal(&Vector3::from(scale.map(|k| (T::one() + k).recip())));
+        Self {
+            force_matrix_sa: errors.rot_sa() * inverse_scale(errors.accel_scale),
+            accel_bias_a: Vector3::from(errors.accel_bias_a),
+            rate_matrix_sg: errors.rot_sg() * inverse_scale(errors.gyro_scale),
+            gyro_bias_g: Vector3::from(errors.gyro_bias_g),
+            rot_sr: errors.rot_sr(),
+            errors: *errors,
+        }
+    }
+
+    /// What the IMU frame felt, from what the sensors read: `f_s = rot_sa (I + diag ka)^-1 (f_a - ba)` in m/s^2, and
+    /// the same for the gyros in rad/s.
+    pub fn correct(&self, sample: &RawSample<T>) -> CorrectedSample<T> {
+        CorrectedSample {
+            time_us: sample.time_us,
+            force_s: self.force_matrix_sa * (sample.force_a - self.accel_bias_a),
+            omega_is_s: self.rate_matrix_sg * (sample.omega_g - self.gyro_bias_g),
+            rot_sb: self.rot_sb(sample.outer, sample.inner),
+        }
+    }
+
+    /// Attitude of the IMU in the vehicle from the gimbal angles, with the mounting angles and the non-perpendicularity
+    /// taken out: b (= r0) to s. (2), (3)
+    pub fn rot_sb(&self, outer: Angle, inner: Angle) -> Matrix3<T> {
+        self.rot_sr * self.errors.rot_rr0(outer, inner)
+    }
+
+    /// `rot_sa (I + diag ka)^-1`: takes the accelerometers' outputs less `ba` to the IMU frame.
+    pub fn force_matrix_sa(&self) -> &Matrix3<T> {
+        &self.force_matrix_sa
+    }
+
+    /// `rot_sg (I + diag kg)^-1`: takes the gyros' outputs less `bg` to the IMU frame.
+    pub fn rate_matrix_sg(&self) -> &Matrix3<T> {
+        &self.rate_matrix_sg
+    }
+
+    /// (2): rotation frame to IMU frame.
+    pub fn rot_sr(&self) -> &Matrix3<T> {
+        &self.rot_sr
+    }
+
+    /// The errors this calibration takes out.
+    pub fn errors(&self) -> &InstrumentErrors<T> {
+        &self.errors
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::linear::real;
+
+    fn example<T: Real>() -> InstrumentErrors<T> {
+        InstrumentErrors::from_vector(&Vector::from_fn(|row, _| {
+            let sign = if row % 2 == 0 { 1.0 } else { -1.0 };
+            real(sign * (1.0 + row as f64) * 2e-4)
+        }))
+    }
+
+    fn round_trip<T: Real>() -> f64 {
+        let errors = example::<T>();
+        let force_s = Vector3::new(3.0, -4.0, 8.5).map(real);
+        let omega_is_s = Vector3::new(0.3, -0.2, 0.1).map(real);
+        let (force_a, omega_g) = errors.corrupt(&force_s, &omega_is_s);
+        let sample = RawSample { force_a, omega_g, ..RawSample::default() };
+        let back = Calibration::new(&errors).correct(&sample);
+        ((back.force_s - force_s).norm() / force_s.norm())
+            .widened()
+            .max((back.omega_is_s - omega_is_s).norm().widened())
+    }
+
+    #[test]
+    fn equations_4_and_5_round_trip_to_rounding() {
+        assert!(round_trip::<f64>() < 8.0 * f64::EPSILON, "{}", round_trip::<f64>());
+        assert!(round_trip::<f32>() < 8.0 * f64::from(f32::EPSILON), "{}", round_trip::<f32>());
+    }
+
+    #[test]
+    fn vector_and_fields_correspond() {
+        let x = Vector::from_fn(|row, _| row as f64);
+        let errors = InstrumentErrors::from_vector(&x);
+        assert_eq!(errors.to_vector(), x);
+        assert_eq!(errors.gyro_bias_g[0], block::GYRO_BIAS as f64);
+        assert_eq!(errors.heading, (block::ATTITUDE + 2) as f64);
+        assert_eq!(PARAMETER_INFO[block::NON_PERPENDICULARITY].name, "axis_nonperpendicularity");
+        assert_eq!(PARAMETER_INFO[block::ACCEL_SCALE].name, "accel_scale_x");
+    }
+
+    #[test]
+    fn equation_3_turns_about_the_tilted_inner_axis() {
+        let errors = InstrumentErrors { axis_non_perpendicularity: 0.01_f64, ..Default::default() };
+        let inner = Angle::from_rad(0.7);
+        let axis_r = Vector3::new(0.01_f64.sin(), 0.0, 0.01_f64.cos());
+        let expected = exp_so3(&(axis_r * -inner.rad::<f64>())) * frame_rotation_x::<f64>(Angle::from_rad(0.4));
+        assert!((errors.rot_rr0(Angle::from_rad(0.4), inner) - expected).norm() < 1e-15);
+    }
+
+    #[test]
+    fn heading_is_the_bearing_of_the_y_axis_clockwise_from_north() {
+        let errors = InstrumentErrors { heading: 90.0 * DEG, ..Default::default() };
+        let y_n = errors.rot_nb() * Vector3::y();
+        assert!((y_n - Vector3::x()).norm() < 1e-15, "y axis must point east, is {y_n}");
+    }
+}

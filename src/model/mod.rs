@@ -1,0 +1,5 @@
+//! The error model of the instrument, the measurements that a segment gives, and further effects of real hardware.
+
+pub mod error_model;
+pub mod measurement;
+pub mod options;

@@ -1,0 +1,296 @@
+//! The configuration of a run, and why one is refused.
+
+use crate::base::units::DEG;
+use crate::estimator::rehearsal::SHORTEST_STOP_S;
+use crate::estimator::{HeadingSource, MAX_SEGMENTS};
+use crate::gimbal::axis::{AxisLimits, ROUNDING_RAD};
+use crate::gimbal::servo::MotorAndLoad;
+use crate::model::error_model::PARAMETER_INFO;
+use crate::run::calibrator::CalibratorConfig;
+use crate::run::policy::PowerUpPolicy;
+use crate::run::sequencer::Pace;
+use crate::scheme::{Scheme, SchemeError};
+use crate::verdict::VerdictLimits;
+use core::fmt;
+use core::ops::RangeInclusive;
+use serde::{Deserialize, Serialize};
+
+/// Everything that a run must know.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SelfCalibrationConfig {
+    /// From samples to parameters.
+    pub calibrator: CalibratorConfig,
+    /// The rotation scheme.
+    pub scheme: Scheme,
+    /// Limits of the outer and the inner axis.
+    pub axes: [AxisLimits; 2],
+    /// Motors, loads and encoders of the outer and the inner axis.
+    pub motors: [MotorAndLoad; 2],
+    /// What a result must fulfil.
+    pub limits: VerdictLimits,
+    /// How long a run takes.
+    pub pace: Pace,
+    /// When a run begins at power-up.
+    pub policy: PowerUpPolicy,
+    /// Time of power-up, seconds since 1970-01-01 UTC; `None` where there is no clock.
+    pub utc_s: Option<u64>,
+    /// A scheme that would leave a parameter unobserved is refused before anything turns. Otherwise it is run, to see what
+    /// it shows, and the result rejected.
+    pub refuse_unobserved: bool,
+}
+
+/// Why a configuration is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum ConfigError {
+    /// The sample rate is not from 50 to 10 000 Hz.
+    Rate,
+    /// A noise is not positive and finite, or its margin not at least 1.
+    Noise,
+    /// The heading or its sigma is not finite, or the sigma not positive.
+    Heading,
+    /// The range within which an axis stands, or the gate, is not positive and finite.
+    Stillness,
+    /// A limit of this axis (0 outer, 1 inner) is not positive and finite, or its travel is empty.
+    Axis(u8),
+    /// A number of this axis' motor and load (0 outer, 1 inner) makes no sense, or it cannot overcome its friction.
+    Motor(u8),
+    /// The longest run is not finite and positive.
+    Pace,
+    /// A limit of the power-up policy is not finite, or negative.
+    Policy,
+    /// A limit of the verdict is not positive and finite.
+    Limits,
+    /// A walk of an option is not finite, or negative.
+    Options,
+    /// A state is asked for that the filter of this build does not have.
+    States,
+    /// The scheme has more segments than fit.
+    Segments,
+    /// The latitude is not within a quarter turn, or height or gravity are not finite.
+    Site,
+    /// The scheme is wrong in itself.
+    Scheme(SchemeError),
+    /// The scheme turns or accelerates faster than this axis may (0 outer, 1 inner).
+    TooFast(u8),
+    /// This leg, counted from 1, or the start at (0, 0), leg 0, is outside the travel of this axis.
+    Travel {
+        /// Leg.
+        leg: u8,
+        /// Axis: 0 outer, 1 inner.
+        axis: u8,
+    },
+    /// The stop of this leg, counted from 1, or the first one, leg 0, is too short to be found among the samples.
+    ShortStop(u8),
+    /// The scheme would leave this parameter unobserved.
+    Unobserved(u8),
+}
+
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = |axis: &u8| if *axis == 0 { "outer" } else { "inner" };
+        match self {
+            Self::Rate => f.write_str("the sample rate must be from 50 to 10 000 Hz"),
+            Self::Noise => f.write_str("every noise must be finite and positive, and its margin at least 1"),
+            Self::Heading => f.write_str("a configured heading must be finite, and its sigma positive"),
+            Self::Stillness => f.write_str(
+                "the range of an axis at rest must be positive and at most 1 deg, the gate finite and positive",
+            ),
+            Self::Axis(axis) => {
+                write!(f, "the limits of the {} axis must be finite and positive, and its travel not empty", name(axis))
+            }
+            Self::Motor(axis) => write!(
+                f,
+                "motor and load of the {} axis must be finite and positive, and the torque above the friction",
+                name(axis)
+            ),
+            Self::Pace => f.write_str("the longest run must be finite and positive"),
+            Self::Policy => f.write_str("the temperature limit of the policy must be finite and not negative"),
+            Self::Limits => f.write_str("every limit of the verdict must be finite and positive"),
+            Self::Options => f.write_str("random walks of the biases must be finite and not negative"),
+            Self::States => f.write_str(
+                "this build has no room for bias ramps, encoder harmonics or tilt drift; build with feature \
+                 optional-states, or leave them out",
+            ),
+            Self::Segments => write!(f, "the scheme has more than the {MAX_SEGMENTS} stops and moves that fit"),
+            Self::Site => f.write_str("the latitude must be within 90 deg, height and gravity finite"),
+            Self::Scheme(error) => write!(f, "the scheme: {error}"),
+            Self::TooFast(axis) => {
+                write!(f, "the scheme turns or accelerates faster than the {} axis may", name(axis))
+            }
+            Self::Travel { leg: 0, axis } => write!(f, "(0, 0) is outside the travel of the {} axis", name(axis)),
+            Self::Travel { leg, axis } => write!(f, "leg {leg} leaves the travel of the {} axis", name(axis)),
+            Self::ShortStop(0) => write!(f, "the first stop is too short to be measured, at least 0.5 s"),
+            Self::ShortStop(leg) => write!(f, "the stop of leg {leg} is too short to be measured, at least 0.5 s"),
+            Self::Unobserved(parameter) => {
+                let info = PARAMETER_INFO.get(usize::from(*parameter));
+                write!(f, "the scheme leaves {} unobserved", info.map_or("a parameter", |info| info.name))
+            }
+        }
+    }
+}
+
+/// Sample rates with enough samples in a segmenter's block and within the position loop's time constant, and whole
+/// microseconds between them.
+const RATES_HZ: RangeInclusive<f64> = 50.0..=10_000.0;
+
+fn positive(x: &f64) -> bool {
+    x.is_finite() && *x > 0.0
+}
+
+impl SelfCalibrationConfig {
+    /// Checks every number, so that nothing that follows can fail on one. Not inlined, as what prepares a run: the rehearsal
+    /// needs the stack.
+    ///
+    /// # Errors
+    /// The first thing that is wrong.
+    #[inline(never)]
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let estimator = &self.calibrator.estimator;
+        let (noise, site) = (&estimator.noise, &estimator.site);
+        if !RATES_HZ.contains(&self.calibrator.rate_hz) {
+            return Err(ConfigError::Rate);
+        }
+        if ![noise.accel_psd_sqrt, noise.gyro_psd_sqrt, noise.encoder_sigma_rad, noise.margin].iter().all(positive)
+            || noise.margin < 1.0
+        {
+            return Err(ConfigError::Noise);
+        }
+        if let HeadingSource::Configured { heading_rad, sigma_rad } = estimator.heading
+            && !(heading_rad.is_finite() && positive(&sigma_rad))
+        {
+            return Err(ConfigError::Heading);
+        }
+        if !(f64::MIN_POSITIVE..=DEG).contains(&self.calibrator.stillness.still_rad)
+            || !estimator.gate_sigma.as_ref().is_none_or(positive)
+        {
+            return Err(ConfigError::Stillness);
+        }
+        if !estimator.options.are_finite() {
+            return Err(ConfigError::Options);
+        }
+        if !(-90.1 * DEG..=90.1 * DEG).contains(&site.latitude_rad) || !positive(&site.gravity_m_s2()) {
+            return Err(ConfigError::Site);
+        }
+        if !self.pace.is_valid() {
+            return Err(ConfigError::Pace);
+        }
+        if !self.policy.is_valid() {
+            return Err(ConfigError::Policy);
+        }
+        if !self.limits.are_positive() {
+            return Err(ConfigError::Limits);
+        }
+        check_motion(&self.scheme, &self.axes)?;
+        if 2 * self.scheme.moves() + 1 > MAX_SEGMENTS {
+            return Err(ConfigError::Segments);
+        }
+        self.check_motors()
+    }
+
+    fn check_motors(&self) -> Result<(), ConfigError> {
+        let wrong = (0_u8..).zip(&self.motors).find(|(_, motor)| !motor.is_valid());
+        wrong.map_or(Ok(()), |(axis, _)| Err(ConfigError::Motor(axis)))
+    }
+
+    /// What the calibrator must know for a run of the scheme.
+    pub(super) fn run(&self) -> CalibratorConfig {
+        let mut calibrator = self.calibrator;
+        if self.scheme.periods > 1 {
+            calibrator.estimator.period_moves = Some(self.scheme.legs.len() as u16);
+        }
+        calibrator
+    }
+}
+
+/// Checks a scheme in itself, and against what the outer and the inner axis can do.
+///
+/// # Errors
+/// The first thing that is wrong.
+pub fn check_motion(scheme: &Scheme, axes: &[AxisLimits; 2]) -> Result<(), ConfigError> {
+    scheme.check().map_err(ConfigError::Scheme)?;
+    for (axis, limits) in (0_u8..).zip(axes) {
+        if !limits.are_valid() {
+            return Err(ConfigError::Axis(axis));
+        }
+        if scheme.rate_rad_s > limits.rate_rad_s || scheme.acceleration_rad_s2 > limits.acceleration_rad_s2 {
+            return Err(ConfigError::TooFast(axis));
+        }
+        let angles = scheme.legs.iter().map(|to| if axis == 0 { to.outer_rad } else { to.inner_rad });
+        let travel = limits.lowest_rad - ROUNDING_RAD..=limits.highest_rad + ROUNDING_RAD;
+        for (leg, angle) in (0_u8..).zip(core::iter::once(0.0).chain(angles)) {
+            if !travel.contains(&angle) {
+                return Err(ConfigError::Travel { leg, axis });
+            }
+        }
+    }
+    let stops = core::iter::once(scheme.first_stop_s).chain(scheme.legs.iter().map(|leg| leg.stop_s));
+    let short = (0_u8..).zip(stops).find(|(_, stop_s)| *stop_s < SHORTEST_STOP_S);
+    short.map_or(Ok(()), |(leg, _)| Err(ConfigError::ShortStop(leg)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::method::Method;
+    use crate::base::site::Site;
+    use crate::segment::white_noise::Noise;
+
+    fn config() -> SelfCalibrationConfig {
+        let noise = Noise { accel_psd_sqrt: 1e-4, gyro_psd_sqrt: 3e-7, encoder_sigma_rad: 2.5e-6, margin: 1.0 };
+        let calibrator = CalibratorConfig::new(Method::Joint, Site::default(), noise, 200.0);
+        SelfCalibrationConfig::new(calibrator, Scheme::bai(10.0, 1))
+    }
+
+    #[test]
+    fn every_wrong_number_of_a_configuration_is_refused() {
+        type Spoil = fn(&mut SelfCalibrationConfig);
+        let wrong: [(Spoil, ConfigError); 32] = [
+            (|config| config.motors[1].inertia_kg_m2 = 0.0, ConfigError::Motor(1)),
+            (|config| config.motors[0].viscous_nm_s = f64::INFINITY, ConfigError::Motor(0)),
+            (|config| config.motors[0].inductance_h = -1e-3, ConfigError::Motor(0)),
+            (|config| config.scheme.first_stop_s = 0.49, ConfigError::ShortStop(0)),
+            (|config| config.scheme.legs[6].stop_s = 0.49, ConfigError::ShortStop(7)),
+            (|config| config.calibrator.estimator.noise.margin = 0.5, ConfigError::Noise),
+            (|config| config.pace.longest_s = Some(f64::NAN), ConfigError::Pace),
+            (|config| config.policy = too_cold(), ConfigError::Policy),
+            (|config| config.calibrator.rate_hz = f64::INFINITY, ConfigError::Rate),
+            (|config| config.calibrator.rate_hz = 0.0, ConfigError::Rate),
+            (|config| config.calibrator.estimator.noise.accel_psd_sqrt = 0.0, ConfigError::Noise),
+            (|config| config.calibrator.estimator.noise.gyro_psd_sqrt = f64::NAN, ConfigError::Noise),
+            (|config| config.calibrator.estimator.noise.encoder_sigma_rad = -1e-6, ConfigError::Noise),
+            (|config| config.calibrator.estimator.heading = heading(f64::NAN, 0.1), ConfigError::Heading),
+            (|config| config.calibrator.estimator.heading = heading(1.0, 0.0), ConfigError::Heading),
+            (|config| config.calibrator.stillness.still_rad = f64::NAN, ConfigError::Stillness),
+            (|config| config.calibrator.stillness.still_rad = 1.1 * DEG, ConfigError::Stillness),
+            (|config| config.calibrator.estimator.gate_sigma = Some(-5.0), ConfigError::Stillness),
+            (|config| config.calibrator.estimator.site.latitude_rad = f64::NAN, ConfigError::Site),
+            (|config| config.calibrator.estimator.site.measured_gravity_m_s2 = Some(0.0), ConfigError::Site),
+            (|config| config.limits.scale = f64::NAN, ConfigError::Limits),
+            (|config| config.limits = config.limits.requiring(0.0), ConfigError::Limits),
+            (|config| config.scheme.first_stop_s = 0.0, ConfigError::Scheme(SchemeError::Stop(0))),
+            (|config| config.scheme.periods = 3, ConfigError::Segments),
+            (|config| config.axes[0].arrived_rad = f64::NAN, ConfigError::Axis(0)),
+            (|config| config.axes[1].rate_rad_s = f64::INFINITY, ConfigError::Axis(1)),
+            (|config| config.axes[1].lowest_rad = 13.0, ConfigError::Axis(1)),
+            (|config| config.axes[1].rate_rad_s = 0.1, ConfigError::TooFast(1)),
+            (|config| config.axes[0].acceleration_rad_s2 = 0.1, ConfigError::TooFast(0)),
+            (|config| config.axes[0].lowest_rad = -4.0, ConfigError::Travel { leg: 3, axis: 0 }),
+            (|config| config.axes[0].highest_rad = -0.1, ConfigError::Travel { leg: 0, axis: 0 }),
+            (|config| config.axes[0].rate_rad_s = 2.2, ConfigError::Axis(0)),
+        ];
+        assert_eq!(config().check(), Ok(()));
+        for (number, (spoil, error)) in wrong.into_iter().enumerate() {
+            let mut config = config();
+            spoil(&mut config);
+            assert_eq!(config.check(), Err(error), "number {number}");
+        }
+    }
+
+    fn too_cold() -> PowerUpPolicy {
+        PowerUpPolicy::WhenDue { age_s: None, temperature_k: Some(-1.0) }
+    }
+
+    fn heading(heading_rad: f64, sigma_rad: f64) -> HeadingSource {
+        HeadingSource::Configured { heading_rad, sigma_rad }
+    }
+}

@@ -1,0 +1,95 @@
+//! The result of a run as it is kept: the calibration, its origin, and its verdict in short.
+
+use crate::base::method::Method;
+use crate::base::site::Site;
+use crate::estimator::Estimate;
+use crate::model::error_model::{InstrumentErrors, PARAMETERS};
+use crate::run::policy::Moment;
+use crate::verdict::{Reason, Verdict};
+use heapless::{String, Vec};
+use serde::{Deserialize, Serialize};
+
+/// A calibration, where it comes from and what was thought of it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StoredCalibration {
+    /// The errors found, SI.
+    pub errors: InstrumentErrors<f64>,
+    /// Their standard deviations in the order of the parameter vector, SI.
+    pub sigmas: [f64; PARAMETERS],
+    /// How they were estimated.
+    pub method: Method,
+    /// Name of the rotation scheme.
+    pub scheme: String<32>,
+    /// Where it was done.
+    pub site: Site,
+    /// Time of the power-up at which it was done, seconds since 1970-01-01 UTC; `None` where there is no clock.
+    pub utc_s: Option<u64>,
+    /// Mean IMU temperature, deg C; not a number where there is no sensor.
+    pub temperature_c: f32,
+    /// Chi-square of the residuals.
+    pub chi_square: f64,
+    /// Its degrees of freedom.
+    pub degrees_of_freedom: u32,
+    /// Version of the software that did it.
+    pub software_version: String<16>,
+    /// Accepted or not. The last field: a version of the format without it has nothing after it.
+    pub verdict: StoredVerdict,
+}
+
+impl StoredCalibration {
+    /// Parameters with their uncertainty.
+    pub fn estimate(&self) -> Estimate {
+        Estimate { errors: self.errors, sigmas: self.sigmas }
+    }
+
+    /// When it was done and how warm.
+    pub fn moment(&self) -> Moment {
+        Moment { utc_s: self.utc_s, temperature_c: self.temperature_c }
+    }
+
+    /// What was told with the verdict, as far as it was kept; nothing of another version of the software, whose reasons may
+    /// be others.
+    pub fn reasons(&self) -> impl Iterator<Item = Reason> + '_ {
+        let known = self.software_version == env!("CARGO_PKG_VERSION");
+        let mut rest: &[u8] = if known { &self.verdict.told } else { &[] };
+        core::iter::from_fn(move || {
+            let (reason, after) = postcard::take_from_bytes(rest).ok()?;
+            rest = after;
+            Some(reason)
+        })
+    }
+}
+
+/// A verdict in short.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct StoredVerdict {
+    /// Number of doubts; none means accepted.
+    pub doubts: u16,
+    /// Number of changes against the calibration before that were allowed.
+    pub changes: u16,
+    /// The first doubts, or changes where there are none, as bytes: a record can be read whatever has become of the reasons.
+    told: Vec<u8, 128>,
+}
+
+impl StoredVerdict {
+    /// As much of a verdict as fits.
+    pub fn new(verdict: &Verdict) -> Self {
+        let count = |reasons: &[Reason]| reasons.len() as u16;
+        let told = if verdict.accepted() { &verdict.changes } else { &verdict.reasons };
+        let mut bytes = Vec::new();
+        for reason in told {
+            let mut buffer = [0; 64];
+            let fits = postcard::to_slice(reason, &mut buffer).is_ok_and(|told| bytes.extend_from_slice(told).is_ok());
+            if !fits {
+                break;
+            }
+        }
+        let doubts = count(&verdict.reasons).saturating_add(verdict.more);
+        Self { doubts, changes: count(&verdict.changes), told: bytes }
+    }
+
+    /// Whether the calibration may be used.
+    pub fn accepted(&self) -> bool {
+        self.doubts == 0
+    }
+}

@@ -1,0 +1,757 @@
+//! Self-calibration as a state machine. It decides; others act.
+//!
+//! ```text
+//!             the stored calibration is used
+//!  PowerUp ------------------------------------------------------------> Correcting     StandBy (nothing to use)
+//!     |                                                                      ^  ^
+//!     v                                                                      |  |
+//!  AwaitStill --> Turn --> Settle --> Dwell --(last leg)--> Compute --> Verdict --> Store
+//!                  ^                    |         ^                      |
+//!                  |        (early finish allowed) | enough               |
+//!                  |                    v         |                      |
+//!                  |                  Weigh ------+                      |
+//!                  |                    |                                |
+//!                  +----(next leg)------+                         rejected|
+//!                                                                        v
+//!  any state before Store --(abort)------------------> Stopping --> Parking --> Parked
+//!                                                            |        |
+//!                                                            |        +--(fails)--> Stranded
+//!                                                            +--(not safe)-------------^
+//! ```
+//! Time is an argument, in microseconds. Leg 0 is the way to the scheme's start at (0, 0) and the first stop there; leg
+//! k > 0 is the scheme's k-th move and the stop after it. A rejected or aborted run parks the gimbals at (0, 0) and
+//! leaves the stored calibration as it was. Where they cannot be parked, the gimbals stand where they came to rest. From
+//! Correcting, StandBy, Parked and Stranded a command starts a run: AwaitStill.
+
+use super::abort::AbortReason;
+use crate::run::policy::Decision;
+use crate::run::state::State;
+use crate::scheme::{Leg, SETTLING_S, Scheme};
+use serde::{Deserialize, Serialize};
+
+/// Base and axes must have been still for this long before anything moves, us.
+const STILL_US: u64 = 1_000_000;
+/// Longest wait for the base to be still, us.
+const STILL_TIMEOUT_US: u64 = 60_000_000;
+/// Standing time after arrival before the dwell counts, us.
+const SETTLE_US: u64 = (SETTLING_S * 1e6) as u64;
+/// Least time to bring the axes to rest before they are parked, us.
+const STOP_US: u64 = 1_000_000;
+/// Longest time beyond its nominal duration that a move may take, us.
+const TURN_TIMEOUT_US: u64 = 10_000_000;
+
+/// How long a run takes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Pace {
+    /// How often disturbed stops may be repeated, in all.
+    pub stop_repeats: u8,
+    /// Whether the run ends at the first stop at whose end every required sigma is met and the fit is good.
+    pub early_finish: bool,
+    /// Time after which no further move begins, s; `None` for any.
+    pub longest_s: Option<f64>,
+}
+
+impl Default for Pace {
+    /// Three repeated stops; the whole scheme, as it says.
+    fn default() -> Self {
+        Self { stop_repeats: 3, early_finish: false, longest_s: None }
+    }
+}
+
+impl Pace {
+    /// Whether every number makes sense.
+    pub fn is_valid(&self) -> bool {
+        self.longest_s.is_none_or(|longest_s| longest_s.is_finite() && longest_s > 0.0)
+    }
+}
+
+/// What the sequencer must be told at each step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Input {
+    /// Time, us.
+    pub now_us: u64,
+    /// Answer to `Decide`: what to do at power-up.
+    pub decision: Option<Decision>,
+    /// A run is asked for.
+    pub start: bool,
+    /// The gyros and encoders show neither base nor axes moving.
+    pub still: bool,
+    /// Both axes have arrived where they were sent.
+    pub arrived: bool,
+    /// Neither axis turns.
+    pub at_rest: bool,
+    /// Nominal duration of the move under way, us.
+    pub move_us: u64,
+    /// The stop under way was not at rest.
+    pub disturbed: bool,
+    /// Something happened that ends the run.
+    pub abort: Option<AbortReason>,
+    /// The dwell shall last this many times as long as the scheme says, if more than 1: the noise is larger than assumed.
+    pub extension: f64,
+    /// Answer to `Weigh`: whether every requirement is met.
+    pub enough: Option<bool>,
+    /// Answer to `Solve`: all is done.
+    pub solved: bool,
+    /// Answer to `Judge`: whether the result is accepted.
+    pub accepted: Option<bool>,
+    /// Answer to `Save`: writing has ended, well or not.
+    pub saved: bool,
+}
+
+/// What is to be done now.
+#[must_use]
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Command {
+    /// Nothing new.
+    Continue,
+    /// Both axes shall come to rest, and be controlled no longer.
+    Release,
+    /// Decide what to do after power-up.
+    Decide,
+    /// A run begins: forget the one before. Both axes shall stand where they are.
+    Begin,
+    /// Both axes shall stand where they are.
+    Hold,
+    /// Both axes shall move to these angles, rad, counted over whole turns.
+    MoveTo {
+        /// Outer angle, rad.
+        outer_rad: f64,
+        /// Inner angle, rad.
+        inner_rad: f64,
+    },
+    /// Begin to measure: the axes stand at the scheme's first stop.
+    Measure,
+    /// Forget the stop so far and measure it again: it was disturbed.
+    RepeatStop,
+    /// Close the stop, and see whether every requirement is met, one bounded piece at each of these commands.
+    Weigh,
+    /// Close the last stop and process all segments, one bounded piece at each of these commands.
+    Solve,
+    /// Judge the solution.
+    Judge,
+    /// Store the accepted calibration.
+    Save,
+    /// Correct samples from now on.
+    Correct,
+    /// Bring the axes to rest and give the run up: aborted for this reason, or rejected. Parking follows.
+    GiveUp(Option<AbortReason>),
+}
+
+/// The state machine.
+#[derive(Clone, Debug)]
+pub struct Sequencer {
+    scheme: Scheme,
+    state: State,
+    since_us: u64,
+    /// Nominal duration of the stop under way, us.
+    dwell_us: u64,
+    still_since_us: Option<u64>,
+    measuring_since_us: u64,
+    pace: Pace,
+    /// Times that stops may still be repeated.
+    repeats_left: u8,
+    /// The leg after which the time for measuring was over, if legs were left.
+    cut_after: Option<u16>,
+    /// Nothing has happened after which the axes should not be turned.
+    may_park: bool,
+}
+
+impl Sequencer {
+    /// A sequencer at power-up.
+    pub fn new(scheme: Scheme, pace: Pace) -> Self {
+        Self {
+            scheme,
+            state: State::PowerUp,
+            since_us: 0,
+            dwell_us: 0,
+            still_since_us: None,
+            measuring_since_us: 0,
+            pace,
+            repeats_left: pace.stop_repeats,
+            cut_after: None,
+            may_park: true,
+        }
+    }
+
+    /// Where the run is.
+    pub fn state(&self) -> State {
+        self.state
+    }
+
+    /// The scheme being run.
+    pub fn scheme(&self) -> &Scheme {
+        &self.scheme
+    }
+
+    /// Legs of the whole run, the way to the start included.
+    pub fn legs(&self) -> u16 {
+        self.scheme.moves() as u16 + 1
+    }
+
+    /// Runs another scheme from the next start on, at another pace.
+    pub fn reconfigure(&mut self, scheme: Scheme, pace: Pace) {
+        (self.scheme, self.pace) = (scheme, pace);
+    }
+
+    /// Nominal time until all is measured, s, if no stop is repeated and none lasts longer; 0 where nothing is to be
+    /// measured any more.
+    pub fn left_s(&self, now_us: u64) -> f64 {
+        let (leg, from_here_s) = match self.state {
+            State::AwaitStill => (0, STILL_US as f64 * 1e-6 + SETTLING_S + self.leg(0).stop_s),
+            State::Turn(leg) => (leg, self.leg_s(leg)),
+            State::Settle(leg) => (leg, SETTLING_S + self.leg(leg).stop_s),
+            State::Dwell(leg) | State::Weigh(leg) => (leg, self.leg(leg).stop_s),
+            _ => return 0.0,
+        };
+        let elapsed_s = now_us.saturating_sub(self.since_us) as f64 * 1e-6;
+        let later_s: f64 = (leg + 1..self.legs()).map(|leg| self.leg_s(leg)).sum();
+        (from_here_s - elapsed_s).max(0.0) + later_s
+    }
+
+    /// Nominal duration of a leg's move, settling and stop, s. The way to the start is not known.
+    fn leg_s(&self, leg: u16) -> f64 {
+        let to = self.leg(leg);
+        let from = self.leg(leg.saturating_sub(1));
+        let ways_rad = [to.outer_rad - from.outer_rad, to.inner_rad - from.inner_rad];
+        let move_s = ways_rad.map(|way_rad| self.scheme.move_s(way_rad)).into_iter().fold(0.0, f64::max);
+        move_s + SETTLING_S + to.stop_s
+    }
+
+    /// One step; at most one edge is taken.
+    pub fn step(&mut self, input: &Input) -> Command {
+        // Where the clock went back, the time in this state begins anew.
+        self.since_us = self.since_us.min(input.now_us);
+        if let Some(reason) = input.abort {
+            let command = self.abort(input.now_us, reason);
+            if command != Command::Continue {
+                return command;
+            }
+        }
+        match self.state {
+            State::PowerUp => self.power_up(input),
+            State::AwaitStill => self.await_still(input),
+            State::Turn(leg) => self.turn(input, leg),
+            State::Settle(leg) => self.settle(input, leg),
+            State::Dwell(leg) => self.dwell(input, leg),
+            State::Weigh(leg) => match input.enough {
+                None => Command::Weigh,
+                Some(true) => self.enter(input, State::Compute, Command::Solve),
+                Some(false) => self.next_leg(input, leg),
+            },
+            State::Compute if input.solved => self.enter(input, State::Verdict, Command::Judge),
+            State::Compute => Command::Solve,
+            State::Verdict => match input.accepted {
+                Some(true) => self.enter(input, State::Store, Command::Save),
+                Some(false) => self.give_up(input, None),
+                None => Command::Continue,
+            },
+            State::Store if input.saved => self.enter(input, State::Correcting, Command::Correct),
+            State::Stopping if input.at_rest && self.elapsed_us(input) >= STOP_US => self.park(input),
+            State::Parking if self.is_overdue(input) => self.enter(input, State::Stranded, Command::Release),
+            State::Parking if input.arrived => self.enter(input, State::Parked, Command::Hold),
+            State::Correcting | State::StandBy | State::Parked | State::Stranded if input.start => self.begin(input),
+            State::Store
+            | State::Correcting
+            | State::StandBy
+            | State::Stopping
+            | State::Parking
+            | State::Parked
+            | State::Stranded => Command::Continue,
+        }
+    }
+
+    /// Ends the run for a reason, if it is under way, or its parking, if something failed. Where no run is under way, axes
+    /// that do not follow are released. Without usable samples this is all that can be done.
+    pub fn abort(&mut self, now_us: u64, reason: AbortReason) -> Command {
+        let input = Input { now_us, ..Input::default() };
+        match self.state {
+            // An IMU may take its time to start.
+            State::PowerUp if reason == AbortReason::SampleLoss => Command::Continue,
+            State::PowerUp
+            | State::AwaitStill
+            | State::Turn(_)
+            | State::Settle(_)
+            | State::Dwell(_)
+            | State::Weigh(_)
+            | State::Compute
+            | State::Verdict => self.give_up(&input, Some(reason)),
+            State::Parking if reason.is_fault() => self.enter(&input, State::Stranded, Command::Release),
+            State::Stopping => {
+                self.may_park &= reason.lets_park();
+                Command::Continue
+            }
+            State::Store | State::Correcting | State::StandBy | State::Parked | State::Stranded
+                if matches!(reason, AbortReason::Gimbal(_)) =>
+            {
+                Command::Release
+            }
+            State::Store | State::Correcting | State::StandBy | State::Parking | State::Parked | State::Stranded => {
+                Command::Continue
+            }
+        }
+    }
+
+    fn enter(&mut self, input: &Input, state: State, command: Command) -> Command {
+        self.state = state;
+        self.since_us = input.now_us;
+        if let State::Dwell(leg) = state {
+            self.dwell_us = (self.leg(leg).stop_s * 1e6) as u64;
+        }
+        command
+    }
+
+    fn elapsed_us(&self, input: &Input) -> u64 {
+        input.now_us.saturating_sub(self.since_us)
+    }
+
+    fn park(&mut self, input: &Input) -> Command {
+        if self.may_park {
+            self.enter(input, State::Parking, Command::MoveTo { outer_rad: 0.0, inner_rad: 0.0 })
+        } else {
+            self.enter(input, State::Stranded, Command::Release)
+        }
+    }
+
+    fn give_up(&mut self, input: &Input, reason: Option<AbortReason>) -> Command {
+        self.may_park = reason.is_none_or(AbortReason::lets_park);
+        self.enter(input, State::Stopping, Command::GiveUp(reason))
+    }
+
+    fn power_up(&mut self, input: &Input) -> Command {
+        match input.decision {
+            None => Command::Decide,
+            Some(Decision::Calibrate(_)) => self.begin(input),
+            Some(Decision::UseStored(_)) => self.enter(input, State::Correcting, Command::Correct),
+            Some(Decision::StandBy(_)) => self.enter(input, State::StandBy, Command::Hold),
+        }
+    }
+
+    fn begin(&mut self, input: &Input) -> Command {
+        self.still_since_us = None;
+        self.repeats_left = self.pace.stop_repeats;
+        self.cut_after = None;
+        self.enter(input, State::AwaitStill, Command::Begin)
+    }
+
+    fn await_still(&mut self, input: &Input) -> Command {
+        if !input.still {
+            self.still_since_us = None;
+        } else if input.now_us.saturating_sub(*self.still_since_us.get_or_insert(input.now_us)) >= STILL_US {
+            return self.turn_to(input, 0);
+        }
+        if self.elapsed_us(input) > STILL_TIMEOUT_US {
+            return self.give_up(input, Some(AbortReason::NotStill));
+        }
+        Command::Continue
+    }
+
+    fn turn_to(&mut self, input: &Input, leg: u16) -> Command {
+        let Leg { outer_rad, inner_rad, .. } = self.leg(leg);
+        self.enter(input, State::Turn(leg), Command::MoveTo { outer_rad, inner_rad })
+    }
+
+    fn turn(&mut self, input: &Input, leg: u16) -> Command {
+        if self.is_overdue(input) {
+            self.give_up(input, Some(AbortReason::TurnTimeout))
+        } else if input.arrived {
+            self.enter(input, State::Settle(leg), Command::Continue)
+        } else {
+            Command::Continue
+        }
+    }
+
+    fn settle(&mut self, input: &Input, leg: u16) -> Command {
+        if self.elapsed_us(input) < SETTLE_US {
+            return Command::Continue;
+        }
+        if leg > 0 {
+            return self.enter(input, State::Dwell(leg), Command::Continue);
+        }
+        self.measuring_since_us = input.now_us;
+        self.enter(input, State::Dwell(leg), Command::Measure)
+    }
+
+    /// Whether a stop has lasted as long as it shall.
+    pub fn is_dwell_over(&self, now_us: u64) -> bool {
+        matches!(self.state, State::Dwell(_)) && now_us.saturating_sub(self.since_us) >= self.dwell_us
+    }
+
+    fn dwell(&mut self, input: &Input, leg: u16) -> Command {
+        if !self.is_dwell_over(input.now_us) {
+            Command::Continue
+        } else if input.disturbed && self.repeats_left > 0 {
+            self.repeats_left -= 1;
+            self.enter(input, State::Dwell(leg), Command::RepeatStop)
+        } else if (self.elapsed_us(input) as f64) < self.dwell_us as f64 * input.extension
+            && !self.is_late(input.now_us)
+        {
+            Command::Continue
+        } else if self.pace.early_finish && leg + 1 < self.legs() {
+            self.enter(input, State::Weigh(leg), Command::Weigh)
+        } else {
+            self.next_leg(input, leg)
+        }
+    }
+
+    fn next_leg(&mut self, input: &Input, leg: u16) -> Command {
+        if leg + 1 < self.legs() && !self.is_late(input.now_us) {
+            self.turn_to(input, leg + 1)
+        } else {
+            self.cut_after = (leg + 1 < self.legs()).then_some(leg);
+            self.enter(input, State::Compute, Command::Solve)
+        }
+    }
+
+    /// The leg after which the run was cut, because the longest time that it may take was over.
+    pub fn cut_after(&self) -> Option<u16> {
+        self.cut_after
+    }
+
+    /// Whether the time for measuring is over.
+    fn is_late(&self, now_us: u64) -> bool {
+        let measured_us = now_us.saturating_sub(self.measuring_since_us);
+        self.pace.longest_s.is_some_and(|longest_s| measured_us as f64 >= longest_s * 1e6)
+    }
+
+    /// Leg 0 is the start at (0, 0).
+    fn leg(&self, leg: u16) -> Leg {
+        let start = Leg { outer_rad: 0.0, inner_rad: 0.0, stop_s: self.scheme.first_stop_s };
+        usize::from(leg).checked_sub(1).and_then(|index| self.scheme.leg(index)).unwrap_or(start)
+    }
+
+    /// Whether the move under way should long have ended.
+    fn is_overdue(&self, input: &Input) -> bool {
+        self.elapsed_us(input) > input.move_us + TURN_TIMEOUT_US
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gimbal::{BridgeFault, EncoderFault, Fault, FaultKind};
+    use crate::run::policy::Cause;
+    use std::vec::Vec;
+
+    /// Steps at 200 Hz for an hour with `input` made of the time and the state. Returns states entered and commands.
+    fn run(sequencer: &mut Sequencer, mut input: impl FnMut(u64, State) -> Input) -> Vec<(State, Command)> {
+        let mut trace: Vec<(State, Command)> = Vec::new();
+        for step in 0..720_000_u64 {
+            let command = sequencer.step(&input(step * 5000, sequencer.state()));
+            if trace.last().is_none_or(|last| last.0 != sequencer.state()) || command != Command::Continue {
+                trace.push((sequencer.state(), command));
+            }
+        }
+        trace
+    }
+
+    const FOLLOWING: AbortReason = gimbal(FaultKind::Following { error_rad: 0.02 });
+
+    const fn gimbal(kind: FaultKind) -> AbortReason {
+        AbortReason::Gimbal(Fault { axis: 1, angle_rad: 0.5, kind })
+    }
+
+    fn cooperative(now_us: u64, state: State) -> Input {
+        Input {
+            now_us,
+            decision: Some(Decision::Calibrate(Cause::NothingStored)),
+            start: false,
+            still: true,
+            arrived: true,
+            at_rest: true,
+            move_us: 5_500_000,
+            disturbed: false,
+            extension: 1.0,
+            enough: None,
+            abort: None,
+            solved: state == State::Compute,
+            accepted: (state == State::Verdict).then_some(true),
+            saved: state == State::Store,
+        }
+    }
+
+    #[test]
+    fn a_good_run_visits_every_leg_and_ends_correcting() {
+        let scheme = Scheme::bai(10.0, 2);
+        let mut sequencer = Sequencer::new(scheme, Pace::default());
+        let trace = run(&mut sequencer, cooperative);
+        let dwells = trace.iter().filter(|(state, _)| matches!(state, State::Dwell(_))).count();
+        assert_eq!(dwells, 37);
+        let moves = trace.iter().filter(|(_, command)| matches!(command, Command::MoveTo { .. })).count();
+        assert_eq!(moves, 37, "36 moves and the way to the start");
+        let commands: Vec<Command> = trace.iter().rev().take(4).rev().map(|(_, command)| *command).collect();
+        assert_eq!(commands, [Command::Solve, Command::Judge, Command::Save, Command::Correct]);
+        assert_eq!(sequencer.state(), State::Correcting);
+    }
+
+    #[test]
+    fn a_decision_leads_to_its_state() {
+        let decisions = [
+            (Decision::UseStored(Cause::WithinLimits), Command::Correct, State::Correcting),
+            (Decision::StandBy(Cause::Policy), Command::Hold, State::StandBy),
+            (Decision::Calibrate(Cause::Policy), Command::Begin, State::AwaitStill),
+        ];
+        for (decision, command, state) in decisions {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+            assert_eq!(sequencer.step(&Input::default()), Command::Decide);
+            let input = Input { decision: Some(decision), ..Input::default() };
+            assert_eq!((sequencer.step(&input), sequencer.state()), (command, state));
+        }
+    }
+
+    #[test]
+    fn a_run_may_be_started_where_none_is_under_way() {
+        let cases = [
+            (State::Correcting, cooperative as fn(u64, State) -> Input),
+            (State::StandBy, |now_us, state| Input {
+                decision: Some(Decision::StandBy(Cause::Policy)),
+                ..cooperative(now_us, state)
+            }),
+            (State::Parked, |now_us, state| Input { accepted: Some(false), ..cooperative(now_us, state) }),
+            (State::Stranded, |now_us, state| Input {
+                accepted: Some(false),
+                arrived: state != State::Parking,
+                ..cooperative(now_us, state)
+            }),
+        ];
+        for (state, input) in cases {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+            run(&mut sequencer, input);
+            assert_eq!(sequencer.state(), state);
+            let now_us = 4_000_000_000;
+            let started = sequencer.step(&Input { start: true, ..cooperative(now_us, state) });
+            assert_eq!((started, sequencer.state()), (Command::Begin, State::AwaitStill));
+            assert_eq!(
+                sequencer.step(&cooperative(now_us, State::AwaitStill)),
+                Command::Continue,
+                "stillness counts anew"
+            );
+        }
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+        let eager = run(&mut sequencer, |now_us, state| Input {
+            start: state != State::Correcting,
+            ..cooperative(now_us, state)
+        });
+        assert_eq!(eager.iter().filter(|(_, command)| *command == Command::Begin).count(), 1);
+    }
+
+    #[test]
+    fn a_rejected_run_is_parked_and_nothing_is_saved() {
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+        let reject = |now_us, state| Input { accepted: Some(false), saved: false, ..cooperative(now_us, state) };
+        let trace = run(&mut sequencer, reject);
+        assert_eq!(sequencer.state(), State::Parked);
+        assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(None)));
+        assert!(!trace.iter().any(|(_, command)| matches!(command, Command::Save | Command::Correct)));
+    }
+
+    /// Every state: those that a run can be aborted from, and the others.
+    const ABORTABLE: [State; 10] = [
+        State::PowerUp,
+        State::AwaitStill,
+        State::Turn(0),
+        State::Turn(18),
+        State::Settle(7),
+        State::Dwell(0),
+        State::Dwell(18),
+        State::Weigh(3),
+        State::Compute,
+        State::Verdict,
+    ];
+    const LATE: [State; 7] = [
+        State::Store,
+        State::Correcting,
+        State::StandBy,
+        State::Stopping,
+        State::Parking,
+        State::Parked,
+        State::Stranded,
+    ];
+
+    /// Tells the sequencer of an abort whenever it is in one state.
+    fn aborted_in(aborted: State, reason: AbortReason) -> (Sequencer, Vec<(State, Command)>) {
+        let pace = Pace { early_finish: true, ..Pace::default() };
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), pace);
+        let trace = run(&mut sequencer, |now_us, state| Input {
+            enough: Some(false),
+            abort: (state == aborted).then_some(reason),
+            ..cooperative(now_us, state)
+        });
+        (sequencer, trace)
+    }
+
+    #[test]
+    fn abort_from_every_state_before_storing_parks_the_gimbals() {
+        for state in ABORTABLE {
+            for reason in [AbortReason::Commanded, FOLLOWING] {
+                let (sequencer, trace) = aborted_in(state, reason);
+                assert_eq!(sequencer.state(), State::Parked, "from {state:?}");
+                let end = [
+                    (State::Stopping, Command::GiveUp(Some(reason))),
+                    (State::Parking, Command::MoveTo { outer_rad: 0.0, inner_rad: 0.0 }),
+                    (State::Parked, Command::Hold),
+                ];
+                assert_eq!(trace[trace.len() - 3..], end, "from {state:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_abort_from_storing_on_leaves_the_state_as_it_is() {
+        for state in LATE.into_iter().filter(|state| *state != State::Parking) {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+            sequencer.state = state;
+            for reason in [AbortReason::Commanded, AbortReason::SampleLoss, AbortReason::TurnTimeout] {
+                assert_eq!((sequencer.abort(0, reason), sequencer.state()), (Command::Continue, state));
+            }
+            // Axes at rest that do not follow are let go.
+            let following = sequencer.abort(0, FOLLOWING);
+            let expected = if state == State::Stopping { Command::Continue } else { Command::Release };
+            assert_eq!((following, sequencer.state()), (expected, state));
+        }
+    }
+
+    #[test]
+    fn parking_begins_when_the_axes_are_at_rest() {
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+        sequencer.state = State::Stopping;
+        let after = |now_us, at_rest| Input { at_rest, ..cooperative(now_us, State::Stopping) };
+        assert_eq!(sequencer.step(&after(STOP_US, false)), Command::Continue);
+        assert_eq!(sequencer.step(&after(STOP_US - 1, true)), Command::Continue);
+        assert!(matches!(sequencer.step(&after(STOP_US, true)), Command::MoveTo { .. }));
+    }
+
+    #[test]
+    fn axes_that_cannot_be_trusted_are_not_parked() {
+        let kinds = [
+            FaultKind::Encoder(EncoderFault::Crc),
+            FaultKind::Bridge(BridgeFault::Overcurrent),
+            FaultKind::Stall { rate_rad_s: 0.0, wanted_rad_s: 0.3 },
+            FaultKind::Runaway { rate_rad_s: 1.0, wanted_rad_s: 0.3 },
+        ];
+        for kind in kinds {
+            let (sequencer, trace) = aborted_in(State::Turn(3), gimbal(kind));
+            assert_eq!(sequencer.state(), State::Stranded);
+            let end = [(State::Stopping, Command::GiveUp(Some(gimbal(kind)))), (State::Stranded, Command::Release)];
+            assert_eq!(trace[trace.len() - 2..], end);
+            // Also where it comes to light while they are being stopped for something else.
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+            let trace = run(&mut sequencer, |now_us, state| Input {
+                abort: match state {
+                    State::Turn(3) => Some(AbortReason::Commanded),
+                    State::Stopping => Some(gimbal(kind)),
+                    _ => None,
+                },
+                ..cooperative(now_us, state)
+            });
+            assert_eq!(trace.last(), Some(&(State::Stranded, Command::Release)));
+        }
+    }
+
+    #[test]
+    fn an_imu_that_takes_its_time_moves_nothing() {
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+        assert_eq!(sequencer.abort(2_000_000, AbortReason::SampleLoss), Command::Continue);
+        assert_eq!(sequencer.state(), State::PowerUp);
+    }
+
+    #[test]
+    fn a_run_ends_where_it_is_enough_if_it_may() {
+        for (early_finish, dwells) in [(true, 6), (false, 19)] {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace { early_finish, ..Pace::default() });
+            let mut looks = 0;
+            let trace = run(&mut sequencer, |now_us, state| {
+                looks += u32::from(matches!(state, State::Weigh(_)));
+                // It takes three looks each.
+                let enough = looks.is_multiple_of(3).then_some(state == State::Weigh(5));
+                Input { enough, ..cooperative(now_us, state) }
+            });
+            assert_eq!(trace.iter().filter(|(state, _)| matches!(state, State::Dwell(_))).count(), dwells);
+            assert_eq!(sequencer.state(), State::Correcting);
+        }
+    }
+
+    #[test]
+    fn a_stop_lasts_longer_where_there_is_noise_and_time() {
+        let dwell_us = |extension, longest_s| {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace { longest_s, ..Pace::default() });
+            let mut dwells_us = 0;
+            run(&mut sequencer, |now_us, state| {
+                dwells_us += if matches!(state, State::Dwell(_)) { 5000 } else { 0 };
+                Input { extension, ..cooperative(now_us, state) }
+            });
+            dwells_us
+        };
+        assert_eq!(dwell_us(1.0, None), 19 * 10_000_000);
+        assert_eq!(dwell_us(1.5, None), 19 * 15_000_000);
+        // The third stop is cut, but not below what the scheme says.
+        assert_eq!(dwell_us(1.5, Some(33.0)) / 1_000_000, 15 + 15 + 10);
+    }
+
+    #[test]
+    fn gimbals_that_cannot_be_parked_are_left_where_they_stand() {
+        let rejected = |now_us, state| Input { accepted: Some(false), ..cooperative(now_us, state) };
+        let faulty = |now_us, state: State| Input {
+            abort: (state == State::Parking).then_some(FOLLOWING),
+            ..rejected(now_us, state)
+        };
+        let slow = |now_us, state: State| Input { arrived: state != State::Parking, ..rejected(now_us, state) };
+        let asked = |now_us, state: State| Input {
+            abort: (state == State::Parking).then_some(AbortReason::Commanded),
+            ..rejected(now_us, state)
+        };
+        let sequencer = || Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+        let end = |trace: Vec<(State, Command)>| trace.last().copied();
+        assert_eq!(end(run(&mut sequencer(), faulty)), Some((State::Stranded, Command::Release)));
+        assert_eq!(end(run(&mut sequencer(), slow)), Some((State::Stranded, Command::Release)));
+        assert_eq!(end(run(&mut sequencer(), asked)), Some((State::Parked, Command::Hold)));
+    }
+
+    #[test]
+    fn a_clock_that_goes_back_does_not_hold_the_run_up() {
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+        let jump_us = 100_000_000;
+        let trace = run(&mut sequencer, |now_us, state| {
+            let now_us = if now_us < jump_us { now_us } else { now_us - jump_us };
+            Input { abort: (now_us == 0).then_some(AbortReason::SampleLoss), ..cooperative(now_us, state) }
+        });
+        assert_eq!(trace.last(), Some(&(State::Parked, Command::Hold)));
+    }
+
+    #[test]
+    fn computing_goes_on_until_it_is_done_and_can_be_aborted() {
+        for abort_at in [None, Some(7)] {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+            let mut computing = 0;
+            let trace = run(&mut sequencer, |now_us, state| {
+                computing += u32::from(state == State::Compute);
+                let abort = (Some(computing) == abort_at).then_some(AbortReason::Commanded);
+                Input { abort, solved: computing >= 10, ..cooperative(now_us, state) }
+            });
+            let solved = trace.iter().filter(|(_, command)| *command == Command::Solve).count();
+            assert_eq!(solved, if abort_at.is_some() { 7 } else { 10 }, "one on entering, one while it is not done");
+            let end = if abort_at.is_some() { State::Parked } else { State::Correcting };
+            assert_eq!(sequencer.state(), end);
+        }
+    }
+
+    #[test]
+    fn a_disturbed_stop_is_repeated_up_to_the_limit() {
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+        let disturbed = |now_us, state| Input { disturbed: state == State::Dwell(5), ..cooperative(now_us, state) };
+        let trace = run(&mut sequencer, disturbed);
+        assert_eq!(trace.iter().filter(|(_, command)| *command == Command::RepeatStop).count(), 3);
+        assert_eq!(sequencer.state(), State::Correcting);
+    }
+
+    #[test]
+    fn an_unquiet_base_and_a_stuck_axis_end_the_run() {
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+        let trace = run(&mut sequencer, |now_us, state| Input { still: false, ..cooperative(now_us, state) });
+        assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(Some(AbortReason::NotStill))));
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+        let stuck = |now_us, state| Input { arrived: state != State::Turn(3), ..cooperative(now_us, state) };
+        let trace = run(&mut sequencer, stuck);
+        assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(Some(AbortReason::TurnTimeout))));
+        assert_eq!(sequencer.state(), State::Parked);
+    }
+}

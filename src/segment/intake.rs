@@ -1,0 +1,139 @@
+//! Admission of samples: what is repeated, out of order or not a number is kept out, and counted.
+
+use crate::base::linear::{ComplexField, Real};
+use crate::base::sample::RawSample;
+use serde::{Deserialize, Serialize};
+
+/// An interval this many times the nominal one counts as a gap.
+const GAP_INTERVALS: f64 = 1.5;
+
+/// What has been seen so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct IntakeCounts {
+    /// Samples admitted.
+    pub admitted: u64,
+    /// Samples with the time of the one before.
+    pub repeated: u32,
+    /// Samples with an earlier time than the one before.
+    pub out_of_order: u32,
+    /// Samples with a value that is not finite.
+    pub non_finite: u32,
+    /// Intervals longer than one and a half sample intervals.
+    pub gaps: u32,
+    /// Samples that were missing in the gaps.
+    pub missing: u32,
+}
+
+impl IntakeCounts {
+    /// Nothing seen.
+    pub const NONE: Self = Self { admitted: 0, repeated: 0, out_of_order: 0, non_finite: 0, gaps: 0, missing: 0 };
+}
+
+/// What becomes of a sample.
+#[must_use]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Admission {
+    /// Admitted; the first has no interval.
+    Admitted {
+        /// Time since the sample before, us; 0 for the first.
+        interval_us: u64,
+    },
+    /// Kept out: same time as the sample before.
+    Repeated,
+    /// Kept out: earlier than the sample before.
+    OutOfOrder,
+    /// Kept out: a value is not finite.
+    NonFinite,
+}
+
+/// The gate that every sample passes.
+#[derive(Clone, Copy, Debug)]
+pub struct Intake {
+    nominal_us: f64,
+    /// Longest interval that is no gap, us.
+    regular_us: u64,
+    last_us: Option<u64>,
+    counts: IntakeCounts,
+}
+
+impl Intake {
+    /// For samples that come at `rate_hz`.
+    pub const fn new(rate_hz: f64) -> Self {
+        let nominal_us = 1e6 / rate_hz;
+        let regular_us = (GAP_INTERVALS * nominal_us) as u64;
+        Self { nominal_us, regular_us, last_us: None, counts: IntakeCounts::NONE }
+    }
+
+    /// Judges one sample.
+    pub fn admit<T: Real>(&mut self, sample: &RawSample<T>) -> Admission {
+        let finite = |v: &T| v.is_finite();
+        if !sample.omega_g.as_slice().iter().all(finite) || !sample.force_a.as_slice().iter().all(finite) {
+            self.counts.non_finite += 1;
+            return Admission::NonFinite;
+        }
+        let interval_us = match self.last_us {
+            Some(last) if sample.time_us == last => {
+                self.counts.repeated += 1;
+                return Admission::Repeated;
+            }
+            Some(last) if sample.time_us < last => {
+                self.counts.out_of_order += 1;
+                return Admission::OutOfOrder;
+            }
+            Some(last) => sample.time_us - last,
+            None => 0,
+        };
+        self.note_gap(interval_us);
+        self.last_us = Some(sample.time_us);
+        self.counts.admitted += 1;
+        Admission::Admitted { interval_us }
+    }
+
+    /// Counts anew from here on.
+    pub fn restart_counts(&mut self) {
+        self.counts = IntakeCounts::NONE;
+    }
+
+    /// Lets the next sample begin a new sequence of times: after a loss, the clock may have gone back.
+    pub fn resume(&mut self) {
+        self.last_us = None;
+    }
+
+    fn note_gap(&mut self, interval_us: u64) {
+        if interval_us > self.regular_us {
+            let missing = ComplexField::round(interval_us as f64 / self.nominal_us) - 1.0;
+            self.counts.gaps += 1;
+            self.counts.missing = self.counts.missing.saturating_add(missing as u32);
+        }
+    }
+
+    /// What has been seen so far.
+    pub fn counts(&self) -> IntakeCounts {
+        self.counts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_irregular_sample_is_counted() {
+        let mut intake = Intake::new(200.0);
+        let at = |time_us| RawSample::<f64> { time_us, ..RawSample::default() };
+        assert_eq!(intake.admit(&at(1000)), Admission::Admitted { interval_us: 0 });
+        assert_eq!(intake.admit(&at(6000)), Admission::Admitted { interval_us: 5000 });
+        assert_eq!(intake.admit(&at(6000)), Admission::Repeated);
+        assert_eq!(intake.admit(&at(5000)), Admission::OutOfOrder);
+        assert_eq!(intake.admit(&at(26_000)), Admission::Admitted { interval_us: 20_000 });
+        let mut bad = at(31_000);
+        bad.omega_g.y = f64::NAN;
+        assert_eq!(intake.admit(&bad), Admission::NonFinite);
+        let expected = IntakeCounts { admitted: 3, repeated: 1, out_of_order: 1, non_finite: 1, gaps: 1, missing: 3 };
+        assert_eq!(intake.counts(), expected);
+        intake.resume();
+        intake.restart_counts();
+        assert_eq!(intake.admit(&at(0)), Admission::Admitted { interval_us: 0 });
+        assert_eq!(intake.counts(), IntakeCounts { admitted: 1, ..IntakeCounts::NONE });
+    }
+}

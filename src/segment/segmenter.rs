@@ -1,0 +1,776 @@
+//! Segments: a stop or a move with its sufficient sums, the unit of information from sampling to report.
+//!
+//! The parameters are constant, so while samples arrive only sums are kept. Stops and moves are found from the encoder
+//! angles alone, with no knowledge of the scheme:
+//!
+//! ```text
+//! angle  ________                       ____________
+//!                \_____________________/
+//!        ...b b b|m m m ... m m m|s s s|b b ...|b b b|m m
+//!          stop  |g|     move      |settle|  stop   |guard, part of the next move
+//! ```
+//! Samples are summed over blocks of 0.1 s. A block is still if both angles keep within `still_rad` over it. A move ends
+//! with three still blocks in a row (settling); a stop ends three blocks before the first that is not still (guard). So
+//! a move's window reaches from inside one stop to inside the next, and no ramp touches a stop.
+
+use super::block::{AngleSums, Block, Carried};
+use crate::base::angle::{Angle, rad_to_ticks, ticks_to_rad};
+use crate::base::linear::{CompensatedSum, Real, Vector3, real};
+use crate::base::sample::RawSample;
+use crate::base::units::{ARCSEC, seconds};
+use crate::segment::readings::Readings;
+use crate::segment::scatter::{Scatter, ScatterSums};
+use core::mem;
+use serde::{Deserialize, Serialize};
+
+/// Length of a block, us.
+const BLOCK_US: u64 = 100_000;
+/// Blocks of settling after a move, and of guard before the next.
+const GUARD_BLOCKS: u8 = 3;
+/// The same, s.
+pub const GUARD_S: f64 = GUARD_BLOCKS as f64 * BLOCK_US as f64 * 1e-6;
+/// A stop with a longer gap between two samples may hide a move and back; a move with one has lost rotation.
+pub const LONGEST_GAP_US: u64 = 100_000;
+
+/// How motion of the axes is recognized.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Stillness {
+    /// Range of an encoder angle over 0.1 s, and distance from where the stop began, up to which an axis stands, rad.
+    /// At most 1 deg; must exceed the encoder's noise and resolution; 20 arcsec are passed within 25 ms of a 20 deg/s^2 ramp.
+    pub still_rad: f64,
+}
+
+impl Default for Stillness {
+    fn default() -> Self {
+        Self { still_rad: 20.0 * ARCSEC }
+    }
+}
+
+/// Stop or move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SegmentKind {
+    /// Both axes stand.
+    Stop,
+    /// One or both axes turn, with the settling before and after.
+    Move,
+}
+
+/// Integrals over the outer angle, rad, with which harmonics of the encoder errors act on a move. A hundredth of an error of
+/// some arcsec is good enough, so `f32` and no compensation.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct HarmonicSums {
+    /// Of (cos, sin)(inner) x (cos, sin, cos of the double, sin of the double)(outer).
+    pub outer: [[f32; 4]; 2],
+    /// Of cos and sin of twice and of three times the inner angle.
+    pub inner: [f32; 4],
+}
+
+impl HarmonicSums {
+    /// None.
+    pub const ZERO: Self = Self { outer: [[0.0; 4]; 2], inner: [0.0; 4] };
+
+    /// Adds a step of the outer angle, rad, at these sines and cosines of outer and inner angle.
+    pub fn add(&mut self, (so, co): (f32, f32), (si, ci): (f32, f32), step: f32) {
+        let (sin_2i, cos_2i) = (2.0 * si * ci, 1.0 - 2.0 * si * si);
+        let outer = [co, so, 1.0 - 2.0 * so * so, 2.0 * so * co];
+        let inner = [cos_2i, sin_2i, cos_2i * ci - sin_2i * si, sin_2i * ci + cos_2i * si];
+        for (row, inner) in self.outer.iter_mut().zip([ci, si]) {
+            row.iter_mut().zip(outer).for_each(|(sum, outer)| *sum += inner * outer * step);
+        }
+        self.inner.iter_mut().zip(inner).for_each(|(sum, inner)| *sum += inner * step);
+    }
+
+    pub(super) fn merge(&mut self, other: &Self) {
+        let others = other.outer.iter().flatten().chain(&other.inner);
+        self.outer.iter_mut().flatten().chain(&mut self.inner).zip(others).for_each(|(sum, other)| *sum += other);
+    }
+}
+
+/// What the axes turn over a segment, rad.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Turned<T> {
+    /// Outer increment.
+    pub outer: T,
+    /// Inner increment.
+    pub inner: T,
+    /// Integral of cos(inner) over the outer angle.
+    pub outer_cos_inner: T,
+    /// Integral of sin(inner) over the outer angle.
+    pub outer_sin_inner: T,
+}
+
+/// Further sums over the gimbal angles, with [`Turned`] enough for the integrals of (3) with any non-perpendicularity.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AngleIntegrals<T> {
+    /// Integral of (1, cos, sin)(inner) x (1, cos, sin)(outer) over time, s: row inner, column outer. They weight Earth
+    /// rate, so `f32` is good for 0.0002" of a stop of 200 s, and saves memory where many segments are kept.
+    pub attitude_s: [[f32; 3]; 3],
+    /// As [`Turned::outer_cos_inner`], weighted with the time since the segment's start, rad s.
+    pub late_cos_inner_s: T,
+    /// As [`Turned::outer_sin_inner`], weighted with the time since the segment's start, rad s.
+    pub late_sin_inner_s: T,
+    /// For harmonics of the encoder errors.
+    pub harmonics: HarmonicSums,
+}
+
+/// Readings that repeat to the last bit, which noise does not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Held {
+    /// Longest run of samples over which one channel stayed the same.
+    pub samples: u16,
+    /// That channel.
+    pub channel: u8,
+    /// Samples whose six channels were all those of the sample before.
+    pub stale: u16,
+}
+
+impl Held {
+    /// Nothing repeats.
+    pub const NONE: Self = Self { samples: 0, channel: 0, stale: 0 };
+
+    pub(super) fn merge(&mut self, other: Self) {
+        if other.samples > self.samples {
+            (self.samples, self.channel) = (other.samples, other.channel);
+        }
+        self.stale = self.stale.saturating_add(other.stale);
+    }
+}
+
+/// What a segment has of its kind alone.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Course<T: Real> {
+    /// Both axes stand.
+    Stop(Standing<T>),
+    /// One or both axes turn.
+    Move(AngleIntegrals<T>),
+}
+
+/// What is measured while both axes stand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Standing<T: Real> {
+    /// Mean of the accelerometer outputs, m/s^2.
+    pub force_a: Vector3<T>,
+    /// Scatter of the block means.
+    pub scatter: Scatter,
+    /// Readings of outer and inner encoder.
+    pub readings: [Readings; 2],
+}
+
+/// A finished stop or move.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Segment<T: Real> {
+    /// Time of the sample before the first, us.
+    pub start_us: u64,
+    /// Duration, us.
+    pub duration_us: u64,
+    /// Number of samples.
+    pub samples: u32,
+    /// Longest interval between two samples, us; 2^32 - 1, which is 71 minutes, for a longer one.
+    pub longest_interval_us: u32,
+    /// Readings that repeat.
+    pub held: Held,
+    /// Mean IMU temperature, deg C.
+    pub temperature_c: f32,
+    /// Integral of the gyro outputs over time, rad.
+    pub rotation_g: Vector3<T>,
+    /// Outer angle: mean of a stop, last of a move.
+    pub outer: Angle,
+    /// Inner angle: mean of a stop, last of a move.
+    pub inner: Angle,
+    /// What the axes turn; at a stop, by their hunting.
+    pub turned: Turned<T>,
+    /// Stop or move, with what only that has.
+    pub course: Course<T>,
+}
+
+impl<T: Real> Segment<T> {
+    /// Stop or move.
+    pub fn kind(&self) -> SegmentKind {
+        match self.course {
+            Course::Stop(_) => SegmentKind::Stop,
+            Course::Move(_) => SegmentKind::Move,
+        }
+    }
+
+    /// What is measured at a stop; `None` for a move.
+    pub fn standing(&self) -> Option<&Standing<T>> {
+        match &self.course {
+            Course::Stop(standing) => Some(standing),
+            Course::Move(_) => None,
+        }
+    }
+
+    /// Integrals over the angles. At a stop these are as good as constant, and an encoder error is the same at both ends.
+    pub fn integrals(&self) -> AngleIntegrals<T> {
+        match self.course {
+            Course::Move(integrals) => integrals,
+            Course::Stop(_) => {
+                let duration_s = self.duration_s();
+                let ((so, co), (si, ci)): ((T, T), (T, T)) = (self.outer.sin_cos(), self.inner.sin_cos());
+                let one = T::one();
+                let attitude = |inner: T| [one, co, so].map(|outer| (inner * outer * duration_s).widened() as f32);
+                AngleIntegrals { attitude_s: [one, ci, si].map(attitude), ..AngleIntegrals::default() }
+            }
+        }
+    }
+
+    /// Inner angle at the beginning.
+    pub fn inner_from(&self) -> Angle {
+        self.inner.turned(-rad_to_ticks(self.turned.inner.widened()) as i32)
+    }
+
+    /// Duration, s.
+    pub fn duration_s(&self) -> T {
+        seconds(self.duration_us)
+    }
+
+    /// Notes the resolutions of the encoders, ticks, which later segments may show better.
+    pub fn know_resolution(&mut self, resolution_ticks: [u32; 2]) {
+        let Course::Stop(standing) = &mut self.course else { return };
+        for (readings, resolution_ticks) in standing.readings.iter_mut().zip(resolution_ticks) {
+            readings.resolution_ticks = resolution_ticks;
+        }
+    }
+
+    /// Whether samples are missing for so long that the sums are not those of a stop or a move.
+    pub fn is_broken(&self) -> bool {
+        u64::from(self.longest_interval_us) > LONGEST_GAP_US
+    }
+}
+
+/// Sums over many blocks: compensated, so that in `f32` those of an hour are as good as those of a block.
+#[derive(Clone, Copy, Debug)]
+struct Sums<T> {
+    start_us: u64,
+    duration_us: u64,
+    longest_interval_us: u64,
+    held: Held,
+    temperature_c: f32,
+    rotation: [CompensatedSum<T>; 3],
+    force: [CompensatedSum<T>; 3],
+    outer_cos_inner: CompensatedSum<T>,
+    outer_sin_inner: CompensatedSum<T>,
+    outer: AngleSums,
+    inner: AngleSums,
+}
+
+/// The same over a move, with what only a move has.
+#[derive(Clone, Copy, Debug)]
+struct MoveSums<T> {
+    all: Sums<T>,
+    attitude: [[CompensatedSum<T>; 3]; 3],
+    late_cos_inner_s: CompensatedSum<T>,
+    late_sin_inner_s: CompensatedSum<T>,
+    harmonics: HarmonicSums,
+}
+
+impl<T: Real> Sums<T> {
+    const ZERO: Self = Self {
+        start_us: 0,
+        duration_us: 0,
+        longest_interval_us: 0,
+        held: Held::NONE,
+        temperature_c: 0.0,
+        rotation: [CompensatedSum::ZERO; 3],
+        force: [CompensatedSum::ZERO; 3],
+        outer_cos_inner: CompensatedSum::ZERO,
+        outer_sin_inner: CompensatedSum::ZERO,
+        outer: AngleSums::NONE,
+        inner: AngleSums::NONE,
+    };
+
+    fn samples(&self) -> u32 {
+        self.outer.count
+    }
+
+    fn is_empty(&self) -> bool {
+        self.samples() == 0
+    }
+
+    /// Adds a block that begins where this ends.
+    fn add(&mut self, block: &Block<T>) {
+        if self.is_empty() {
+            self.start_us = block.start_us;
+        }
+        self.duration_us += block.duration_us;
+        self.longest_interval_us = self.longest_interval_us.max(block.longest_interval_us);
+        self.held.merge(block.held);
+        self.temperature_c += block.temperature_c;
+        block.rotation_parts().iter().for_each(|part| add_each(&mut self.rotation, part.as_slice()));
+        block.force_parts().iter().for_each(|part| add_each(&mut self.force, part.as_slice()));
+        self.outer_cos_inner.add(block.integrals.outer_cos_inner);
+        self.outer_sin_inner.add(block.integrals.outer_sin_inner);
+        self.outer.merge(&block.outer);
+        self.inner.merge(&block.inner);
+    }
+
+    /// The stop, with how its block means scatter.
+    fn stop(&self, scatter: Scatter) -> Segment<T> {
+        let count: T = real(f64::from(self.samples().max(1)));
+        let standing = Standing {
+            force_a: totals(&self.force) / count,
+            scatter,
+            readings: [self.outer, self.inner].map(|angles| angles.readings()),
+        };
+        self.segment([self.outer.mean(), self.inner.mean()], Course::Stop(standing))
+    }
+
+    fn segment(&self, [outer, inner]: [Angle; 2], course: Course<T>) -> Segment<T> {
+        Segment {
+            start_us: self.start_us,
+            duration_us: self.duration_us,
+            samples: self.samples(),
+            longest_interval_us: u32::try_from(self.longest_interval_us).unwrap_or(u32::MAX),
+            held: self.held,
+            temperature_c: self.temperature_c / self.samples().max(1) as f32,
+            rotation_g: totals(&self.rotation),
+            outer,
+            inner,
+            turned: Turned {
+                outer: ticks_to_rad(self.outer.turned_ticks),
+                inner: ticks_to_rad(self.inner.turned_ticks),
+                outer_cos_inner: self.outer_cos_inner.total(),
+                outer_sin_inner: self.outer_sin_inner.total(),
+            },
+            course,
+        }
+    }
+}
+
+impl<T: Real> MoveSums<T> {
+    const ZERO: Self = Self {
+        all: Sums::ZERO,
+        attitude: [[CompensatedSum::ZERO; 3]; 3],
+        late_cos_inner_s: CompensatedSum::ZERO,
+        late_sin_inner_s: CompensatedSum::ZERO,
+        harmonics: HarmonicSums::ZERO,
+    };
+
+    /// Adds a block that begins where this ends.
+    fn add(&mut self, block: &Block<T>) {
+        let integrals = &block.integrals;
+        for (row, block) in self.attitude.iter_mut().zip(&integrals.attitude_s) {
+            add_each(row, block);
+        }
+        let since_s = seconds::<T>(self.all.duration_us);
+        self.late_cos_inner_s.add(integrals.late_cos_inner_s + integrals.outer_cos_inner * since_s);
+        self.late_sin_inner_s.add(integrals.late_sin_inner_s + integrals.outer_sin_inner * since_s);
+        self.harmonics.merge(&integrals.harmonics);
+        self.all.add(block);
+    }
+
+    fn segment(&self) -> Segment<T> {
+        let single = |sum: CompensatedSum<T>| sum.total().widened() as f32;
+        let integrals = AngleIntegrals {
+            attitude_s: self.attitude.map(|row| row.map(single)),
+            late_cos_inner_s: self.late_cos_inner_s.total(),
+            late_sin_inner_s: self.late_sin_inner_s.total(),
+            harmonics: self.harmonics,
+        };
+        self.all.segment([self.all.outer.last, self.all.inner.last], Course::Move(integrals))
+    }
+}
+
+fn add_each<T: Real>(sums: &mut [CompensatedSum<T>; 3], terms: &[T]) {
+    for (sum, term) in sums.iter_mut().zip(terms) {
+        sum.add(*term);
+    }
+}
+
+fn totals<T: Real>(sums: &[CompensatedSum<T>; 3]) -> Vector3<T> {
+    Vector3::from(sums.map(|sum| sum.total()))
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Phase {
+    /// No block yet.
+    Start,
+    /// Axes turn, or have stood for this many blocks.
+    Moving { still_blocks: u8 },
+    /// Axes stand where these angles were read when the stop began.
+    Still { outer: Angle, inner: Angle },
+}
+
+/// Finds stops and moves and sums them up.
+///
+/// A move is reported once the stop after it is sure (0.7 s after the axes came to rest), a stop when the axes leave it.
+#[derive(Clone, Debug)]
+pub struct Segmenter<T: Real> {
+    still_ticks: i32,
+    previous: Option<RawSample<T>>,
+    carried: Carried<T>,
+    block: Option<Block<T>>,
+    phase: Phase,
+    stopped_before: bool,
+    /// Still blocks that may turn out to be the guard of the next move; the oldest first.
+    guard: heapless::Deque<Block<T>, { GUARD_BLOCKS as usize + 1 }>,
+    stop: Sums<T>,
+    scatter: ScatterSums<T>,
+    moved: MoveSums<T>,
+}
+
+impl<T: Real> Default for Segmenter<T> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<T: Real> Segmenter<T> {
+    /// Before the first sample. Motion before the first stop is not reported.
+    pub const fn new() -> Self {
+        Self {
+            still_ticks: 0,
+            previous: None,
+            carried: Carried::NONE,
+            block: None,
+            phase: Phase::Start,
+            stopped_before: false,
+            guard: heapless::Deque::new(),
+            stop: Sums::ZERO,
+            scatter: ScatterSums::ZERO,
+            moved: MoveSums::ZERO,
+        }
+    }
+
+    /// Forgets all samples; motion is recognized as `stillness` says from here on.
+    pub fn restart(&mut self, stillness: &Stillness) {
+        (self.previous, self.block, self.phase, self.stopped_before) = (None, None, Phase::Start, false);
+        self.guard.clear();
+        (self.stop, self.moved) = (Sums::ZERO, MoveSums::ZERO);
+        self.scatter = ScatterSums::ZERO;
+        self.carried = Carried::NONE;
+        self.still_ticks = i32::try_from(rad_to_ticks(stillness.still_rad)).unwrap_or(i32::MAX);
+    }
+
+    /// Takes one admitted sample; returns the segment that it completes.
+    pub fn step(&mut self, sample: &RawSample<T>) -> Option<Segment<T>> {
+        let Some(previous) = &mut self.previous else {
+            self.previous = Some(*sample);
+            return None;
+        };
+        let block = self.block.get_or_insert_with(|| Block::after(previous));
+        block.add(previous, sample, self.still_ticks, &mut self.carried);
+        *previous = *sample;
+        if block.duration_us < BLOCK_US {
+            return None;
+        }
+        block.close(&mut self.carried);
+        self.block.take().and_then(|block| self.close_block(&block))
+    }
+
+    /// Ends the last stop where the samples end. `None` if the axes do not stand, or stood too briefly.
+    pub fn finish(&mut self) -> Option<Segment<T>> {
+        if self.stop.is_empty() {
+            return None;
+        }
+        while let Some(block) = self.guard.pop_front() {
+            self.add_to_stop(&block);
+        }
+        self.phase = Phase::Moving { still_blocks: 0 };
+        self.take_stop()
+    }
+
+    /// The stop as it is now, without the guard. `None` if the axes do not stand, or not for long enough.
+    pub fn stop_so_far(&self) -> Option<Segment<T>> {
+        let mut segment = self.stop.stop(self.scatter.scatter());
+        segment.know_resolution(self.carried.resolution_ticks());
+        (!self.stop.is_empty()).then_some(segment)
+    }
+
+    /// Longest interval between two samples of this stop so far, us; the guard and the open block are part of it.
+    pub fn longest_interval_us(&self) -> u64 {
+        let blocks = self.guard.iter().chain(&self.block);
+        blocks.fold(self.stop.longest_interval_us, |longest, block| longest.max(block.longest_interval_us))
+    }
+
+    /// Forgets this stop so far; it begins anew with the next sample.
+    pub fn restart_stop(&mut self) {
+        self.stop = Sums::ZERO;
+        self.scatter = ScatterSums::ZERO;
+        self.guard.clear();
+        self.block = None;
+    }
+
+    fn close_block(&mut self, block: &Block<T>) -> Option<Segment<T>> {
+        let still = block.is_still();
+        let standing = Phase::Still { outer: block.outer.mean(), inner: block.inner.mean() };
+        match self.phase {
+            Phase::Start if still => {
+                self.phase = standing;
+                self.stay(block)
+            }
+            Phase::Start => self.leave(block),
+            Phase::Moving { still_blocks } => {
+                self.moved.add(block);
+                let still_blocks = if still { still_blocks + 1 } else { 0 };
+                self.phase = if still_blocks < GUARD_BLOCKS { Phase::Moving { still_blocks } } else { standing };
+                None
+            }
+            Phase::Still { outer, inner } => {
+                let departed = |from: Angle, angles: &AngleSums| angles.mean().since(from).saturating_abs();
+                let there = departed(outer, &block.outer) <= self.still_ticks
+                    && departed(inner, &block.inner) <= self.still_ticks;
+                if still && there { self.stay(block) } else { self.leave(block) }
+            }
+        }
+    }
+
+    /// A block on which the axes still stand: the oldest one of the guard is now surely part of the stop.
+    fn stay(&mut self, block: &Block<T>) -> Option<Segment<T>> {
+        // The guard is drained below before it can be full.
+        let _ = self.guard.push_back(*block);
+        if self.guard.len() <= usize::from(GUARD_BLOCKS) {
+            return None;
+        }
+        let arrived = self.stop.is_empty();
+        if let Some(sure) = self.guard.pop_front() {
+            self.add_to_stop(&sure);
+        }
+        if !arrived {
+            return None;
+        }
+        let moved = mem::replace(&mut self.moved, MoveSums::ZERO);
+        let reported = mem::replace(&mut self.stopped_before, true) && !moved.all.is_empty();
+        reported.then(|| moved.segment())
+    }
+
+    /// The block on which the axes start: with the guard it begins the next move, or, if they had not stood long enough
+    /// for a stop, goes on with the last one.
+    fn leave(&mut self, block: &Block<T>) -> Option<Segment<T>> {
+        self.phase = Phase::Moving { still_blocks: 0 };
+        while let Some(guard) = self.guard.pop_front() {
+            self.moved.add(&guard);
+        }
+        self.moved.add(block);
+        self.take_stop()
+    }
+
+    fn add_to_stop(&mut self, block: &Block<T>) {
+        self.stop.add(block);
+        self.scatter.add(&block.means(self.stop.outer.begun, self.stop.inner.begun));
+    }
+
+    fn take_stop(&mut self) -> Option<Segment<T>> {
+        let stop = self.stop_so_far();
+        self.stop = Sums::ZERO;
+        self.scatter = ScatterSums::ZERO;
+        stop
+    }
+}
+
+#[cfg(test)]
+impl Segment<f64> {
+    /// A level stop at (0, 0) without noise, of samples at 200 Hz.
+    pub(crate) fn quiet_stop(duration_us: u64) -> Self {
+        let blocks = (duration_us / BLOCK_US) as u16;
+        let standing = Standing {
+            force_a: Vector3::new(0.0, 0.0, 9.8),
+            scatter: Scatter { blocks, freedom: blocks - 1, ..Scatter::default() },
+            readings: [Readings::NONE; 2],
+        };
+        Self {
+            start_us: 0,
+            duration_us,
+            samples: (duration_us / 5000) as u32,
+            longest_interval_us: 5000,
+            held: Held::NONE,
+            temperature_c: 20.0,
+            rotation_g: Vector3::zeros(),
+            outer: Angle::default(),
+            inner: Angle::default(),
+            turned: Turned::default(),
+            course: Course::Stop(standing),
+        }
+    }
+
+    /// What is measured at this stop, to be spoilt.
+    pub(crate) fn standing_mut(&mut self) -> &mut Standing<f64> {
+        match &mut self.course {
+            Course::Stop(standing) => standing,
+            Course::Move(_) => panic!("a move"),
+        }
+    }
+
+    /// The mean force of this stop, m/s^2.
+    pub(crate) fn force_a(&self) -> Vector3<f64> {
+        self.standing().expect("a stop").force_a
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::vec::Vec;
+
+    const INTERVAL_US: u64 = 5000;
+
+    /// A segmenter fed at 200 Hz, and all that it has reported.
+    struct Stream {
+        segmenter: Segmenter<f64>,
+        time_us: u64,
+        outer_rad: f64,
+        segments: Vec<Segment<f64>>,
+    }
+
+    impl Stream {
+        fn new() -> Self {
+            let mut segmenter = Segmenter::new();
+            segmenter.restart(&Stillness::default());
+            Self { segmenter, time_us: 0, outer_rad: 0.0, segments: Vec::new() }
+        }
+
+        fn sample(&mut self, force: f64) {
+            let force_a = Vector3::new(force, 0.0, 0.0);
+            let (time_us, outer) = (self.time_us, Angle::from_rad(self.outer_rad));
+            self.segments.extend(self.segmenter.step(&RawSample { time_us, force_a, outer, ..RawSample::default() }));
+            self.time_us += INTERVAL_US;
+        }
+
+        fn stand(&mut self, samples: u32, force: f64) {
+            (0..samples).for_each(|_| self.sample(force));
+        }
+
+        fn turn(&mut self, samples: u32, by_rad: f64) {
+            for _ in 0..samples {
+                self.outer_rad += by_rad / f64::from(samples);
+                self.sample(0.0);
+            }
+        }
+    }
+
+    #[test]
+    fn stops_and_moves_are_found_and_leave_nothing_out() {
+        let mut stream = Stream::new();
+        stream.stand(401, 1.0);
+        stream.turn(300, -1.5);
+        stream.stand(400, 2.0);
+        stream.segments.extend(stream.segmenter.finish());
+        let kinds: Vec<_> = stream.segments.iter().map(|segment| segment.kind()).collect();
+        assert_eq!(kinds, [SegmentKind::Stop, SegmentKind::Move, SegmentKind::Stop]);
+        let [first, moved, last] = &stream.segments[..] else { unreachable!() };
+        // 0.3 s of guard before the move, and 0.3 s of settling after it.
+        let durations_us = [first, moved, last].map(|segment| segment.duration_us);
+        assert_eq!(durations_us, [1_700_000, 2_100_000, 1_700_000]);
+        assert_eq!(moved.start_us, first.start_us + first.duration_us);
+        assert_eq!(last.start_us, moved.start_us + moved.duration_us);
+        assert!((moved.turned.outer + 1.5).abs() < 1e-8);
+        assert_eq!([first.force_a().x, last.force_a().x], [1.0, 2.0]);
+    }
+
+    #[test]
+    fn a_stop_begun_anew_keeps_nothing_of_what_was_before() {
+        let mut stream = Stream::new();
+        // Ends in the middle of a block.
+        stream.stand(413, 1.0);
+        assert!(stream.segmenter.stop_so_far().is_some());
+        stream.segmenter.restart_stop();
+        assert!(stream.segmenter.stop_so_far().is_none());
+        stream.stand(400, 2.0);
+        let mut stop = stream.segmenter.finish().expect("a stop");
+        assert_eq!(stop.force_a().x, 2.0);
+        assert_eq!((stop.duration_us, stop.standing_mut().scatter.blocks), (2_000_000, 20));
+    }
+
+    #[test]
+    fn a_gap_is_seen_while_it_is_still_in_the_guard() {
+        let mut stream = Stream::new();
+        stream.stand(401, 1.0);
+        assert_eq!(stream.segmenter.longest_interval_us(), INTERVAL_US);
+        stream.time_us += 200_000;
+        stream.sample(1.0);
+        assert_eq!(stream.segmenter.longest_interval_us(), 205_000);
+        assert!(stream.segmenter.stop_so_far().is_some_and(|stop| !stop.is_broken()));
+        stream.stand(200, 1.0);
+        assert!(stream.segmenter.stop_so_far().is_some_and(|stop| stop.is_broken()));
+        stream.segmenter.restart_stop();
+        stream.stand(200, 1.0);
+        assert_eq!(stream.segmenter.longest_interval_us(), INTERVAL_US);
+    }
+
+    /// Reproducible numbers in (-1, 1), without order.
+    fn scattered(seed: &mut u64) -> f64 {
+        *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (*seed >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+
+    /// A stop of an hour at 200 Hz, of readings that `f32` holds, with noise and axes that hunt.
+    fn hour<T: Real>() -> Segment<T> {
+        let mut segmenter = Segmenter::<T>::new();
+        segmenter.restart(&Stillness::default());
+        let mut seed = 4;
+        let mut noisy = |mean: f64, noise: f64| real::<T>(f64::from((mean + noise * scattered(&mut seed)) as f32));
+        for sample in 0..720_000_u64 {
+            let force_a = Vector3::new(noisy(0.3, 1e-3), noisy(-6.9, 1e-3), noisy(6.9, 1e-3));
+            let omega_g = Vector3::new(noisy(4e-5, 1e-5), noisy(-5e-5, 1e-5), noisy(3e-5, 1e-5));
+            let hunting = Angle::from_rad(1.0 + 5.0 * ARCSEC * (sample as f64 * 0.3).sin());
+            let time_us = sample * INTERVAL_US;
+            let still = RawSample { time_us, force_a, omega_g, outer: hunting, inner: hunting, temperature_c: 25.0 };
+            assert!(segmenter.step(&still).is_none());
+        }
+        segmenter.finish().expect("a stop")
+    }
+
+    /// A move of a minute on which both axes turn, at 200 Hz, with a stop before and behind.
+    fn minute<T: Real>() -> Segment<T> {
+        let mut segmenter = Segmenter::<T>::new();
+        segmenter.restart(&Stillness::default());
+        let mut segments = Vec::new();
+        for sample in 0..12_800_u64 {
+            let part = (sample.saturating_sub(400) as f64 / 12_000.0).min(1.0);
+            let (outer, inner) = (Angle::from_rad(0.3 + 3.0 * part), Angle::from_rad(-1.0 + 4.0 * part * part));
+            let still = RawSample { time_us: sample * INTERVAL_US, outer, inner, ..RawSample::default() };
+            segments.extend(segmenter.step(&still));
+        }
+        segments.into_iter().find(|segment| segment.kind() == SegmentKind::Move).expect("a move")
+    }
+
+    #[test]
+    fn a_move_of_a_minute_is_as_good_in_single_precision() {
+        let (single, double) = (minute::<f32>(), minute::<f64>());
+        assert_eq!((single.duration_us, single.outer, single.inner), (double.duration_us, double.outer, double.inner));
+        // A block sums 20 rounded products; of integrals whose parts cancel it is their scale that counts.
+        let close = |single: f64, double: f64, scale: f64| {
+            assert!((single - double).abs() < 20.0 * f64::from(f32::EPSILON) * scale, "{single} for {double}");
+        };
+        let (duration_s, way) = (double.duration_s(), double.turned.outer);
+        let (of_single, of_double) = (single.integrals(), double.integrals());
+        let attitudes = of_single.attitude_s.iter().flatten().zip(of_double.attitude_s.iter().flatten());
+        attitudes.for_each(|(single, double)| close((*single).into(), (*double).into(), duration_s));
+        close(single.turned.outer_cos_inner.into(), double.turned.outer_cos_inner, way);
+        close(single.turned.outer_sin_inner.into(), double.turned.outer_sin_inner, way);
+        close(of_single.late_cos_inner_s.into(), of_double.late_cos_inner_s, way * duration_s);
+        close(of_single.late_sin_inner_s.into(), of_double.late_sin_inner_s, way * duration_s);
+    }
+
+    #[test]
+    fn integrals_of_a_stop_are_those_of_its_samples() {
+        let stop = hour::<f64>();
+        let (outer_rad, inner_rad, duration_s) = (1.0_f64, 1.0_f64, stop.duration_s());
+        for (row, inner) in stop.integrals().attitude_s.iter().zip([1.0, inner_rad.cos(), inner_rad.sin()]) {
+            for (sum, outer) in row.iter().zip([1.0, outer_rad.cos(), outer_rad.sin()]) {
+                // It hunts by 5 arcsec about its mean, which counts by its square; the rest is `f32`.
+                assert!((f64::from(*sum) / (inner * outer * duration_s) - 1.0).abs() < 2e-7, "{sum}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_stop_of_an_hour_is_as_good_in_single_precision() {
+        let (single, double) = (hour::<f32>(), hour::<f64>());
+        assert_eq!((single.samples, single.outer, single.inner), (double.samples, double.outer, double.inner));
+        let close = |single: f32, double: f64| {
+            // Rounded once as a sum; an interval and the mean once each.
+            let error = (f64::from(single) / double - 1.0).abs();
+            assert!(error < 1.5 * f64::from(f32::EPSILON), "{single} is {error} from {double}");
+        };
+        for axis in 0..3 {
+            close(single.standing().expect("a stop").force_a[axis], double.force_a()[axis]);
+            close(single.rotation_g[axis], double.rotation_g[axis]);
+        }
+        let variances = |standing: &Scatter| standing.variance;
+        let single = variances(&single.standing().expect("a stop").scatter);
+        for (single, double) in single.into_iter().zip(double.standing().expect("a stop").scatter.variance) {
+            assert!((single / double - 1.0).abs() < 1e-3, "{single} for {double}");
+        }
+    }
+}
