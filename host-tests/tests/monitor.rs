@@ -2,15 +2,16 @@
 //! firmware in the emulator.
 
 use host_tests::bench::Bench;
-use host_tests::chips::bridge;
-use host_tests::drive::move_durations_s;
-use host_tests::emulator::image::{Board, build};
-use host_tests::emulator::{Run, Setup, run};
-use host_tests::line::Terminal;
-use host_tests::plant::{Paced, Plant, Tick};
-use host_tests::power_up::{Memory, self_calibrate, shared};
-use host_tests::presets;
-use host_tests::virtual_rins::{DrivenRins, VirtualUnit};
+use host_tests::bench::chips::bridge;
+use host_tests::bench::emulator::image::{Board, build};
+use host_tests::bench::emulator::{Run, Setup, run};
+use host_tests::bench::line::Terminal;
+use host_tests::bench::power_up::{Memory, self_calibrate, shared};
+use host_tests::virtual_unit::drive::move_durations_s;
+use host_tests::virtual_unit::driven::DrivenRins;
+use host_tests::virtual_unit::plant::{Paced, Plant, Tick};
+use host_tests::virtual_unit::presets;
+use host_tests::virtual_unit::virtual_rins::VirtualUnit;
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::pty::openpty;
 use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};

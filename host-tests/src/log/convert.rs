@@ -7,7 +7,7 @@
 use super::error::{Fault, LATEST_S, LogError};
 use super::layout::{Encoder, Fields, Layout, Triad};
 use super::mapping::Moment;
-use crate::plant::Reading;
+use crate::virtual_unit::plant::Reading;
 use std::f64::consts::{PI, TAU};
 use std::path::{Path, PathBuf};
 

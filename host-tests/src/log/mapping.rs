@@ -41,7 +41,7 @@
 
 use super::layout::{Format, Layout};
 use super::{COLUMNS, LogError, TEMPERATURE_COLUMN};
-use crate::toml_file::TomlFile;
+use crate::files::toml_file::TomlFile;
 use serde::de::{Error, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::fmt;

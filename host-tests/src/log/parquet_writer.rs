@@ -2,7 +2,7 @@
 
 use super::error::{Fault, LogError};
 use super::{COLUMNS, TEMPERATURE_COLUMN};
-use crate::plant::Reading;
+use crate::virtual_unit::plant::Reading;
 use parquet::basic::Compression;
 use parquet::data_type::DoubleType;
 use parquet::errors::ParquetError;

@@ -6,7 +6,7 @@ use super::layout::{Fields, Format, Layout, TEMPERATURE};
 use super::matrix::MatrixRows;
 use super::parquet::ParquetRows;
 use super::text::TextRows;
-use crate::plant::Reading;
+use crate::virtual_unit::plant::Reading;
 use flate2::bufread::MultiGzDecoder;
 use std::collections::VecDeque;
 use std::fs::File;

@@ -2,7 +2,7 @@
 
 use super::parquet_writer::ParquetOutput;
 use super::{COLUMNS, Format, LogError, TEMPERATURE_COLUMN};
-use crate::plant::Reading;
+use crate::virtual_unit::plant::Reading;
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use std::fmt::Write as _;

@@ -9,7 +9,7 @@
 use super::Travel;
 use super::information::{Forecast, LegModel};
 use super::objective::Objective;
-use crate::virtual_run::{SETTLING_S, Stream, derived_seed};
+use crate::calibration::virtual_run::{SETTLING_S, Stream, derived_seed};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;
