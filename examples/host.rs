@@ -3,7 +3,7 @@ use anyhow::{Context, Result};
 use host_tests::base::quantity::sigmas;
 use host_tests::base::quantity::values;
 use host_tests::calibration::raw_sample;
-use host_tests::files::unit::UnitConfig;
+use host_tests::files::unit_file::UnitConfig;
 use host_tests::log::LogReader;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::estimator::Estimate;

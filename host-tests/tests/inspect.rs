@@ -1,10 +1,10 @@
 //! `rins inspect`: what it says of logs whose columns, units and stamps are others', and that the mapping it proposes works.
 
 use host_tests::calibration::virtual_run::VirtualRun;
-use host_tests::files::unit::Noise;
+use host_tests::files::unit_file::Noise;
 use host_tests::virtual_unit::plant::Reading;
 use host_tests::virtual_unit::presets::real;
-use host_tests::virtual_unit::virtual_rins::VirtualUnit;
+use host_tests::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::units::{DEG, DEG_H};
 use rins_selfcal::scheme::Scheme;
 use serde_json::{Value, json};

@@ -5,7 +5,7 @@ use host_tests::bench::power_up::{Memory, Switched, self_calibrate, shared};
 use host_tests::virtual_unit::drive::move_durations_s;
 use host_tests::virtual_unit::driven::DrivenRins;
 use host_tests::virtual_unit::presets;
-use host_tests::virtual_unit::virtual_rins::VirtualUnit;
+use host_tests::virtual_unit::unit::VirtualUnit;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use rins_selfcal::base::method::Method;

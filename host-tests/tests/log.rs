@@ -2,7 +2,7 @@
 
 use host_tests::files::scheme_file::{read_scheme, scheme_named, write_scheme};
 use host_tests::files::truth::Truth;
-use host_tests::files::unit::{Noise, UnitConfig};
+use host_tests::files::unit_file::{Noise, UnitConfig};
 use host_tests::log::{COLUMNS, LogPlayer, LogReader, LogWriter};
 use host_tests::virtual_unit::plant::Reading;
 use host_tests::virtual_unit::presets::{errors_named, noise_named, real};

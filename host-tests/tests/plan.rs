@@ -2,7 +2,7 @@
 
 use host_tests::calibration::{Precision, Setup};
 use host_tests::files::scheme_file::{read_scheme, write_scheme};
-use host_tests::files::unit::UnitConfig;
+use host_tests::files::unit_file::UnitConfig;
 use host_tests::plan::prediction::Prediction;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::units::DEG;

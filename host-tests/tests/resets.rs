@@ -3,14 +3,14 @@
 
 use anyhow::Result;
 use host_tests::bench::Bench;
-use host_tests::bench::chips::bridge::Output;
 use host_tests::bench::emulator::debugger::{Debugger, function};
 use host_tests::bench::emulator::image::{Board, build};
 use host_tests::bench::emulator::{Setup, run};
 use host_tests::virtual_unit::drive::move_durations_s;
 use host_tests::virtual_unit::driven::DrivenRins;
+use host_tests::virtual_unit::plant::Output;
 use host_tests::virtual_unit::plant::{Plant, Tick};
-use host_tests::virtual_unit::virtual_rins::VirtualUnit;
+use host_tests::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::restart::Restart;
 use rins_selfcal::base::restart::Task;

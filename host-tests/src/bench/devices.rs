@@ -3,10 +3,12 @@
 //!
 //! Time goes by in control periods. The IMU samples as often as the plant does, whatever its decimation has been set to.
 
+use super::bus::{Chip, Damage, PERIOD_BYTES, input};
 use super::chips::biss::BissChip;
-use super::chips::bridge::{BridgeChip, DUTY_STEPS, Output};
+use super::chips::bridge::{BridgeChip, DUTY_STEPS};
 use super::chips::exchange;
 use super::imu::{Imu, ImuChip, Received};
+use crate::virtual_unit::plant::Output;
 use crate::virtual_unit::plant::{Plant, Tick};
 use embedded_hal::delay::DelayNs;
 use embedded_hal::digital::{self, InputPin, OutputPin};
@@ -25,42 +27,6 @@ use rins_selfcal::gimbal::servo::PERIOD_US;
 use std::cell::RefCell;
 use std::convert::Infallible;
 use std::rc::Rc;
-
-/// One chip.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Chip {
-    /// The IMU, or the receiver of its serial line.
-    Imu,
-    /// Encoder of the outer axis.
-    OuterEncoder,
-    /// Encoder of the inner axis.
-    InnerEncoder,
-    /// Not a chip, but a control period with all that the emulated control interrupt exchanges, in one transfer: see
-    /// [`PERIOD_BYTES`].
-    Period,
-    /// The line that switches both bridges off until the next period. Nothing is transferred.
-    MotorsOff,
-}
-
-/// Length of the transfer of a period. Sent: the pins of the outer and the inner bridge for the period that begins, three
-/// bytes each: duty, low byte first, then direction (1) and enable (2). Received: at its end bits of [`input`], and what the
-/// outer and the inner encoder say.
-pub const PERIOD_BYTES: usize = 1 + 2 * CAPTURE_BYTES;
-
-impl Chip {
-    /// The chips in the order of their numbers on the emulator's bus.
-    pub const ALL: [Self; 5] = [Self::Imu, Self::OuterEncoder, Self::InnerEncoder, Self::Period, Self::MotorsOff];
-}
-
-/// Bits of the inputs.
-pub mod input {
-    /// The instrument is switched on.
-    pub const POWERED: u8 = 1;
-    /// The IMU asks for its interrupt: its data-ready line had an edge, or bytes came from it.
-    pub const IMU: u8 = 2;
-    /// The fault lines of the outer and the inner bridge, high if there is none.
-    pub const FAULT: [u8; 2] = [4, 8];
-}
 
 /// What fails of an encoder or a bridge.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,9 +56,6 @@ pub enum Trouble {
     /// The bridge is dead and does not say so.
     BridgeDead,
 }
-
-/// Spoils the bytes of a transfer, after the chip has answered, or those of a message of the IMU.
-pub type Damage = Box<dyn FnMut(Chip, &mut [u8])>;
 
 /// The devices of one axis.
 struct AxisChips {

@@ -1,8 +1,8 @@
 //! The core's gimbal control, its drivers included, on two simulated motors, a millisecond at a time.
 
-use super::chips::bridge::Output;
-use super::{Bench, BenchControl, SharedBench, Trouble, control};
+use super::devices::{Bench, BenchControl, SharedBench, Trouble, control};
 use crate::virtual_unit::motor::{Mechanics, Motor};
+use crate::virtual_unit::plant::Output;
 use crate::virtual_unit::plant::{Plant, Tick};
 use rins_selfcal::base::linear::Real;
 use rins_selfcal::gimbal::axis::AxisLimits;

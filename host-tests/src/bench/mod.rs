@@ -1,5 +1,6 @@
 //! The instrument's devices, and all that runs on them: the core in this process, or the firmware in the emulator.
 
+mod bus;
 pub mod chips;
 mod devices;
 pub mod emulator;
@@ -11,5 +12,6 @@ pub mod memory;
 pub mod power_up;
 pub mod servo_bench;
 
+pub use bus::*;
 pub use devices::*;
 pub use imu::{Imu, Received};

@@ -1,12 +1,12 @@
 //! Power-up of an instrument on the bench: in this process, or as the firmware image in the emulator. Both run the same
 //! drivers, queue and assembly, and tell the same messages.
 
-use super::chips::bridge::Output;
+use super::devices::{Bench, BenchControl, BenchImu, SharedBench, control};
 use super::emulator::image::Image;
 use super::emulator::{Run, Setup, run};
 use super::line::{Line, Unconnected};
-use super::{Bench, BenchControl, BenchImu, SharedBench, control};
 use crate::calibration::refusal::refused;
+use crate::virtual_unit::plant::Output;
 use crate::virtual_unit::plant::{Plant, Tick};
 use anyhow::{Context, Result};
 use rins_selfcal::acquisition::queue::{Observed, SampleProducer, SampleQueue};

@@ -12,7 +12,7 @@ use host_tests::bench::power_up::{Switched, in_emulator};
 use host_tests::bench::{Bench, Imu};
 use host_tests::virtual_unit::drive::move_durations_s;
 use host_tests::virtual_unit::driven::DrivenRins;
-use host_tests::virtual_unit::virtual_rins::VirtualUnit;
+use host_tests::virtual_unit::unit::VirtualUnit;
 use object::{Object, ObjectSymbol};
 use rins_selfcal::base::method::Method;
 use rins_selfcal::drivers::kvh1750::MESSAGE_BYTES;

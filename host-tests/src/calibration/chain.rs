@@ -1,7 +1,7 @@
 //! One calibration on the host: the core's chain in either precision, and its outcome, widened to `f64`.
 
 use crate::base::quantity::{STATES, states};
-use crate::files::unit::{Noise, UnitConfig};
+use crate::files::unit_file::{Noise, UnitConfig};
 use crate::virtual_unit::plant::Reading;
 use rins_selfcal::base::angle::Angle;
 use rins_selfcal::base::linear::{Matrix, Real, Vector3, real};
@@ -367,7 +367,7 @@ mod tests {
     use super::*;
     use crate::calibration::virtual_run::VirtualRun;
     use crate::result::table;
-    use crate::virtual_unit::virtual_rins::VirtualUnit;
+    use crate::virtual_unit::unit::VirtualUnit;
 
     #[test]
     fn a_result_that_could_not_be_stored_is_not_in_use() {

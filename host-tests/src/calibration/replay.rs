@@ -2,7 +2,7 @@
 
 use super::{Outcome, Precision, Setup};
 use crate::base::quantity::significant;
-use crate::files::unit::UnitConfig;
+use crate::files::unit_file::UnitConfig;
 use crate::log::{Layout, LogError, LogReader};
 use crate::virtual_unit::plant::Reading;
 use rins_selfcal::base::method::Method;

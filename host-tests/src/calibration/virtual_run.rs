@@ -3,7 +3,8 @@
 use super::{Outcome, Setup};
 use crate::virtual_unit::drive::SchemeDrive;
 use crate::virtual_unit::plant::Reading;
-use crate::virtual_unit::virtual_rins::{VirtualRins, VirtualUnit};
+use crate::virtual_unit::unit::VirtualUnit;
+use crate::virtual_unit::virtual_rins::VirtualRins;
 use rins_selfcal::scheme::Scheme;
 
 /// Standing time after each arrival before the stop counts, s: the sequencer's.
@@ -78,7 +79,7 @@ mod tests {
     use super::*;
     use crate::base::quantity;
     use crate::calibration::Precision;
-    use crate::files::unit::{Noise, UnitConfig};
+    use crate::files::unit_file::{Noise, UnitConfig};
     use crate::virtual_unit::presets;
     use rins_selfcal::base::method::Method;
     use rins_selfcal::model::error_model::block;

@@ -6,7 +6,8 @@ use super::{Ending, files, progress};
 use crate::base::bai::TABLE_1_ERRORS;
 use crate::base::quantity::{fixed, rounded, significant, states};
 use crate::calibration::method_name;
-use crate::result::report::{Named, SOFTWARE, Software, write_json};
+use crate::files::json_file::write_json;
+use crate::result::report::{Named, SOFTWARE, Software};
 use crate::result::table;
 use crate::study::monte_carlo::{CONFIDENCE, FitStatistics, MethodStatistics, MonteCarlo, RunResult};
 use crate::study::statistics::{ErrorStatistics, TOLERANCE};
@@ -212,7 +213,7 @@ pub struct Report<'a> {
     scheme: &'a str,
     periods: u8,
     errors: &'a str,
-    noise: crate::files::unit::Noise,
+    noise: crate::files::unit_file::Noise,
     rate_hz: f64,
     precision: crate::calibration::Precision,
     seed: u64,

@@ -7,7 +7,7 @@ use super::{files, progress};
 use crate::calibration::refusal::check_axes;
 use crate::calibration::virtual_run::VirtualRun;
 use crate::files::truth::Truth;
-use crate::files::unit::UnitConfig;
+use crate::files::unit_file::UnitConfig;
 use crate::log::LogWriter;
 use anyhow::Context;
 use rins_selfcal::base::method::Method;

@@ -1,5 +1,7 @@
 //! JSON files, with errors of one line that name file, line and key.
 
+use anyhow::Context;
+use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
 
@@ -37,4 +39,13 @@ pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, JsonFileError> {
         let message = text.rsplit_once(" at line ").map_or(text.as_str(), |(message, _)| message);
         JsonFileError::Content { path: path.into(), line: error.line().max(1), message: message.into() }
     })
+}
+
+/// Writes a report.
+///
+/// # Errors
+/// The file cannot be written; the message names it.
+pub fn write_json(path: &Path, report: &impl Serialize) -> anyhow::Result<()> {
+    let text = serde_json::to_string_pretty(report).with_context(|| path.display().to_string())?;
+    std::fs::write(path, text + "\n").with_context(|| path.display().to_string())
 }

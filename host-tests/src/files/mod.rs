@@ -4,4 +4,4 @@ pub mod json_file;
 pub mod scheme_file;
 pub mod toml_file;
 pub mod truth;
-pub mod unit;
+pub mod unit_file;

@@ -9,7 +9,7 @@ use super::turned::Likeness;
 use super::{noise, turned};
 use crate::base::quantity::significant;
 use crate::calibration::{Precision, Setup, covariance};
-use crate::files::unit::{Noise, UnitConfig};
+use crate::files::unit_file::{Noise, UnitConfig};
 use crate::log::{Layout, LogError, LogReader, Mapping, Moment};
 use crate::plan::prediction::Observed;
 use rins_selfcal::base::method::Method;

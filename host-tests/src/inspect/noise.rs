@@ -3,7 +3,7 @@
 use super::allan::{AllanDeviation, AllanPoint, NoiseFigures, figures};
 use super::passage::Passage;
 use crate::calibration::{HOST_SEGMENTS, Setup};
-use crate::files::unit::Noise;
+use crate::files::unit_file::Noise;
 use crate::log::{LogError, LogReader};
 use rins_selfcal::base::sample::CHANNELS;
 use rins_selfcal::base::units::{DEG_SQRT_H, MICRO_G};

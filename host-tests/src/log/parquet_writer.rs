@@ -1,7 +1,7 @@
 //! Writes a standard log as Parquet.
 
+use super::columns::{COLUMNS, TEMPERATURE_COLUMN};
 use super::error::{Fault, LogError};
-use super::{COLUMNS, TEMPERATURE_COLUMN};
 use crate::virtual_unit::plant::Reading;
 use parquet::basic::Compression;
 use parquet::data_type::DoubleType;

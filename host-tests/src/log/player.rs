@@ -1,6 +1,7 @@
 //! A log in place of an instrument.
 
-use super::{LogError, LogReader};
+use super::error::LogError;
+use super::reader::LogReader;
 use crate::virtual_unit::plant::Reading;
 
 /// A log in place of an instrument. It ignores commands, and ends at the log's end or at its first wrong row.

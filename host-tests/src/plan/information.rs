@@ -309,9 +309,9 @@ fn rounded(mut prediction: Prediction<f64>, by_attitude: f64) -> Prediction<f64>
 mod tests {
     use super::*;
     use crate::calibration::Precision;
-    use crate::files::unit::UnitConfig;
+    use crate::files::unit_file::UnitConfig;
     use crate::plan::prediction::predicted_sigmas_si;
-    use crate::virtual_unit::virtual_rins::VirtualUnit;
+    use crate::virtual_unit::unit::VirtualUnit;
     use rins_selfcal::base::method::Method;
     use rins_selfcal::base::units::{DEG_H, MICRO_G};
     use rins_selfcal::estimator::FULL_STATES;

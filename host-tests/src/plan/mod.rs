@@ -5,7 +5,7 @@
 //! - `objective`: which parameters matter, and how they are weighed
 //! - `search`: simulated annealing over the stops
 //! - `bound`: what no scheme can go below
-//! - `planning`: what is asked for, and what comes of it
+//! - `request`: what is asked for; `planning`: what comes of it
 //! - `prediction`: what the core makes of a scheme
 
 pub mod bound;
@@ -13,6 +13,8 @@ pub mod information;
 pub mod objective;
 mod planning;
 pub mod prediction;
+mod request;
 pub mod search;
 
 pub use planning::*;
+pub use request::*;

@@ -1,17 +1,15 @@
-//! A plan: what is asked for, what is tried, and what comes of it.
+//! A plan: what is tried, and what comes of it.
 
 use super::bound::lower_bound;
 use super::information::Forecast;
-use super::objective::Objective;
 use super::prediction::duration_s;
+use super::request::PlanRequest;
 use super::search::{Problem, search};
-use crate::calibration::Setup;
 use crate::calibration::virtual_run::SETTLING_S;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::units::DEG;
-use rins_selfcal::estimator::rehearsal::{Stand, Turning};
+use rins_selfcal::estimator::rehearsal::Stand;
 use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES, MAX_SEGMENTS};
-use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::scheme::{Leg, MAX_LEGS, Scheme};
 use rins_selfcal::segment::GUARD_S;
 
@@ -21,46 +19,6 @@ pub const MOST_LEGS: usize = if MAX_LEGS < (MAX_SEGMENTS - 1) / 2 { MAX_LEGS } e
 const FREE_ANGLE_RAD: f64 = 0.1 * DEG;
 /// Three blocks of 0.1 s, of which the verdict takes the scatter, and a part of one.
 const LEAST_USABLE_S: f64 = 0.4;
-
-/// Angles that an axis may stand at, rad, counted over whole turns; zero is one of them.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Travel {
-    /// Lowest.
-    pub lowest_rad: f64,
-    /// Highest.
-    pub highest_rad: f64,
-}
-
-impl Default for Travel {
-    /// The core's usual axis.
-    fn default() -> Self {
-        let AxisLimits { lowest_rad, highest_rad, .. } = AxisLimits::default();
-        Self { lowest_rad, highest_rad }
-    }
-}
-
-/// What is asked for.
-#[derive(Clone, Debug)]
-pub struct PlanRequest {
-    /// The unit and what is estimated.
-    pub setup: Setup,
-    /// Time for everything, first stop, ramps and settling included, s.
-    pub time_s: f64,
-    /// How the axes turn.
-    pub turning: Turning,
-    /// Time after a move that the accelerometers need to settle, s; the core waits 0.3 s in any case.
-    pub settling_s: f64,
-    /// Travel of the outer and the inner axis.
-    pub travel: [Travel; 2],
-    /// Stops are at multiples of this, rad; `None`: at any angle.
-    pub angle_step_rad: Option<f64>,
-    /// What shall be small.
-    pub objective: Objective,
-    /// Schemes to be looked at.
-    pub evaluations: u64,
-    /// Of everything random.
-    pub seed: u64,
-}
 
 /// What was found.
 #[derive(Clone, Debug)]

@@ -6,9 +6,9 @@
 use crate::base::quantity::{STATES, states};
 use crate::calibration::virtual_run::VirtualRun;
 use crate::calibration::{Setup, is_estimated};
-use crate::files::unit::Noise;
+use crate::files::unit_file::Noise;
 use crate::result::report::{Named, SOFTWARE, SiteReport, Software};
-use crate::virtual_unit::virtual_rins::VirtualUnit;
+use crate::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::linear::Matrix;
 use rins_selfcal::estimator::OBSERVED_RATIO;
 use rins_selfcal::estimator::observability::{INSTALLATION_STATES, along_scheme, of_covariance};

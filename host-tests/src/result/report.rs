@@ -2,8 +2,7 @@
 
 use crate::base::quantity;
 use crate::calibration::{Outcome, Precision, is_estimated, method_name};
-use crate::files::unit::Noise;
-use anyhow::Context;
+use crate::files::unit_file::Noise;
 use rins_selfcal::base::linear::{Matrix3, Vector3};
 use rins_selfcal::base::loss::Losses;
 use rins_selfcal::base::method::Method;
@@ -16,7 +15,6 @@ use rins_selfcal::segment::intake::IntakeCounts;
 use rins_selfcal::verdict::CHANNEL_NAMES;
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
-use std::path::Path;
 
 /// Signs, frames and how to apply a result.
 pub const CONVENTION: &str = "\
@@ -285,13 +283,4 @@ impl From<&StoredCalibration> for StoredReport {
             parameters: parameters(&stored.estimate(), stored.method),
         }
     }
-}
-
-/// Writes a report.
-///
-/// # Errors
-/// The file cannot be written; the message names it.
-pub fn write_json(path: &Path, report: &impl Serialize) -> anyhow::Result<()> {
-    let text = serde_json::to_string_pretty(report).with_context(|| path.display().to_string())?;
-    std::fs::write(path, text + "\n").with_context(|| path.display().to_string())
 }

@@ -3,9 +3,9 @@
 use super::faults::{Fault, FaultKind, readings};
 use crate::calibration::virtual_run::{Stream, VirtualRun, derived_seed};
 use crate::calibration::{self, Precision, Setup};
-use crate::files::unit::UnitConfig;
+use crate::files::unit_file::UnitConfig;
 use crate::virtual_unit::presets::RandomErrors;
-use crate::virtual_unit::virtual_rins::VirtualUnit;
+use crate::virtual_unit::unit::VirtualUnit;
 use rayon::prelude::*;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::units::ARCSEC;

@@ -1,14 +1,14 @@
 //! What the instrument does when something fails: each fault at several phases of a run, in closed loop, in this process.
 
-use crate::bench::chips::bridge::Output;
 use crate::bench::line::Line;
 use crate::bench::power_up::{Memory, Switched, in_process, self_calibrate, shared};
 use crate::bench::{Chip, SharedBench, Trouble};
 use crate::virtual_unit::drive::move_durations_s;
 use crate::virtual_unit::driven::DrivenRins;
+use crate::virtual_unit::plant::Output;
 use crate::virtual_unit::plant::{Plant, Tick};
 use crate::virtual_unit::presets;
-use crate::virtual_unit::virtual_rins::VirtualUnit;
+use crate::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::units::DEG;
 use rins_selfcal::estimator::BASIC_STATES;

@@ -6,9 +6,10 @@
 use super::kinematics::{Motion, Sensed};
 use super::motor::{Mechanics, Motor};
 use super::plant::{Plant, Reading, Tick};
+use super::unit::VirtualUnit;
 use super::vec3::{Vec3, add_scaled, scale};
-use super::virtual_rins::{VirtualRins, VirtualUnit};
-use crate::bench::chips::bridge::Output;
+use super::virtual_rins::VirtualRins;
+use crate::virtual_unit::plant::Output;
 use rins_selfcal::gimbal::servo::{Drive, MotorAndLoad, PERIOD_S, PERIOD_US};
 
 /// A unit with its motors.

@@ -13,11 +13,11 @@
 //! The base's roll, pitch and heading are those of b = r0, whose axes are the rotation axes at (0, 0); with b = s0 they would
 //! differ by the mounting angles. The base tilts and the biases ramp in proportion to time; the tilt is carried to first order.
 
+use super::unit::VirtualUnit;
 use super::vec3::{
     Mat3, Vec3, add, add_scaled, apply, apply_transposed, cross, frame_rotation, inverse, multiply, scale,
 };
 use super::vec3::{transpose, turn_frame};
-use super::virtual_rins::VirtualUnit;
 use rins_selfcal::base::units::{ARCSEC, DEG_H, MICRO_G};
 
 /// A vector in proportion to time.

@@ -13,5 +13,6 @@ pub mod kinematics;
 pub mod motor;
 pub mod plant;
 pub mod presets;
+pub mod unit;
 pub mod vec3;
 pub mod virtual_rins;

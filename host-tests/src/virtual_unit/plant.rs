@@ -1,7 +1,6 @@
 //! What an instrument is to the bench: something that goes on by control periods, driven by two windings.
 
-use crate::bench::chips::bridge::Output;
-use rins_selfcal::gimbal::servo::PERIOD_US;
+use rins_selfcal::gimbal::servo::{Drive, PERIOD_US};
 use std::cell::RefCell;
 use std::rc::Rc;
 use std::time::{Duration, Instant};
@@ -30,6 +29,27 @@ pub struct Tick {
     pub encoders_rad: [f64; 2],
     /// What the IMU has measured, if an interval of it ended in this period.
     pub reading: Option<Reading>,
+}
+
+/// What the bridge does with the winding.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Output {
+    /// On average this part of the supply, -1 to 1.
+    Driven(f64),
+    /// Shorted.
+    Shorted,
+    /// Open.
+    Open,
+}
+
+impl From<Output> for Drive<f64> {
+    fn from(output: Output) -> Self {
+        match output {
+            Output::Driven(part) => Self::Duty(part),
+            Output::Shorted => Self::Brake,
+            Output::Open => Self::Off,
+        }
+    }
 }
 
 /// An instrument, virtual or recorded.

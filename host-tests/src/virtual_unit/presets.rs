@@ -10,11 +10,11 @@
 //! The same may be given in place of a file's name, in one line: `parameters = { Sgxy = -233.615 }`.
 //! A file of noise holds the table `[noise]` of UNIT.toml.
 
-use super::virtual_rins::Effects;
+use super::unit::Effects;
 use crate::base::bai::{TABLE_1, TABLE_3, Twelve};
 use crate::files::toml_file::{TomlFile, TomlFileError};
 use crate::files::truth::ParameterTable;
-use crate::files::unit::Noise;
+use crate::files::unit_file::Noise;
 use rand_distr::{Distribution, Normal, Uniform};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;

@@ -1,6 +1,6 @@
 //! An ADIS16495 or ADIS16497: pages of registers behind words of 16 bits, and the burst.
 
-use super::{bits_of, crc};
+use super::bits::{bits_of, crc};
 /// Pages that are played; behind them are the coefficients of the filters.
 const PAGES: usize = 5;
 

@@ -1,6 +1,6 @@
 //! A BiSS-C encoder: what its line carries while a master clocks it.
 
-use super::crc;
+use super::bits::crc;
 use std::f64::consts::TAU;
 
 /// An encoder on an axis.

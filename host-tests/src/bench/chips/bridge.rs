@@ -1,6 +1,6 @@
 //! A motor bridge with PWM and direction: what its outputs do.
 
-use rins_selfcal::gimbal::servo::Drive;
+use crate::virtual_unit::plant::Output;
 
 /// The bridge, as its pins are.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -19,27 +19,6 @@ pub struct BridgeChip {
 
 /// Duties of the PWM from 0 to 1: 20 kHz from a timer of 160 MHz.
 pub const DUTY_STEPS: u16 = 8000;
-
-/// What the bridge does with the winding.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Output {
-    /// On average this part of the supply, -1 to 1.
-    Driven(f64),
-    /// Shorted.
-    Shorted,
-    /// Open.
-    Open,
-}
-
-impl From<Output> for Drive<f64> {
-    fn from(output: Output) -> Self {
-        match output {
-            Output::Driven(part) => Self::Duty(part),
-            Output::Shorted => Self::Brake,
-            Output::Open => Self::Off,
-        }
-    }
-}
 
 impl BridgeChip {
     /// Sets the pins.

@@ -1,6 +1,6 @@
 //! A KVH 1750 or 1775 that sends format A, rates in rad/s and temperature in deg C, at each request.
 
-use super::{bits_of, crc};
+use super::bits::{bits_of, crc};
 
 /// Baud rate.
 const BAUD: u64 = 921_600;

@@ -1,6 +1,6 @@
 //! The firmware's images: built by cargo, for each board with what it needs.
 
-use crate::bench::Imu;
+use crate::bench::imu::Imu;
 use anyhow::{Context, Result, bail, ensure};
 use std::env;
 use std::ffi::OsString;

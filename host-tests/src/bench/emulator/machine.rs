@@ -6,7 +6,8 @@
 
 use super::image::Image;
 use crate::base::apt::ensure_installed;
-use crate::bench::{Bench, Chip};
+use crate::bench::bus::Chip;
+use crate::bench::devices::Bench;
 use crate::virtual_unit::plant::Plant;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use defmt_decoder::{DecodeError, Table};

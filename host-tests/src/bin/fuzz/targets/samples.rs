@@ -3,7 +3,7 @@
 use super::bytes_of;
 use host_tests::bench::power_up::{Switched, in_process, shared};
 use host_tests::virtual_unit::driven::DrivenRins;
-use host_tests::virtual_unit::virtual_rins::VirtualUnit;
+use host_tests::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::link::{
