@@ -1,9 +1,9 @@
 //! The drivers on the bench, without the emulator.
 
+use host_tests::bench::power_up::{Interrupts, share, shared};
 use host_tests::bench::{Bench, Chip, Imu, Trouble, acquisition, control};
-use host_tests::chips::bridge::Output;
-use host_tests::plant::{Plant, Tick, at_rest};
-use host_tests::power_up::{Interrupts, share, shared};
+use host_tests::virtual_unit::plant::Output;
+use host_tests::virtual_unit::plant::{Plant, Tick, at_rest};
 use rins_selfcal::acquisition::queue::{Observed, SampleQueue};
 use rins_selfcal::base::angle::Angle;
 use rins_selfcal::base::loss::{Loss, Losses};

@@ -1,17 +1,18 @@
 //! The firmware image in the emulator.
 
 use anyhow::Result;
+use host_tests::bench::emulator::image::{Board, Image, Variant, build};
+use host_tests::bench::emulator::{Run, Setup, run};
+use host_tests::bench::power_up::{MessageDigest, Switched, in_emulator, in_process, share, shared};
 use host_tests::bench::{Bench, Chip, Imu};
-use host_tests::chips::bridge::Output;
-use host_tests::drive::move_durations_s;
-use host_tests::emulator::image::{Board, Image, Variant, build};
-use host_tests::emulator::{Run, Setup, run};
+use host_tests::files::unit_file::UnitConfig;
 use host_tests::log::{LogPlayer, LogReader};
-use host_tests::plant::{Plant, Recording, at_rest};
-use host_tests::power_up::{MessageDigest, Switched, in_emulator, in_process, share, shared};
-use host_tests::presets;
-use host_tests::unit::UnitConfig;
-use host_tests::virtual_rins::{DrivenRins, VirtualUnit};
+use host_tests::virtual_unit::drive::move_durations_s;
+use host_tests::virtual_unit::driven::DrivenRins;
+use host_tests::virtual_unit::plant::Output;
+use host_tests::virtual_unit::plant::{Plant, Recording, at_rest};
+use host_tests::virtual_unit::presets;
+use host_tests::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::loss::Losses;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::site::EARTH_RATE_RAD_S;

@@ -3,8 +3,8 @@
 use crate::source::Source;
 use crate::target::{Claim, Outcome, Target, digest};
 use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
-use host_tests::chips::biss::BissChip;
-use host_tests::chips::exchange;
+use host_tests::bench::chips::biss::BissChip;
+use host_tests::bench::chips::exchange;
 use rins_selfcal::base::angle::Angle;
 use rins_selfcal::drivers::biss::{BissEncoder, CAPTURE_BYTES, EncoderFault, Mounting, Resolution};
 use std::convert::Infallible;

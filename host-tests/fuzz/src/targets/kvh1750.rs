@@ -3,7 +3,7 @@
 use crate::source::Source;
 use crate::target::{Claim, Outcome, Target, digest};
 use crc::{CRC_32_MPEG_2, Crc, Table};
-use host_tests::chips::kvh1750::Kvh1750Chip;
+use host_tests::bench::chips::kvh1750::Kvh1750Chip;
 use rins_selfcal::drivers::kvh1750::{ALL_VALID, HEADER, Kvh1750, MESSAGE_BYTES, Settings};
 use rins_selfcal::drivers::{ImuFault, ImuReading};
 
