@@ -1,6 +1,6 @@
 //! A whole instrument at the end of a line that brings commands, damaged commands and commands with wrong numbers.
 
-use super::samples::{self, Samples};
+use super::samples;
 use super::{bytes_of, stable_bytes};
 use crate::reference::{self, Found};
 use crate::source::Source;
@@ -39,7 +39,8 @@ pub struct LinkCommands {
 
 impl LinkCommands {
     /// Damage to these.
-    pub fn new(samples: &Samples) -> Self {
+    pub fn new() -> Self {
+        let samples = samples::all();
         let unlock = reference::frame(PROTOCOL_VERSION, b'C', 1, &bytes_of(&Command::Unlock(UNLOCK_WORD)));
         Self { payloads: samples.of(b'C'), unlock }
     }
@@ -50,8 +51,8 @@ impl Target for LinkCommands {
         "link-commands"
     }
 
-    fn share(&self) -> u64 {
-        200
+    fn moment(&self) -> u64 {
+        40
     }
 
     fn make(&self, source: &mut Source, input: &mut Vec<u8>) -> Claim {
