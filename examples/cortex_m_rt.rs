@@ -16,7 +16,7 @@ use critical_section::Mutex;
 use defmt_rtt as _;
 use embassy_stm32::pac::Interrupt;
 use embassy_stm32::{interrupt, pac};
-use rins_selfcal::acquisition::queue::{Observed, SampleProducer, SampleQueue};
+use rins_selfcal::acquisition::queue::{SampleAndStatus, SampleProducer, SampleQueue};
 use rins_selfcal::base::sample::CorrectedSample;
 use rins_selfcal::estimator::MAX_SEGMENTS;
 use rins_selfcal::gimbal::Gimbal;
@@ -53,7 +53,7 @@ fn EXTI15_10() {
         let gimbal = GIMBAL.borrow_ref(cs).as_ref().map(Gimbal::status);
         if let (Some(producer), Some(gimbal)) = (PRODUCER.borrow_ref_mut(cs).as_mut(), gimbal) {
             // A sample that finds the queue full is counted by it.
-            let _ = producer.push(Observed { sample: SensorBoard::at_external_memory().sample(), gimbal });
+            let _ = producer.push(SampleAndStatus { sample: SensorBoard::at_external_memory().sample(), gimbal });
         }
     });
 }
@@ -101,7 +101,7 @@ fn run() -> Option<()> {
     let mut run = SelfCalibration::new(config, stored.as_ref(), calibrator).ok()?;
     start_interrupts()?;
     loop {
-        while let Some(Observed { sample, gimbal }) = samples.pop() {
+        while let Some(SampleAndStatus { sample, gimbal }) = samples.pop() {
             let step = run.step(&sample, &gimbal, &mut |_message| { /* To your telemetry. */ });
             step.motion.map(|motion| with_gimbal(|now| now.command_seen(motion, gimbal.time_us)));
             if step.save {

@@ -12,7 +12,7 @@ use defmt_rtt as _;
 mod app {
     use crate::sensor_board::SensorBoard;
     use cortex_m::peripheral::syst::SystClkSource;
-    use rins_selfcal::acquisition::queue::{Observed, SampleConsumer, SampleProducer, SampleQueue};
+    use rins_selfcal::acquisition::queue::{SampleAndStatus, SampleConsumer, SampleProducer, SampleQueue};
     use rins_selfcal::estimator::MAX_SEGMENTS;
     use rins_selfcal::gimbal::Gimbal;
     use rins_selfcal::gimbal::servo::PERIOD_US;
@@ -78,7 +78,8 @@ mod app {
         let mut shared = context.shared;
         let gimbal = shared.gimbal.lock(|gimbal| gimbal.status());
         // A sample that finds the queue full is counted by it.
-        let _ = context.local.producer.push(Observed { sample: SensorBoard::at_external_memory().sample(), gimbal });
+        let _ =
+            context.local.producer.push(SampleAndStatus { sample: SensorBoard::at_external_memory().sample(), gimbal });
     }
 
     /// Control: 1 kHz.
@@ -98,7 +99,7 @@ mod app {
         let idle::LocalResources { samples, store, run, .. } = context.local;
         let idle::SharedResources { mut gimbal, mut now_us, .. } = context.shared;
         loop {
-            while let Some(Observed { sample, gimbal: seen }) = samples.pop() {
+            while let Some(SampleAndStatus { sample, gimbal: seen }) = samples.pop() {
                 let step = run.step(&sample, &seen, &mut |_message| { /* To your telemetry. */ });
                 if let Some(motion) = step.motion {
                     gimbal.lock(|gimbal| gimbal.command_seen(motion, seen.time_us));

@@ -9,7 +9,7 @@ use crate::line::{Line, Unconnected};
 use crate::plant::{Plant, Tick};
 use crate::refusal::refused;
 use anyhow::{Context, Result};
-use rins_selfcal::acquisition::queue::{Observed, SampleProducer, SampleQueue};
+use rins_selfcal::acquisition::queue::{SampleAndStatus, SampleProducer, SampleQueue};
 use rins_selfcal::base::linear::Real;
 use rins_selfcal::base::restart::Restart;
 use rins_selfcal::estimator::MAX_SEGMENTS;
@@ -130,7 +130,7 @@ pub fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
     let mut run = SelfCalibration::new(config.clone(), memory.stored.as_ref(), &mut calibrator).map_err(refused)?;
     let mut samples = 0;
     while interrupts.period(bench) {
-        while let Some(Observed { sample, gimbal }) = consumer.pop() {
+        while let Some(SampleAndStatus { sample, gimbal }) = consumer.pop() {
             samples += 1;
             let step = run.step(&sample, &gimbal, &mut |message| tell(&mut link, memory, message));
             step.motion.into_iter().for_each(|motion| interrupts.control.command(motion, gimbal.time_us));
@@ -179,7 +179,7 @@ fn replay<T: Real, const STATES: usize, P: Plant>(
     let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::new(config));
     let mut samples = 0;
     while interrupts.period(bench) {
-        while let Some(Observed { sample, .. }) = consumer.pop() {
+        while let Some(SampleAndStatus { sample, .. }) = consumer.pop() {
             samples += 1;
             if let Some(progress) = calibrator.step(&sample) {
                 on_message(&Message::Segment(progress));

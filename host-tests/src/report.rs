@@ -5,7 +5,7 @@ use crate::quantity;
 use crate::unit::Noise;
 use anyhow::Context;
 use rins_selfcal::base::linear::{Matrix3, Vector3};
-use rins_selfcal::base::loss::Losses;
+use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::site::Site;
 use rins_selfcal::base::units::DEG;
@@ -144,7 +144,7 @@ pub struct CalibrationReport {
     moves: usize,
     left_out: u16,
     samples: IntakeCounts,
-    samples_lost: Option<Losses>,
+    samples_lost: Option<LossCounts>,
     fit: FitReport,
     sweeps: u8,
     converged: bool,

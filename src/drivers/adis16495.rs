@@ -111,7 +111,7 @@ pub enum FilterBank {
 
 /// How the IMU shall sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Settings {
+pub struct Adis16495Settings {
     /// What clocks the samples.
     pub clock: Clock,
     /// Samples that an output is the mean of, 1 to 4250.
@@ -122,14 +122,14 @@ pub struct Settings {
     pub latency_us: u32,
 }
 
-impl Default for Settings {
+impl Default for Adis16495Settings {
     /// 200 Hz from a clock of 4000 Hz, no filter, no latency.
     fn default() -> Self {
         Self { clock: Clock::External { rate_hz: 4000 }, decimation: 20, filter: None, latency_us: 0 }
     }
 }
 
-impl Settings {
+impl Adis16495Settings {
     /// Delay of the FIR filters, half of 119 samples.
     const FILTER_DELAY_SAMPLES: f64 = 59.5;
 
@@ -247,7 +247,7 @@ impl<S: SpiDevice> Adis16495<S> {
     ///
     /// # Errors
     /// It does not answer as an IMU of the family, reports a fault or does not take the settings.
-    pub fn start(spi: S, delay: &mut impl DelayNs, settings: &Settings) -> Result<Self, StartFault<S::Error>> {
+    pub fn start(spi: S, delay: &mut impl DelayNs, settings: &Adis16495Settings) -> Result<Self, StartFault<S::Error>> {
         if !settings.are_valid() {
             return Err(StartFault::Settings);
         }
@@ -469,7 +469,7 @@ mod tests {
     fn start(script: Vec<Transaction<u8>>) -> Result<Started, StartFault<ErrorKind>> {
         let spi = Mock::new(&script);
         let mut kept = spi.clone();
-        let started = Adis16495::start(spi, &mut NoopDelay, &Settings::default());
+        let started = Adis16495::start(spi, &mut NoopDelay, &Adis16495Settings::default());
         if started.is_err() {
             // Some of the script is left over where the start stopped.
             while kept.next().is_some() {}
@@ -488,7 +488,7 @@ mod tests {
     fn the_start_is_word_for_word_that_of_the_data_sheet() {
         let mut spi = Mock::new(&start_script(16_495, 0x3, 0x00cd, 0));
         let mut delay = CheckedDelay::new(&start_delays());
-        Adis16495::start(spi.clone(), &mut delay, &Settings::default()).unwrap();
+        Adis16495::start(spi.clone(), &mut delay, &Adis16495Settings::default()).unwrap();
         spi.done();
         delay.done();
     }
@@ -501,7 +501,7 @@ mod tests {
         let refused = StartFault::Register { register: Register::FNCTIO_CTRL, holds: 0x000d };
         assert_eq!(fault(start_script(16_495, 0xf, 0x000d, 0)), refused);
         assert_eq!(fault(start_script(16_495, 0xf, 0x00cd, 0x0004)), StartFault::Status(4));
-        let settings = Settings { clock: Clock::External { rate_hz: 2999 }, ..Settings::default() };
+        let settings = Adis16495Settings { clock: Clock::External { rate_hz: 2999 }, ..Adis16495Settings::default() };
         let mut spi = Mock::<u8>::new(&[]);
         assert_eq!(Adis16495::start(spi.clone(), &mut NoopDelay, &settings).err(), Some(StartFault::Settings));
         spi.done();
@@ -510,7 +510,7 @@ mod tests {
     #[test]
     fn settings_become_register_bits() {
         let settings =
-            Settings { clock: Clock::Internal, decimation: 17, filter: Some(FilterBank::C), latency_us: 100 };
+            Adis16495Settings { clock: Clock::Internal, decimation: 17, filter: Some(FilterBank::C), latency_us: 100 };
         let values = settings.registers().map(|(_, value)| value);
         assert_eq!(values, [0x000d, 16, 0b0110_1101_1011_0110, 0b110]);
         assert!((settings.interval_s() - 0.004).abs() < 1e-15);

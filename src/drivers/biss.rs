@@ -80,7 +80,7 @@ impl Mounting {
 
 /// Why there is no angle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum EncoderFault<E> {
+pub enum BissFault<E> {
     /// The bus did not carry the transfer.
     Bus(E),
     /// The line stayed high: no encoder, no power, or a broken line.
@@ -133,16 +133,16 @@ impl<S: SpiDevice> BissEncoder<S> {
     ///
     /// # Errors
     /// There is none, for the reason given.
-    pub fn read(&mut self) -> Result<Angle, EncoderFault<S::Error>> {
+    pub fn read(&mut self) -> Result<Angle, BissFault<S::Error>> {
         let mut capture = [0; CAPTURE_BYTES];
-        self.spi.read(&mut capture).map_err(EncoderFault::Bus)?;
+        self.spi.read(&mut capture).map_err(BissFault::Bus)?;
         let frame = decode(&capture, self.resolution)?;
         let before = self.start.replace(frame.start).unwrap_or(frame.start);
         if frame.start.abs_diff(before) > 1 {
-            return Err(EncoderFault::Framing);
+            return Err(BissFault::Framing);
         }
         if !frame.good {
-            return Err(EncoderFault::Error);
+            return Err(BissFault::Error);
         }
         self.warnings = self.warnings.saturating_add(u32::from(frame.warns));
         let ticks = frame.position << (32 - self.resolution.bits());
@@ -151,16 +151,16 @@ impl<S: SpiDevice> BissEncoder<S> {
 }
 
 /// Finds the frame among the bits of a read.
-fn decode<E>(capture: &[u8; CAPTURE_BYTES], resolution: Resolution) -> Result<Frame, EncoderFault<E>> {
+fn decode<E>(capture: &[u8; CAPTURE_BYTES], resolution: Resolution) -> Result<Frame, BissFault<E>> {
     // The bits in the order they came, from the top.
     let mut line = capture.iter().fold(0, |line, byte| line << 8 | u128::from(*byte)) << (u128::BITS - CAPTURE_BITS);
     let idle = line.leading_ones();
     if idle == CAPTURE_BITS {
-        return Err(EncoderFault::NoAnswer);
+        return Err(BissFault::NoAnswer);
     }
     let start = idle + (line << idle).leading_zeros();
     if idle == 0 || start >= CAPTURE_BITS {
-        return Err(EncoderFault::NotReady);
+        return Err(BissFault::NotReady);
     }
     let mut take = |bits: u32| {
         let taken = line >> (u128::BITS - bits);
@@ -170,7 +170,7 @@ fn decode<E>(capture: &[u8; CAPTURE_BYTES], resolution: Resolution) -> Result<Fr
     let (position_bits, flag_bits, crc_bits) = (resolution.bits(), 2, 6);
     let end = start + 2 + position_bits + flag_bits + crc_bits;
     if end > CAPTURE_BITS {
-        return Err(EncoderFault::Framing);
+        return Err(BissFault::Framing);
     }
     // Idle and acknowledgement, then the start bit.
     take(start);
@@ -181,12 +181,12 @@ fn decode<E>(capture: &[u8; CAPTURE_BYTES], resolution: Resolution) -> Result<Fr
     let timeout = line.leading_zeros().min(CAPTURE_BITS - end);
     let ready = (line << timeout).leading_ones();
     if start_and_zero != 0b10 || timeout + ready != CAPTURE_BITS - end {
-        return Err(EncoderFault::Framing);
+        return Err(BissFault::Framing);
     }
     // Zeros in front do not change a CRC that begins with zero, so the content may be taken as whole bytes.
     let [_, _, _, bytes @ ..] = content.to_be_bytes();
     if CRC_6.checksum(&bytes) != crc {
-        return Err(EncoderFault::Crc);
+        return Err(BissFault::Crc);
     }
     Ok(Frame { start, position: (content >> flag_bits) as u32, good: content & 2 != 0, warns: content & 1 == 0 })
 }
@@ -227,12 +227,12 @@ mod tests {
         std::array::from_fn(|index| (line >> (8 * (CAPTURE_BYTES - 1 - index))) as u8)
     }
 
-    fn decoded(line: u128, resolution: Resolution) -> Result<Frame, EncoderFault<Infallible>> {
+    fn decoded(line: u128, resolution: Resolution) -> Result<Frame, BissFault<Infallible>> {
         decode(&bytes(line), resolution)
     }
 
     /// Reads one line after the other.
-    fn read(lines: &[u128], mounting: Mounting) -> Vec<Result<Angle, EncoderFault<ErrorKind>>> {
+    fn read(lines: &[u128], mounting: Mounting) -> Vec<Result<Angle, BissFault<ErrorKind>>> {
         let script: Vec<_> = lines
             .iter()
             .flat_map(|line| {
@@ -282,17 +282,17 @@ mod tests {
         let good = line(Resolution::Bits32, 9, 5, 3);
         let late = line(Resolution::Bits32, 12, 5, 3);
         let cases = [
-            (u128::MAX, Err(EncoderFault::NoAnswer)),
-            (0, Err(EncoderFault::NotReady)),
-            (good >> 3, Err(EncoderFault::NotReady)),
-            (1 << (CAPTURE_BITS - 1), Err(EncoderFault::NotReady)),
-            (1 << (CAPTURE_BITS - 1) | 1 << 40, Err(EncoderFault::Framing)),
-            (line(Resolution::Bits32, 9, 5, 0b01), Err(EncoderFault::Error)),
+            (u128::MAX, Err(BissFault::NoAnswer)),
+            (0, Err(BissFault::NotReady)),
+            (good >> 3, Err(BissFault::NotReady)),
+            (1 << (CAPTURE_BITS - 1), Err(BissFault::NotReady)),
+            (1 << (CAPTURE_BITS - 1) | 1 << 40, Err(BissFault::Framing)),
+            (line(Resolution::Bits32, 9, 5, 0b01), Err(BissFault::Error)),
             (good, Ok(Angle::from_ticks(5))),
-            (good ^ 1 << 60, Err(EncoderFault::Crc)),
+            (good ^ 1 << 60, Err(BissFault::Crc)),
             // Low, high and low again behind the frame.
-            (good ^ 1, Err(EncoderFault::Framing)),
-            (late, Err(EncoderFault::Framing)),
+            (good ^ 1, Err(BissFault::Framing)),
+            (late, Err(BissFault::Framing)),
             (late, Ok(Angle::from_ticks(5))),
         ];
         for ((line, expected), found) in cases.iter().zip(read(&cases.map(|(line, _)| line), Mounting::STRAIGHT)) {
@@ -344,7 +344,7 @@ mod tests {
             prop_assume!(a != b);
             let last = CAPTURE_BITS - (2 + ack + 2 + 40);
             let wrong = line(Resolution::Bits32, ack, position, flags) ^ 1 << (last + a) ^ 1 << (last + b);
-            prop_assert_eq!(decoded(wrong, Resolution::Bits32), Err(EncoderFault::Crc));
+            prop_assert_eq!(decoded(wrong, Resolution::Bits32), Err(BissFault::Crc));
         }
 
         #[test]

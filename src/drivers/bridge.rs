@@ -48,7 +48,7 @@ impl InputPin for NoPin {
 
 /// Why a bridge is off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BridgeFault {
+pub enum BridgeDriverFault {
     /// It has not been enabled, or not again after a fault.
     Off,
     /// Its fault line is low.
@@ -95,7 +95,7 @@ impl<P: SetDutyCycle, D: OutputPin, E: OutputPin, F: InputPin> Bridge<P, D, E, F
     ///
     /// # Errors
     /// A pin or the PWM failed; the bridge is off.
-    pub fn enable(&mut self) -> Result<(), BridgeFault> {
+    pub fn enable(&mut self) -> Result<(), BridgeDriverFault> {
         let enabled = self.try_enable();
         self.off_unless(enabled)
     }
@@ -104,9 +104,9 @@ impl<P: SetDutyCycle, D: OutputPin, E: OutputPin, F: InputPin> Bridge<P, D, E, F
     ///
     /// # Errors
     /// The bridge is off, for the reason given.
-    pub fn command(&mut self, part: f32) -> Result<(), BridgeFault> {
+    pub fn command(&mut self, part: f32) -> Result<(), BridgeDriverFault> {
         if !self.on {
-            return Err(BridgeFault::Off);
+            return Err(BridgeDriverFault::Off);
         }
         let driven = self.try_command(part);
         self.off_unless(driven)
@@ -116,14 +116,14 @@ impl<P: SetDutyCycle, D: OutputPin, E: OutputPin, F: InputPin> Bridge<P, D, E, F
     ///
     /// # Errors
     /// A pin or the PWM failed, and the motor may still be driven.
-    pub fn off(&mut self) -> Result<(), BridgeFault> {
+    pub fn off(&mut self) -> Result<(), BridgeDriverFault> {
         (self.on, self.duty) = (false, 0);
         let duty = self.pwm.set_duty_cycle(0).map_err(pwm_fault);
         let enable = self.enable.set_low().map_err(pin_fault);
         duty.and(enable)
     }
 
-    fn off_unless(&mut self, done: Result<(), BridgeFault>) -> Result<(), BridgeFault> {
+    fn off_unless(&mut self, done: Result<(), BridgeDriverFault>) -> Result<(), BridgeDriverFault> {
         if done.is_err() {
             // The first fault is the one to tell.
             let _ = self.off();
@@ -131,7 +131,7 @@ impl<P: SetDutyCycle, D: OutputPin, E: OutputPin, F: InputPin> Bridge<P, D, E, F
         done
     }
 
-    fn try_enable(&mut self) -> Result<(), BridgeFault> {
+    fn try_enable(&mut self) -> Result<(), BridgeDriverFault> {
         self.write_duty(0)?;
         self.turn(true)?;
         self.enable.set_high().map_err(pin_fault)?;
@@ -139,12 +139,12 @@ impl<P: SetDutyCycle, D: OutputPin, E: OutputPin, F: InputPin> Bridge<P, D, E, F
         Ok(())
     }
 
-    fn try_command(&mut self, part: f32) -> Result<(), BridgeFault> {
+    fn try_command(&mut self, part: f32) -> Result<(), BridgeDriverFault> {
         if self.fault.is_low().map_err(pin_fault)? {
-            return Err(BridgeFault::Reported);
+            return Err(BridgeDriverFault::Reported);
         }
         if !part.is_finite() {
-            return Err(BridgeFault::Command);
+            return Err(BridgeDriverFault::Command);
         }
         let (forward, duty) = (part > 0.0, self.duty_of(part));
         if duty == 0 || forward == self.forward {
@@ -165,25 +165,25 @@ impl<P: SetDutyCycle, D: OutputPin, E: OutputPin, F: InputPin> Bridge<P, D, E, F
         (duty as u16).min(highest)
     }
 
-    fn write_duty(&mut self, duty: u16) -> Result<(), BridgeFault> {
+    fn write_duty(&mut self, duty: u16) -> Result<(), BridgeDriverFault> {
         self.pwm.set_duty_cycle(duty).map_err(pwm_fault)?;
         self.duty = duty;
         Ok(())
     }
 
-    fn turn(&mut self, forward: bool) -> Result<(), BridgeFault> {
+    fn turn(&mut self, forward: bool) -> Result<(), BridgeDriverFault> {
         self.direction.set_state(forward.into()).map_err(pin_fault)?;
         self.forward = forward;
         Ok(())
     }
 }
 
-fn pwm_fault(error: impl pwm::Error) -> BridgeFault {
-    BridgeFault::Pwm(error.kind())
+fn pwm_fault(error: impl pwm::Error) -> BridgeDriverFault {
+    BridgeDriverFault::Pwm(error.kind())
 }
 
-fn pin_fault(error: impl digital::Error) -> BridgeFault {
-    BridgeFault::Pin(error.kind())
+fn pin_fault(error: impl digital::Error) -> BridgeDriverFault {
+    BridgeDriverFault::Pin(error.kind())
 }
 
 #[cfg(test)]
@@ -215,7 +215,7 @@ mod tests {
         let script = [duties(&[0]), asked(&[500, 0, 1000, 0, 0, 1])].concat();
         let (mut pwm, mut direction) = (Pwm::new(&script), levels(&[State::High, State::Low, State::High]));
         let mut bridge = Bridge::new(pwm.clone(), direction.clone());
-        assert_eq!(bridge.command(0.5), Err(BridgeFault::Off));
+        assert_eq!(bridge.command(0.5), Err(BridgeDriverFault::Off));
         bridge.enable().unwrap();
         for part in [0.5, -3.0, -3.0, 0.0, -0.0004, 0.0006] {
             bridge.command(part).unwrap();
@@ -231,8 +231,8 @@ mod tests {
         let mut fault = Pin::new(&[Level::get(State::Low)]);
         let mut bridge = Bridge::with_pins(pwm.clone(), direction.clone(), enable.clone(), fault.clone());
         bridge.enable().unwrap();
-        assert_eq!(bridge.command(0.1), Err(BridgeFault::Reported));
-        assert_eq!(bridge.command(0.1), Err(BridgeFault::Off));
+        assert_eq!(bridge.command(0.1), Err(BridgeDriverFault::Reported));
+        assert_eq!(bridge.command(0.1), Err(BridgeDriverFault::Off));
         bridge.enable().unwrap();
         assert!(bridge.is_on());
         pwm.done();
@@ -247,7 +247,7 @@ mod tests {
             let (mut pwm, mut direction) = (Pwm::new(&duties(&[0, 0])), levels(&[State::High]));
             let mut bridge = Bridge::new(pwm.clone(), direction.clone());
             bridge.enable().unwrap();
-            assert_eq!(bridge.command(part), Err(BridgeFault::Command));
+            assert_eq!(bridge.command(part), Err(BridgeDriverFault::Command));
             assert!(!bridge.is_on());
             pwm.done();
             direction.done();
@@ -263,7 +263,7 @@ mod tests {
         let (mut direction, mut enable) = (levels(&[State::High]), levels(&[State::High, State::Low]));
         let mut bridge = Bridge::with_pins(pwm.clone(), direction.clone(), enable.clone(), NoPin);
         bridge.enable().unwrap();
-        assert_eq!(bridge.command(0.2), Err(BridgeFault::Pwm(pwm::ErrorKind::Other)));
+        assert_eq!(bridge.command(0.2), Err(BridgeDriverFault::Pwm(pwm::ErrorKind::Other)));
         assert!(!bridge.is_on());
         pwm.done();
         direction.done();

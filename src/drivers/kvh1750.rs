@@ -49,7 +49,7 @@ pub enum Rotation {
 
 /// How the unit has been set up.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
+pub struct Kvh1750Settings {
     /// Outputs per second.
     pub rate_hz: f64,
     /// What it sends as rotation.
@@ -62,14 +62,14 @@ pub struct Settings {
     pub latency_us: u32,
 }
 
-impl Default for Settings {
+impl Default for Kvh1750Settings {
     /// 200 Hz on request, with the middle of the latencies that the manual has; rates in rad/s, 921 600 baud.
     fn default() -> Self {
         Self { rate_hz: 200.0, rotation: Rotation::Rate, degrees: false, baud: 921_600, latency_us: 65 }
     }
 }
 
-impl Settings {
+impl Kvh1750Settings {
     /// From a request, or the end of an interval, to the last bit of its message, us; a byte has ten bits.
     pub fn answer_us(&self) -> u64 {
         let message_s = 10.0 * MESSAGE_BYTES as f64 / f64::from(self.baud);
@@ -93,7 +93,7 @@ impl Settings {
 
 /// What was thrown away. Each counter stops at its greatest value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Dropped {
+pub struct Discarded {
     /// Bytes that are of no message.
     pub bytes: u32,
     /// Messages with a wrong CRC.
@@ -108,25 +108,25 @@ pub struct Kvh1750 {
     counter: Counter,
     message: [u8; MESSAGE_BYTES],
     length: usize,
-    dropped: Dropped,
+    discarded: Discarded,
 }
 
 impl Kvh1750 {
     /// A unit set up like this, of which nothing has come yet.
-    pub fn new(settings: &Settings) -> Self {
+    pub fn new(settings: &Kvh1750Settings) -> Self {
         Self {
             lag_us: settings.lag_us(),
             rotation_rad_s: settings.rotation_rad_s(),
             counter: Counter::new(7),
             message: [0; MESSAGE_BYTES],
             length: 0,
-            dropped: Dropped::default(),
+            discarded: Discarded::default(),
         }
     }
 
     /// What was thrown away so far.
-    pub fn dropped(&self) -> Dropped {
-        self.dropped
+    pub fn discarded(&self) -> Discarded {
+        self.discarded
     }
 
     /// Takes in a byte, which came at `now_us`; the last of a message brings its measurement, or what is wrong with it.
@@ -139,8 +139,8 @@ impl Kvh1750 {
         if self.length < MESSAGE_BYTES {
             return None;
         }
-        let Some(message) = Message::decode(&self.message) else {
-            self.dropped.messages = self.dropped.messages.saturating_add(1);
+        let Some(message) = Kvh1750Message::decode(&self.message) else {
+            self.discarded.messages = self.discarded.messages.saturating_add(1);
             self.drop_until_header(1);
             self.counter.lose();
             return Some(Err(ImuFault::Crc));
@@ -149,7 +149,11 @@ impl Kvh1750 {
         Some(self.reading(&message, now_us))
     }
 
-    fn reading<T: Real>(&mut self, message: &Message, now_us: u64) -> Result<ImuReading<T>, ImuFault<Infallible>> {
+    fn reading<T: Real>(
+        &mut self,
+        message: &Kvh1750Message,
+        now_us: u64,
+    ) -> Result<ImuReading<T>, ImuFault<Infallible>> {
         let mut numbers = message.rotation.iter().chain(&message.acceleration);
         if message.status != ALL_VALID || !numbers.all(|number| number.is_finite()) {
             self.counter.lose();
@@ -178,13 +182,13 @@ impl Kvh1750 {
             *place = *byte;
         }
         (self.message, self.length) = (kept, self.length.saturating_sub(from));
-        self.dropped.bytes = self.dropped.bytes.saturating_add(from as u32);
+        self.discarded.bytes = self.discarded.bytes.saturating_add(from as u32);
     }
 }
 
 /// What a message carries.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Message {
+pub struct Kvh1750Message {
     /// Rotation about x, y, z, as the unit has been set up.
     pub rotation: [f32; 3],
     /// Acceleration along x, y, z, g.
@@ -197,7 +201,7 @@ pub struct Message {
     pub temperature: i16,
 }
 
-impl Message {
+impl Kvh1750Message {
     /// Takes a message apart; `None` if it has another header or the CRC is wrong.
     pub fn decode(message: &[u8; MESSAGE_BYTES]) -> Option<Self> {
         let crc = u32::from_be_bytes(field::<32, 4, _>(message));
@@ -256,7 +260,7 @@ mod tests {
     #[test]
     fn a_recorded_message_is_read() {
         assert_eq!(crc_32(&RECORDED[..32]), 0x168d_8b1d);
-        let message = Message::decode(&RECORDED).unwrap();
+        let message = Kvh1750Message::decode(&RECORDED).unwrap();
         assert_eq!((message.status, message.sequence, message.temperature), (ALL_VALID, 71, 20));
         assert_eq!(message.acceleration[2], 0.994_506_84);
         assert_eq!(message.rotation[0], -0.013_941_793);
@@ -264,8 +268,13 @@ mod tests {
 
     #[test]
     fn units_and_stamp_are_as_set_up() {
-        let degrees = Settings { rotation: Rotation::Increment, degrees: true, latency_us: 10, ..Settings::default() };
-        for (settings, rate, time_us) in [(Settings::default(), 0.25, 997_045), (degrees, 50.0 * DEG, 997_100)] {
+        let degrees = Kvh1750Settings {
+            rotation: Rotation::Increment,
+            degrees: true,
+            latency_us: 10,
+            ..Kvh1750Settings::default()
+        };
+        for (settings, rate, time_us) in [(Kvh1750Settings::default(), 0.25, 997_045), (degrees, 50.0 * DEG, 997_100)] {
             let reading = push(&mut Kvh1750::new(&settings), &numbered(3))[0].unwrap();
             assert!((reading.omega_g.x - rate).abs() < 1e-15);
             assert!((reading.force_a - Vector3::new(0.0, -9.806_65, 19.6133)).amax() < 1e-14);
@@ -275,7 +284,7 @@ mod tests {
 
     #[test]
     fn missing_and_invalid_messages_are_told_once() {
-        let mut unit = Kvh1750::new(&Settings::default());
+        let mut unit = Kvh1750::new(&Kvh1750Settings::default());
         let mut damaged = numbered(126);
         damaged[10] ^= 1;
         let invalid = message([0.0; 6], ALL_VALID & !4, 127);
@@ -285,16 +294,16 @@ mod tests {
             push(&mut unit, &stream).iter().map(|pushed| pushed.map(|reading| reading.missed)).collect();
         let told = |bits: u8| Err(ImuFault::Status(bits.into()));
         assert_eq!(missed, [Ok(0), Err(ImuFault::Crc), told(ALL_VALID & !4), told(ALL_VALID), Ok(2)]);
-        assert_eq!(unit.dropped(), Dropped { bytes: 36, messages: 1 });
+        assert_eq!(unit.discarded(), Discarded { bytes: 36, messages: 1 });
     }
 
     #[test]
     fn a_message_behind_a_cut_one_is_not_lost() {
         for kept in 1..MESSAGE_BYTES {
-            let mut unit = Kvh1750::new(&Settings::default());
+            let mut unit = Kvh1750::new(&Kvh1750Settings::default());
             let stream = [numbered(0), numbered(1)[..kept].to_vec(), numbered(2), numbered(3)].concat();
             let read = push(&mut unit, &stream).iter().filter(|pushed| pushed.is_ok()).count();
-            assert_eq!((read, unit.dropped().bytes), (3, kept as u32), "{kept}");
+            assert_eq!((read, unit.discarded().bytes), (3, kept as u32), "{kept}");
         }
     }
 
@@ -304,7 +313,7 @@ mod tests {
             let [a, b, c] = rotation;
             let [d, e, f] = acceleration;
             let sent = message([a, b, c, d, e, f], status, sequence);
-            let decoded = Message::decode(&sent.try_into().unwrap()).unwrap();
+            let decoded = Kvh1750Message::decode(&sent.try_into().unwrap()).unwrap();
             prop_assert_eq!(decoded.rotation.map(f32::to_bits), rotation.map(f32::to_bits));
             prop_assert_eq!(decoded.acceleration.map(f32::to_bits), acceleration.map(f32::to_bits));
             prop_assert_eq!((decoded.status, decoded.sequence, decoded.temperature), (status, sequence, 21));
@@ -317,19 +326,19 @@ mod tests {
             for bit in [a, b] {
                 wrong[bit / 8] ^= 1 << (bit % 8);
             }
-            prop_assert_eq!(Message::decode(&wrong), None);
+            prop_assert_eq!(Kvh1750Message::decode(&wrong), None);
         }
 
         /// Whatever comes between, every whole message after it is read, and every byte is of a message or counted.
         #[test]
         fn noise_costs_no_message(noise in prop::collection::vec(any::<u8>(), 0..200), sequence in 0_u8..100) {
-            let mut unit = Kvh1750::new(&Settings::default());
+            let mut unit = Kvh1750::new(&Kvh1750Settings::default());
             push(&mut unit, &noise);
             let behind = (sequence..sequence + 4).flat_map(numbered).collect::<Vec<_>>();
             let read: Vec<_> = push(&mut unit, &behind).into_iter().filter_map(Result::ok).collect();
             prop_assert_eq!(read.len(), 4);
             prop_assert!(read.iter().all(|reading| reading.missed == 0));
-            prop_assert_eq!(unit.dropped().bytes, noise.len() as u32);
+            prop_assert_eq!(unit.discarded().bytes, noise.len() as u32);
         }
     }
 }

@@ -18,7 +18,7 @@ use crate::base::angle::{Angle, rad_to_ticks, ticks_to_rad};
 use crate::base::linear::{Real, real};
 use crate::base::profile::{MotionLimits, Point, Profile};
 use crate::base::units::{ARCSEC, DEG};
-use crate::gimbal::servo::{Drive, MotorAndLoad, PERIOD_S, Servo, Wanted};
+use crate::gimbal::servo::{Drive, MotorAndLoad, PERIOD_S, Servo, Setpoint};
 use crate::gimbal::{EncoderFault, FaultKind};
 use serde::{Deserialize, Serialize};
 
@@ -285,10 +285,10 @@ impl<T: Real> Axis<T> {
     }
 
     /// Where it should be now.
-    fn wanted(&self, now_us: u64) -> Wanted<T> {
+    fn wanted(&self, now_us: u64) -> Setpoint<T> {
         match self.mode {
-            Mode::Free { .. } => Wanted::rest(self.ticks.unwrap_or(0)),
-            Mode::Holding { ticks } => Wanted::rest(ticks),
+            Mode::Free { .. } => Setpoint::rest(self.ticks.unwrap_or(0)),
+            Mode::Holding { ticks } => Setpoint::rest(ticks),
             Mode::Moving { profile, from_ticks, start_us } => {
                 wanted_from(from_ticks, profile.at(since_s(start_us, now_us)))
             }
@@ -403,8 +403,8 @@ impl<T: Real> Axis<T> {
     }
 }
 
-fn wanted_from<T: Real>(from_ticks: i64, point: Point<T>) -> Wanted<T> {
-    Wanted { ticks: from_ticks + rad_to_ticks(point.angle_rad.widened()), point }
+fn wanted_from<T: Real>(from_ticks: i64, point: Point<T>) -> Setpoint<T> {
+    Setpoint { ticks: from_ticks + rad_to_ticks(point.angle_rad.widened()), point }
 }
 
 fn since_s<T: Real>(start_us: u64, now_us: u64) -> T {

@@ -47,7 +47,7 @@ pub enum MotionCommand {
 
 /// What the control interrupt has read.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sensed {
+pub struct GimbalInputs {
     /// Outer and inner encoder.
     pub encoders: [Result<Angle, EncoderFault>; 2],
     /// What the bridges of the outer and the inner motor have to say.
@@ -129,7 +129,7 @@ impl<T: Real> Gimbal<T> {
     }
 
     /// One control period: what the bridges of the outer and the inner motor are told until the next one.
-    pub fn control(&mut self, now_us: u64, sensed: &Sensed) -> [Drive<T>; 2] {
+    pub fn control(&mut self, now_us: u64, sensed: &GimbalInputs) -> [Drive<T>; 2] {
         let since_us = self.time_us.map_or(PERIOD_US, |before_us| now_us.saturating_sub(before_us));
         self.time_us = Some(now_us);
         for (axis, reading) in self.axes.iter_mut().zip(sensed.encoders) {
@@ -190,7 +190,7 @@ impl<T: Real> Gimbal<T> {
     }
 
     /// Looks for faults, and stops both axes for the first.
-    fn watch(&mut self, now_us: u64, sensed: &Sensed) {
+    fn watch(&mut self, now_us: u64, sensed: &GimbalInputs) {
         for (index, bridge) in (0_u8..).zip(sensed.bridges) {
             let Some(axis) = self.axes.get_mut(usize::from(index)) else { continue };
             let fault = axis.fault(now_us);
@@ -271,7 +271,7 @@ mod tests {
         let mut drives = [Drive::Off; 2];
         for _ in 0..count {
             let now_us = gimbal.time_us.unwrap_or(0) + PERIOD_US;
-            drives = gimbal.control(now_us, &Sensed { encoders, bridges: [Ok(()); 2] });
+            drives = gimbal.control(now_us, &GimbalInputs { encoders, bridges: [Ok(()); 2] });
         }
         drives
     }
@@ -305,7 +305,8 @@ mod tests {
     fn a_bridge_at_fault_is_not_switched_on_again_to_short_a_winding() {
         let mut gimbal = Gimbal::<f64>::new(&[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2]);
         periods(&mut gimbal, 10, [0.0; 2]);
-        let hot = Sensed { encoders: [Ok(Angle::default()); 2], bridges: [Err(BridgeFault::Overcurrent), Ok(())] };
+        let hot =
+            GimbalInputs { encoders: [Ok(Angle::default()); 2], bridges: [Err(BridgeFault::Overcurrent), Ok(())] };
         assert_eq!(gimbal.control(11 * PERIOD_US, &hot), [Drive::Off, Drive::Brake]);
         assert_eq!(periods(&mut gimbal, 100, [0.0; 2]), [Drive::Off, Drive::Brake]);
     }
@@ -351,7 +352,8 @@ mod tests {
         periods(&mut gimbal, 10, [0.0; 2]);
         gimbal.command(MotionCommand::Hold);
         let before = gimbal.status();
-        let hot = Sensed { encoders: [Ok(Angle::default()); 2], bridges: [Err(BridgeFault::Overcurrent), Ok(())] };
+        let hot =
+            GimbalInputs { encoders: [Ok(Angle::default()); 2], bridges: [Err(BridgeFault::Overcurrent), Ok(())] };
         gimbal.control(11 * PERIOD_US, &hot);
         gimbal.command_seen(MotionCommand::Hold, before.time_us);
         assert!(gimbal.status().fault.is_some() && gimbal.status().commands == 2);
@@ -367,7 +369,7 @@ mod tests {
         let (mut angle_rad, mut shorted_us, mut open_us) = (0.0, None, None);
         for period in 1..1000 {
             let (now_us, turned) = (period * PERIOD_US, Angle::from_ticks(rad_to_ticks(angle_rad) as u32));
-            let sensed = Sensed { encoders: [Ok(turned), Ok(Angle::default())], bridges: [Ok(()); 2] };
+            let sensed = GimbalInputs { encoders: [Ok(turned), Ok(Angle::default())], bridges: [Ok(()); 2] };
             let [outer, _] = gimbal.control(now_us, &sensed);
             match outer {
                 Drive::Off => open_us = open_us.or(Some(now_us)),
@@ -383,7 +385,7 @@ mod tests {
         let (shorted_us, open_us) = (shorted_us.expect("it is shorted first"), open_us.expect("it is switched off"));
         assert_eq!(open_us - shorted_us, 100_000);
         gimbal.command(MotionCommand::Release);
-        let standing = Sensed {
+        let standing = GimbalInputs {
             encoders: [Ok(Angle::from_ticks(rad_to_ticks(angle_rad) as u32)), Ok(Angle::default())],
             bridges: [Ok(()); 2],
         };

@@ -10,13 +10,13 @@
 
 use crate::base::angle::Angle;
 use crate::base::linear::Real;
-use crate::base::loss::Loss;
+use crate::base::loss::LossReason;
 use crate::drivers::biss::{self, BissEncoder};
 use crate::drivers::bridge::{self, Bridge};
 use crate::gimbal::angle_history::AngleHistory;
 use crate::gimbal::axis::AxisLimits;
 use crate::gimbal::servo::{Drive, MotorAndLoad};
-use crate::gimbal::{BridgeFault, EncoderFault, Gimbal, GimbalStatus, MotionCommand, Sensed};
+use crate::gimbal::{BridgeFault, EncoderFault, Gimbal, GimbalInputs, GimbalStatus, MotionCommand};
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
 use embedded_hal::spi::SpiDevice;
@@ -47,7 +47,7 @@ impl<P: SetDutyCycle, D: OutputPin, E: OutputPin, F: InputPin> MotorBridge for B
             Drive::Duty(_) | Drive::Brake => self.enable(),
         };
         done.map_err(|fault| match fault {
-            bridge::BridgeFault::Reported => BridgeFault::Overcurrent,
+            bridge::BridgeDriverFault::Reported => BridgeFault::Overcurrent,
             _ => BridgeFault::Silent,
         })
     }
@@ -67,7 +67,7 @@ pub struct Control<T: Real, S, B> {
     gimbal: Gimbal<T>,
     history: [AngleHistory; 2],
     /// Why the last bad reading of each encoder was none.
-    losses: [Loss; 2],
+    losses: [LossReason; 2],
     driven: [Result<(), BridgeFault>; 2],
     pending: Deque<Pending, COMMANDS>,
     late_commands: u32,
@@ -81,7 +81,7 @@ impl<T: Real, S: SpiDevice, B: MotorBridge> Control<T, S, B> {
             bridges,
             gimbal,
             history: [AngleHistory::new(), AngleHistory::new()],
-            losses: [Loss::Status; 2],
+            losses: [LossReason::Status; 2],
             driven: [Ok(()); 2],
             pending: Deque::new(),
             late_commands: 0,
@@ -93,7 +93,7 @@ impl<T: Real, S: SpiDevice, B: MotorBridge> Control<T, S, B> {
         let start_us = now_us();
         self.take_commands(start_us);
         let [outer, inner] = [0, 1].map(|axis| self.read(axis, &now_us));
-        let sensed = Sensed { encoders: [outer, inner], bridges: self.driven };
+        let sensed = GimbalInputs { encoders: [outer, inner], bridges: self.driven };
         let drives = self.gimbal.control(start_us, &sensed);
         for ((driven, bridge), drive) in self.driven.iter_mut().zip(&mut self.bridges).zip(drives) {
             *driven = bridge.drive(match drive {
@@ -156,7 +156,7 @@ impl<T: Real, S: SpiDevice, B: MotorBridge> Control<T, S, B> {
     ///
     /// # Errors
     /// An encoder has no angle for that time, for the reason of its last bad reading.
-    pub fn view(&self, time_us: u64) -> Result<([Angle; 2], GimbalStatus), Loss> {
+    pub fn view(&self, time_us: u64) -> Result<([Angle; 2], GimbalStatus), LossReason> {
         let [outer, inner] = &self.history;
         let [of_outer, of_inner] = self.losses;
         let angles = [outer.at(time_us).ok_or(of_outer)?, inner.at(time_us).ok_or(of_inner)?];
@@ -175,11 +175,11 @@ impl<T: Real, S: SpiDevice, B: MotorBridge> Control<T, S, B> {
 }
 
 /// What a missing reading is to the sample and to the axis.
-fn told<E>(fault: &biss::EncoderFault<E>) -> (Loss, EncoderFault) {
+fn told<E>(fault: &biss::BissFault<E>) -> (LossReason, EncoderFault) {
     match fault {
-        biss::EncoderFault::Bus(_) => (Loss::Bus, EncoderFault::Silent),
-        biss::EncoderFault::NoAnswer | biss::EncoderFault::NotReady => (Loss::Status, EncoderFault::Silent),
-        biss::EncoderFault::Framing | biss::EncoderFault::Crc => (Loss::Crc, EncoderFault::Crc),
-        biss::EncoderFault::Error => (Loss::Status, EncoderFault::Alarm),
+        biss::BissFault::Bus(_) => (LossReason::Bus, EncoderFault::Silent),
+        biss::BissFault::NoAnswer | biss::BissFault::NotReady => (LossReason::Status, EncoderFault::Silent),
+        biss::BissFault::Framing | biss::BissFault::Crc => (LossReason::Crc, EncoderFault::Crc),
+        biss::BissFault::Error => (LossReason::Status, EncoderFault::Alarm),
     }
 }

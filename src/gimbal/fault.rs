@@ -67,7 +67,7 @@ impl FaultKind {
 
 impl Fault {
     /// Whether the axes may be turned again without anyone having looked at them.
-    pub fn lets_park(&self) -> bool {
+    pub fn allows_parking(&self) -> bool {
         self.kind.is_controllable()
     }
 }

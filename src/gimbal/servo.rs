@@ -153,14 +153,14 @@ pub enum Drive<T> {
 
 /// What the servo shall follow.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wanted<T> {
+pub struct Setpoint<T> {
     /// Angle, counted over whole turns, ticks.
     pub ticks: i64,
     /// Rate and acceleration there; its angle is not looked at.
     pub point: Point<T>,
 }
 
-impl<T: Real> Wanted<T> {
+impl<T: Real> Setpoint<T> {
     /// Rest at an angle.
     pub fn rest(ticks: i64) -> Self {
         Self { ticks, point: Point::default() }
@@ -248,7 +248,7 @@ impl<T: Real> Servo<T> {
     }
 
     /// Duty of the motor's bridge for the period that begins, -1..1.
-    pub fn duty(&mut self, wanted: &Wanted<T>, ticks: i64) -> T {
+    pub fn duty(&mut self, wanted: &Setpoint<T>, ticks: i64) -> T {
         let Point { rate_rad_s: profile_rad_s, acceleration_rad_s2, .. } = wanted.point;
         self.filter_wanted(profile_rad_s);
         let rests = profile_rad_s == T::zero();

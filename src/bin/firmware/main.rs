@@ -18,7 +18,7 @@ mod work;
 use board::{Board, ThisBoard};
 use cortex_m::singleton;
 use cortex_m_rt::entry;
-use rins_selfcal::acquisition::queue::Observed;
+use rins_selfcal::acquisition::queue::SampleAndStatus;
 use rins_selfcal::base::restart::Task;
 #[cfg(not(feature = "optional-states"))]
 use rins_selfcal::estimator::BASIC_STATES;
@@ -138,7 +138,7 @@ fn follow(board: &mut impl Board, link: &mut Link, run: &mut SelfCalibration<'_,
     let mut samples = 0;
     while board.powered() {
         watchdog::report(Task::Main, board.now_us());
-        while let Some(Observed { sample, gimbal }) = board.parts().samples.pop() {
+        while let Some(SampleAndStatus { sample, gimbal }) = board.parts().samples.pop() {
             watchdog::progress(board.now_us());
             samples += 1;
             let (span, mut work) = (Span::start(), work_in(run.state()));
@@ -223,7 +223,7 @@ fn replay(
     let mut samples = 0;
     while board.powered() {
         watchdog::report(Task::Main, board.now_us());
-        while let Some(Observed { sample, .. }) = board.parts().samples.pop() {
+        while let Some(SampleAndStatus { sample, .. }) = board.parts().samples.pop() {
             watchdog::progress(board.now_us());
             samples += 1;
             if let Some(progress) = calibrator.step(&sample) {
