@@ -85,7 +85,7 @@ mod tests {
             (
                 State::Turn(3),
                 stalled,
-                "segment 5, move of leg 3: inner axis at -37.25 deg: stalled, 0.0 deg/s where 20.0 are wanted",
+                "segment 5, move of leg 3: inner axis at -37.25 deg: stalled at 0.0 deg/s, commanded 20.0 deg/s",
             ),
             (State::Turn(0), AbortReason::TurnTimeout, "on the way to the start: the axes did not arrive in time"),
             (State::Dwell(0), AbortReason::Commanded, "segment 0, first stop: given up on command"),
