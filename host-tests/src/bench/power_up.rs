@@ -9,10 +9,10 @@ use crate::calibration::refusal::refused;
 use crate::virtual_unit::plant::Output;
 use crate::virtual_unit::plant::{Plant, Tick};
 use anyhow::{Context, Result, anyhow};
-use rins_selfcal::acquisition::queue::{Observed, SampleConsumer, SampleProducer, SampleQueue};
+use rins_selfcal::acquisition::queue::{SampleAndStatus, SampleConsumer, SampleProducer, SampleQueue};
 use rins_selfcal::base::angle::Angle;
 use rins_selfcal::base::linear::Real;
-use rins_selfcal::base::loss::Losses;
+use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::restart::Restart;
 use rins_selfcal::base::sample::{CorrectedSample, SampleStatus};
 use rins_selfcal::estimator::MAX_SEGMENTS;
@@ -198,11 +198,11 @@ impl<T: Real, P: Plant, L: Line, N: Listener<T>> Surroundings<T> for VirtualBoar
         self.bench.borrow().now_us()
     }
 
-    fn next_sample(&mut self) -> Option<Observed<T>> {
+    fn next_sample(&mut self) -> Option<SampleAndStatus<T>> {
         self.samples.pop()
     }
 
-    fn losses(&mut self) -> Losses {
+    fn losses(&mut self) -> LossCounts {
         self.samples.losses()
     }
 
