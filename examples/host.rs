@@ -1,6 +1,7 @@
 //! The core on a log: `cargo run --release -p host-tests --example host -- LOG.csv`
 use anyhow::{Context, Result};
-use host_tests::base::quantity::{sigmas, values};
+use host_tests::base::quantity::sigmas;
+use host_tests::base::quantity::values;
 use host_tests::calibration::raw_sample;
 use host_tests::files::unit_file::UnitConfig;
 use host_tests::log::LogReader;

@@ -21,10 +21,11 @@ use rins_selfcal::run::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::run::calibrator::CalibratorConfig;
 use rins_selfcal::run::config::SelfCalibrationConfig;
 use rins_selfcal::run::policy::PowerUpPolicy;
+use rins_selfcal::run::telemetry::Message;
 use rins_selfcal::scheme::Scheme;
 use std::fs::File;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -55,11 +56,12 @@ fn instrument(line: File, off: &Arc<AtomicBool>) -> Memory {
     let (config, rins) = assignment();
     let bench = shared(Unit(rins, Arc::clone(off)));
     let (mut memory, mut line) = (Memory::default(), Terminal::new(line));
-    self_calibrate::<f64, BASIC_STATES, _>(&config, &mut memory, &bench, &mut line, &mut |_| ()).expect("it powers up");
+    self_calibrate::<f64, BASIC_STATES, _>(&config, &mut memory, &bench, &mut line, &mut |_: &Message| ())
+        .expect("it powers up");
     memory
 }
 
-fn monitor(port: &Path, options: &[&str]) -> Output {
+fn monitor(port: &Path, options: &[&str]) -> std::process::Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_rins"));
     // An emulator on a busy machine is slow.
     command.arg("monitor").arg("--port").arg(port).args(["--wait", "60"]).args(options).output().expect("it runs")
