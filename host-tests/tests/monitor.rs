@@ -9,7 +9,7 @@ use host_tests::bench::memory::VirtualEeprom;
 use host_tests::bench::power_up::{Listener, Memory, self_calibrate, shared};
 use host_tests::virtual_unit::drive::move_durations_s;
 use host_tests::virtual_unit::driven::DrivenRins;
-use host_tests::virtual_unit::plant::{Output, Paced, Plant, Tick};
+use host_tests::virtual_unit::plant::{self, Paced, Plant, Tick};
 use host_tests::virtual_unit::presets;
 use host_tests::virtual_unit::unit::VirtualUnit;
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
@@ -41,7 +41,7 @@ use std::time::Duration;
 struct Unit(DrivenRins, Arc<AtomicBool>);
 
 impl Plant for Unit {
-    fn advance(&mut self, outputs: [Output; 2]) -> Option<Tick> {
+    fn advance(&mut self, outputs: [plant::Output; 2]) -> Option<Tick> {
         if self.1.load(Ordering::Relaxed) { None } else { self.0.advance(outputs) }
     }
 }

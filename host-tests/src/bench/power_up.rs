@@ -6,8 +6,8 @@ use super::emulator::image::Image;
 use super::emulator::{Run, Setup, run};
 use super::line::{Line, Unconnected};
 use crate::calibration::refusal::refused;
-use crate::virtual_unit::plant::Output;
-use crate::virtual_unit::plant::{Plant, Tick};
+
+use crate::virtual_unit::plant::{Output, Plant, Tick};
 use anyhow::{Context, Result, anyhow};
 use rins_selfcal::acquisition::queue::{SampleAndStatus, SampleConsumer, SampleProducer, SampleQueue};
 use rins_selfcal::base::angle::Angle;

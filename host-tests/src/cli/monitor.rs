@@ -1,7 +1,8 @@
 //! `rins monitor`
 
+use super::ending::Ending;
 use super::output::{is_quiet, must_sayln};
-use super::{Ending, files, history};
+use super::{files, history};
 use crate::files::json_file::write_json;
 use crate::files::toml_file::TomlFile;
 use crate::monitor::history::History;
