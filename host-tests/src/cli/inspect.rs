@@ -10,7 +10,7 @@ use crate::files::scheme_file::write_scheme;
 use crate::files::unit_file::{Noise, UnitConfig};
 use crate::inspect::{Inspection, Request, Sampling, SegmentSeen};
 use crate::log::Mapping;
-use crate::plan::prediction::SampleAndStatus;
+use crate::plan::prediction::Observed;
 use crate::result::table;
 use anyhow::{Context, bail};
 use rins_selfcal::base::units::{DEG_H, DEG_SQRT_H, MICRO_G};
@@ -215,7 +215,7 @@ fn toml_of(noise: &Noise) -> String {
     toml.lines().map(|line| format!("    {line}\n")).collect()
 }
 
-fn observable(observed: &SampleAndStatus) -> String {
+fn observable(observed: &Observed) -> String {
     let hidden = if observed.unobserved.is_empty() {
         String::new()
     } else {
