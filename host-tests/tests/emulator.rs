@@ -272,7 +272,7 @@ fn harm(message: u64) -> Option<Harm> {
     (rest == 25).then_some(harm)
 }
 
-/// Lost samples, and how many messages came or were missed.
+/// Lost samples, and how many messages were received or missed.
 fn calibrates_with_kvh_1750(put: Put) -> (LossCounts, u64) {
     let image = image(Variant { imu: Imu::Kvh1750, ..Board::Mps2An500.into() });
     let scheme = Scheme::named("fast-60").expect("in the library");

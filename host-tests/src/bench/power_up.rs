@@ -9,7 +9,7 @@ use crate::calibration::refusal::refused;
 
 use crate::virtual_unit::plant::{Output, Plant, Tick};
 use anyhow::{Context, Result, anyhow};
-use rins_selfcal::acquisition::queue::{SampleAndStatus, SampleConsumer, SampleProducer, SampleQueue};
+use rins_selfcal::acquisition::queue::{SampleConsumer, SampleProducer, SampleQueue, SampleWithGimbal};
 use rins_selfcal::base::angle::Angle;
 use rins_selfcal::base::linear::Real;
 use rins_selfcal::base::loss::LossCounts;
@@ -201,7 +201,7 @@ impl<T: Real, P: Plant, L: Line, N: Listener<T>> Surroundings<T> for VirtualBoar
         self.bench.borrow().now_us()
     }
 
-    fn next_sample(&mut self) -> Option<SampleAndStatus<T>> {
+    fn next_sample(&mut self) -> Option<SampleWithGimbal<T>> {
         let next = self.samples.pop()?;
         self.listener.raw(&next.sample);
         Some(next)

@@ -9,7 +9,7 @@ use crate::files::scheme_file::write_scheme;
 use crate::files::unit_file::{Noise, UnitConfig};
 use crate::inspect::{Inspection, Request, Sampling, SegmentSeen};
 use crate::log::Mapping;
-use crate::plan::prediction::SampleAndStatus;
+use crate::plan::prediction::Observed;
 use crate::result::table;
 use anyhow::{Context, bail};
 use clap::Args;
@@ -240,7 +240,7 @@ fn toml_of(noise: &Noise) -> String {
     toml.lines().map(|line| format!("    {line}\n")).collect()
 }
 
-fn observable(observed: &SampleAndStatus) -> String {
+fn observable(observed: &Observed) -> String {
     let hidden = if observed.unobserved.is_empty() {
         String::new()
     } else {
