@@ -77,7 +77,7 @@ pub enum EarthRateAxis {
 /// What the segments say about what was configured: of the Earth rate felt less that of the site, north and up, score
 /// (s/rad) and information (s^2/rad^2), and of the heading.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Settings {
+pub struct SettingEvidence {
     /// Score, north and up.
     pub earth_rate_score: [f64; 2],
     /// Information: north, north with up, up.
@@ -88,7 +88,7 @@ pub struct Settings {
     pub heading_sigmas: f64,
 }
 
-impl Settings {
+impl SettingEvidence {
     /// Product of two differences of Earth rates, weighted by the information.
     pub fn product(&self, [a_north, a_up]: [f64; 2], [b_north, b_up]: [f64; 2]) -> f64 {
         let [north, across, up] = self.earth_rate_information;
@@ -260,7 +260,7 @@ impl<const STATES: usize> Suspects<STATES> {
             }
             let changed = match suspect.change {
                 Change::Step(of) if first => Some((parameter(of), 1.0)),
-                Change::Heading if first => Some((ENCODER_ERRORS + block::ATTITUDE + 2, 1.0)),
+                Change::Heading if first => Some((ENCODER_ERRORS + block::HEADING, 1.0)),
                 Change::Ramp(of) => Some((parameter(of), passed_s)),
                 Change::Slip(axis) if is_move => Some((encoder(axis), 1.0)),
                 Change::EncoderScale(axis) if is_move => turned(axis).map(|turned| (encoder(axis), turned)),
@@ -304,13 +304,13 @@ impl<const STATES: usize> Suspects<STATES> {
     }
 
     /// What the segments say about what was configured, if that was under test.
-    pub fn settings(&self) -> Option<Settings> {
+    pub fn settings(&self) -> Option<SettingEvidence> {
         let found = |change| self.suspects.iter().find(|suspect| suspect.change == change);
         let of = |axis| found(Change::EarthRate(axis)).map(|suspect| (suspect.score, suspect.information));
         let heading = found(Change::Heading)?.suspicion(&[0.0; PARAMETERS]);
         let ((north, i_nn), (up, i_uu)) = (of(EarthRateAxis::North)?, of(EarthRateAxis::Up)?);
         let (_, both) = of(EarthRateAxis::Both)?;
-        Some(Settings {
+        Some(SettingEvidence {
             earth_rate_score: [north, up],
             earth_rate_information: [i_nn, 0.5 * (both - i_nn - i_uu), i_uu],
             heading_rad: heading.size,

@@ -15,7 +15,8 @@ use crate::base::linear::{ComplexField, Matrix, Vector, Vector3, singular_values
 use crate::base::profile::Profile;
 use crate::base::site::Site;
 use crate::model::error_model::InstrumentErrors;
-use crate::model::measurement::{accel_non_orthogonality_matrix, gyro_non_orthogonality_matrix};
+use crate::model::rotation::gyro_non_orthogonality_matrix;
+use crate::model::stop_force::accel_non_orthogonality_matrix;
 use crate::scheme::{Leg, Scheme};
 
 /// Bai's states: Sgxy Sgxz Sgyx Sgyz Sgzx Sgzy, Sayz Sazx Sazy, alpha beta gamma.

@@ -5,10 +5,11 @@
 //! level and faces north: one sweep, done at power-up before anything turns. Windows are those of the segmenter, but for
 //! its blocks of 0.1 s, of which a stop loses a part that is taken as its mean.
 
+use super::joint::Estimator;
+use super::solution::OBSERVED_RATIO;
 use crate::base::angle::Angle;
 use crate::base::linear::{ComplexField, Real, Vector3, real};
 use crate::base::profile::Profile;
-use crate::estimator::{Estimator, OBSERVED_RATIO};
 use crate::model::error_model::{InstrumentErrors, PARAMETERS, block};
 use crate::model::measurement::MeasurementModel;
 use crate::scheme::{SETTLING_S, Scheme};
@@ -22,7 +23,6 @@ pub const BLOCK_LOSS_S: f64 = 0.05;
 pub const SHORTEST_STOP_S: f64 = 0.5;
 /// Steps of the integrals over a move: midpoint rule, good to 4e-4 over half a turn.
 const STEPS: u32 = 32;
-const HEADING: usize = block::ATTITUDE + 2;
 
 /// A stop of a scheme: where, and for how long after settling.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -188,7 +188,7 @@ pub fn unobserved<T: Real, const SEGMENTS: usize, const STATES: usize>(
     let sigmas = estimator.estimate().sigmas;
     let wide = |(parameter, (sigma, prior)): (usize, (&f64, &f64))| {
         // NaN is not observed either.
-        let observed = *sigma <= OBSERVED_RATIO * prior || *prior == 0.0 || parameter == HEADING;
+        let observed = *sigma <= OBSERVED_RATIO * prior || *prior == 0.0 || parameter == block::HEADING;
         (!observed).then_some(parameter as u8)
     };
     sigmas.iter().zip(&config.prior_sigmas()).enumerate().take(PARAMETERS).find_map(wide)
@@ -196,9 +196,9 @@ pub fn unobserved<T: Real, const SEGMENTS: usize, const STATES: usize>(
 
 #[cfg(test)]
 mod tests {
+    use super::super::configuration::EstimatorConfig;
     use super::*;
     use crate::base::method::Method;
-    use crate::estimator::EstimatorConfig;
     use crate::run::assignment::Assignment;
     use std::boxed::Box;
 

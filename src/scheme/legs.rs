@@ -1,10 +1,7 @@
 //! Rotation schemes as data: which way to turn, how fast, how long to stand.
 
-use super::library::{BAI, LIBRARY, LibraryScheme, compiled_in, of_quarters};
 use super::limits::{MAX_LEGS, MAX_NAME_BYTES};
-use crate::base::method::Method;
 use crate::base::profile::Profile;
-use crate::base::units::DEG;
 use core::fmt;
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
@@ -93,33 +90,6 @@ impl fmt::Display for SchemeError {
 }
 
 impl Scheme {
-    /// Scheme "bai": `periods` of 18 moves at 20 deg/s with 19 stops of `stop_s` each. Bai stands 200 s and runs two.
-    pub fn bai(stop_s: f64, periods: u8) -> Self {
-        Self {
-            name: String::try_from("bai").unwrap_or_default(),
-            rate_rad_s: 20.0 * DEG,
-            acceleration_rad_s2: 20.0 * DEG,
-            first_stop_s: stop_s,
-            legs: of_quarters(&BAI, stop_s),
-            periods,
-        }
-    }
-
-    /// The scheme of this name: the one that was compiled in, or one of the library.
-    pub fn named(name: &str) -> Option<Self> {
-        let of_library = || LIBRARY.iter().find(|entry| entry.name == name).map(LibraryScheme::scheme);
-        compiled_in().filter(|scheme| scheme.name == name).or_else(of_library)
-    }
-
-    /// What a method runs where no scheme is given: three minutes, or both of Bai's periods.
-    pub fn default_for(method: Method) -> Self {
-        match method {
-            // It is in the library.
-            Method::Joint => Self::named("fast-180").unwrap_or_else(|| Self::bai(10.0, 1)),
-            Method::TwoStage => Self::bai(200.0, 2),
-        }
-    }
-
     /// Checks every number.
     ///
     /// # Errors
@@ -194,6 +164,7 @@ impl Scheme {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::units::DEG;
 
     #[test]
     fn bai_is_a_closed_period_of_64_7_minutes() {

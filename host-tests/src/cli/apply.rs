@@ -9,7 +9,7 @@ use crate::log::{LogReader, LogWriter};
 use crate::plant::Reading;
 use crate::saved::Saved;
 use rins_selfcal::base::linear::Vector3;
-use rins_selfcal::model::error_model::Calibration;
+use rins_selfcal::model::correction::Calibration;
 
 /// Rows between two looks at the counter.
 const TICK: u64 = 10_000;
