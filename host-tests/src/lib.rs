@@ -10,6 +10,7 @@
 //! closed_loop, prediction -> plot, monte_carlo -^
 //! inspect: what a log of any columns is
 //! saved: a result read back -> comparison; history: all that an instrument keeps
+//! observability: what a rotation scheme makes observable
 //! bai: what the source of the method publishes; replication: what is run to be laid beside it -> page
 //! monitor: the other end of the instrument's serial line, `line` the instrument's own end in this process
 //! plan: finds schemes; prediction then says what the core makes of them
@@ -44,6 +45,7 @@ pub mod memory;
 pub mod monitor;
 pub mod monte_carlo;
 pub mod motor;
+pub mod observability;
 pub mod page;
 pub mod plan;
 pub mod plant;

@@ -18,7 +18,7 @@
 
 use crate::base::linear::{ComplexField, Real, Vector, zeros};
 use crate::base::units::ARCSEC;
-use crate::model::error_model::{PARAMETERS, block};
+use crate::model::error_model::{INSTALLATION_STATES, PARAMETERS, block};
 use crate::model::measurement::ENCODER_ERRORS;
 use crate::segment::{Segment, SegmentKind};
 use serde::{Deserialize, Serialize};
@@ -333,7 +333,7 @@ impl<const STATES: usize> Suspect<STATES> {
     fn suspicion(&self, sigmas: &[f64; PARAMETERS]) -> Suspicion {
         let sigma = ComplexField::sqrt(self.information.max(f64::MIN_POSITIVE)).recip();
         // Installation errors do not change, so what is not absorbed of them is what they are wrong by.
-        let wrong = self.not_absorbed.iter().skip(ENCODER_ERRORS).take(block::ACCEL_BIAS).zip(sigmas);
+        let wrong = self.not_absorbed.iter().skip(ENCODER_ERRORS).take(INSTALLATION_STATES).zip(sigmas);
         let harm = wrong.fold(0.0_f64, |harm, (wrong, parameter_sigma)| {
             let tolerance = (TOLERANCE_SIGMAS * parameter_sigma).max(TOLERANCE_RAD);
             harm.max(f64::from(*wrong).abs() * sigma / tolerance)

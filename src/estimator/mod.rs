@@ -4,7 +4,6 @@ mod configuration;
 pub mod constancy;
 pub mod filter;
 mod joint;
-pub mod observability;
 mod passes;
 pub mod rehearsal;
 mod solution;

@@ -42,6 +42,10 @@ pub mod block {
     pub const HEADING: usize = ATTITUDE + 2;
 }
 
+/// Number of installation errors, the leading parameters and the states of the paper's method: Sgxy Sgxz Sgyx Sgyz Sgzx
+/// Sgzy, Sayz Sazx Sazy, alpha beta gamma.
+pub const INSTALLATION_STATES: usize = block::ACCEL_BIAS;
+
 /// Name and unit of a parameter, for reports.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ParameterInfo {

@@ -12,8 +12,8 @@ pub const SETTLING_S: f64 = 0.3;
 /// Longest nominal duration, s: a week. What lasts longer is a mistake, and beyond some years times would overflow.
 const LONGEST_S: f64 = 7.0 * 86_400.0;
 
-/// One move and the stop after it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// One move and the stop after it. The first stop of a scheme is a leg to (0, 0) without a move.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Leg {
     /// Outer angle to move to, rad, counted over whole turns.
     pub outer_rad: f64,
@@ -21,6 +21,35 @@ pub struct Leg {
     pub inner_rad: f64,
     /// Time to stand there, s.
     pub stop_s: f64,
+}
+
+impl Leg {
+    /// Ways of the outer and the inner axis from the stop of another leg, rad.
+    pub fn ways_from(&self, from: &Self) -> [f64; 2] {
+        [self.outer_rad - from.outer_rad, self.inner_rad - from.inner_rad]
+    }
+}
+
+/// Rate and acceleration of a turning axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turning {
+    /// Highest rate, rad/s.
+    pub rate_rad_s: f64,
+    /// Acceleration, rad/s^2.
+    pub acceleration_rad_s2: f64,
+}
+
+impl Turning {
+    /// Motion of one axis over this way.
+    pub fn profile(&self, way_rad: f64) -> Profile<f64> {
+        Profile::trapezoid(way_rad, self.rate_rad_s, self.acceleration_rad_s2)
+    }
+
+    /// Nominal duration of a move from the stop of one leg to that of another, s: of the axis that takes longer.
+    pub fn move_s(&self, from: &Leg, to: &Leg) -> f64 {
+        let [outer_s, inner_s] = to.ways_from(from).map(|way_rad| self.profile(way_rad).duration_s());
+        outer_s.max(inner_s)
+    }
 }
 
 /// A rotation scheme: it starts with a stop at (0, 0); each leg is a move and a stop.
@@ -143,19 +172,29 @@ impl Scheme {
         Some(leg)
     }
 
-    /// Time of a trapezoidal (or, where it is short, triangular) move by `angle_rad`, s.
-    pub fn move_s(&self, angle_rad: f64) -> f64 {
-        Profile::trapezoid(angle_rad, self.rate_rad_s, self.acceleration_rad_s2).duration_s()
+    /// The stops of all periods; the first stop is a leg to (0, 0).
+    pub fn stops(&self) -> impl Iterator<Item = Leg> {
+        let first = Leg { stop_s: self.first_stop_s, ..Leg::default() };
+        core::iter::once(first).chain((0..).map_while(|index| self.leg(index)))
+    }
+
+    /// Rate and acceleration of the moves.
+    pub fn turning(&self) -> Turning {
+        Turning { rate_rad_s: self.rate_rad_s, acceleration_rad_s2: self.acceleration_rad_s2 }
+    }
+
+    /// Nominal duration of a move from the stop of one leg to that of another, s.
+    pub fn move_s(&self, from: &Leg, to: &Leg) -> f64 {
+        self.turning().move_s(from, to)
     }
 
     /// Nominal duration of all stops and moves, s, without settling beyond the stops' own time.
     pub fn duration_s(&self) -> f64 {
-        let mut from = (0.0, 0.0);
+        let mut from = Leg::default();
         let mut total = self.first_stop_s;
         for leg in (0..).map_while(|index| self.leg(index)) {
-            let longest = f64::max(self.move_s(leg.outer_rad - from.0), self.move_s(leg.inner_rad - from.1));
-            total += longest + leg.stop_s;
-            from = (leg.outer_rad, leg.inner_rad);
+            total += self.move_s(&from, &leg) + leg.stop_s;
+            from = leg;
         }
         total
     }

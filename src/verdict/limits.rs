@@ -2,12 +2,12 @@
 
 use crate::base::units::{DEG, DEG_H, MICRO_G, PPM};
 use crate::estimator::Solution;
-use crate::model::error_model::{PARAMETERS, block};
+use crate::model::error_model::{INSTALLATION_STATES, PARAMETERS, block};
 use core::ops::Range;
 use serde::{Deserialize, Serialize};
 
 /// The twelve installation errors of the paper.
-pub(super) const INSTALLATION: Range<usize> = 0..block::ACCEL_BIAS;
+pub(super) const INSTALLATION: Range<usize> = 0..INSTALLATION_STATES;
 
 /// What a result must fulfil beyond statistics.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
