@@ -1,11 +1,11 @@
 //! The figures of the page, each an SVG in the page's own ink, so that it is legible on light and dark.
 
 use super::canvas::{Drawn, Figure, Line, Scale, figure, shade, shade_signed};
+use crate::base::quantity;
 use crate::calibration::Outcome;
-use crate::observability::along_scheme;
-use crate::quantity;
-use crate::signals::Signals;
-use crate::truth::ParameterTable;
+use crate::files::truth::ParameterTable;
+use crate::plan::observability::along_scheme;
+use crate::result::signals::Signals;
 use rins_selfcal::base::site::Site;
 use rins_selfcal::base::units::DEG;
 use rins_selfcal::gimbal::fault::AXIS_NAMES;
@@ -99,7 +99,7 @@ pub fn singular_values(scheme: &Scheme, site: &Site, base: &InstrumentErrors<f64
 }
 
 /// What counts as zero is drawn at the axis.
-fn singular_value(seen: &crate::observability::Observability<INSTALLATION_STATES>, number: usize) -> f64 {
+fn singular_value(seen: &crate::plan::observability::Observability<INSTALLATION_STATES>, number: usize) -> f64 {
     const LEAST: f64 = 1e-6;
     if number < seen.rank { seen.singular_values[number].max(LEAST) } else { LEAST }
 }
