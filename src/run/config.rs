@@ -4,6 +4,7 @@ use crate::base::units::DEG;
 use crate::estimator::rehearsal::SHORTEST_STOP_S;
 use crate::estimator::{HeadingSource, MAX_SEGMENTS};
 use crate::gimbal::axis::{AxisLimits, ROUNDING_RAD};
+use crate::gimbal::fault::AXIS_NAMES;
 use crate::gimbal::servo::MotorAndLoad;
 use crate::model::error_model::PARAMETER_INFO;
 use crate::run::calibrator::CalibratorConfig;
@@ -87,7 +88,7 @@ pub enum ConfigError {
 
 impl fmt::Display for ConfigError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let name = |axis: &u8| if *axis == 0 { "outer" } else { "inner" };
+        let name = |axis: &u8| AXIS_NAMES.get(usize::from(*axis)).copied().unwrap_or("?");
         match self {
             Self::Rate => f.write_str("the sample rate must be from 50 to 10 000 Hz"),
             Self::Noise => f.write_str("every noise must be finite and positive, and its margin at least 1"),

@@ -11,7 +11,7 @@ use crate::base::sample::{CorrectedSample, RawSample};
 use crate::base::units::DEG;
 use crate::estimator::{BASIC_STATES, Estimate, FULL_STATES, MAX_SEGMENTS, Solution};
 use crate::gimbal::{Fault, GimbalStatus, MotionCommand};
-use crate::model::error_model::Calibration;
+use crate::model::correction::Calibration;
 use crate::run::abort::{Abort, AbortReason};
 use crate::run::calibrator::Calibrator;
 use crate::run::config::{ConfigError, SelfCalibrationConfig};

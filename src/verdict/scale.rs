@@ -3,7 +3,7 @@
 //!
 //! A wrong unit is the same factor in every stop or move. Anything else that is wrong is not, and is left to others.
 
-use super::VerdictLimits;
+use super::limits::VerdictLimits;
 use crate::base::linear::{ComplexField, Real};
 use crate::base::units::{DEG, DEG_H, MICRO_G};
 use crate::segment::{Segment, SegmentKind};

@@ -7,7 +7,7 @@ use crate::base::linear::{ComplexField, RealField};
 use crate::base::site::{EARTH_RATE_RAD_S, Site};
 use crate::base::units::DEG;
 use crate::estimator::Solution;
-use crate::estimator::constancy::Settings;
+use crate::estimator::constancy::SettingEvidence;
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
@@ -86,7 +86,7 @@ pub(super) fn wrong_setting(solution: &Solution, site: &Site) -> Option<Explanat
 }
 
 /// The latitude whose Earth rate fits best, and the chi-square that it explains; `None` if it is the Earth rate of none.
-fn latitude(settings: &Settings, site: &Site) -> Option<(WrongSetting, f64)> {
+fn latitude(settings: &SettingEvidence, site: &Site) -> Option<(WrongSetting, f64)> {
     let [_, north, up] = site.earth_rate_n();
     let error = settings.earth_rate_error_rad_s()?;
     let mut felt_rad = RealField::atan2(up + error[1], north + error[0]);
@@ -107,8 +107,8 @@ fn latitude(settings: &Settings, site: &Site) -> Option<(WrongSetting, f64)> {
     is_earth.then_some((setting, explained))
 }
 
-fn heading(settings: &Settings) -> Option<(WrongSetting, f64)> {
-    let Settings { heading_rad: off_rad, heading_sigmas: sigmas, .. } = *settings;
+fn heading(settings: &SettingEvidence) -> Option<(WrongSetting, f64)> {
+    let SettingEvidence { heading_rad: off_rad, heading_sigmas: sigmas, .. } = *settings;
     Some((WrongSetting::Heading { off_rad, sigmas }, sigmas * sigmas))
 }
 

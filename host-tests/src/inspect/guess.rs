@@ -8,6 +8,7 @@ use crate::log::{
     ACCEL_UNITS, Column, EncoderTable, GYRO_UNITS, Mapping, Moment, TEMPERATURE_COLUMN, TIME_UNITS, TemperatureTable,
     TimeTable, TriadTable, Unit,
 };
+use rins_selfcal::gimbal::fault::AXIS_NAMES;
 use std::ops::RangeInclusive;
 
 /// Sample rates of IMUs, Hz.
@@ -313,7 +314,7 @@ impl Roles {
                     counting.counts_per_turn.map_or_else(String::new, |counts| format!(", {counts} to the turn"));
                 let reversed = if counting.reversed { ", reversed" } else { "" };
                 let zero = if counting.zero == 0.0 { String::new() } else { format!(", zero at {}", counting.zero) };
-                return format!("{} encoder, {}{turn}{reversed}{zero}", ["outer", "inner"][axis], counting.unit);
+                return format!("{} encoder, {}{turn}{reversed}{zero}", AXIS_NAMES[axis], counting.unit);
             }
             match index {
                 index if self.clock.is_some_and(|clock| clock.series == index) => {

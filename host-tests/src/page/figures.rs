@@ -4,11 +4,12 @@ use super::canvas::{Drawn, Figure, Line, Scale, figure, shade, shade_signed};
 use crate::base::quantity;
 use crate::calibration::Outcome;
 use crate::files::truth::ParameterTable;
+use crate::plan::observability::along_scheme;
 use crate::result::signals::Signals;
 use rins_selfcal::base::site::Site;
 use rins_selfcal::base::units::DEG;
-use rins_selfcal::estimator::observability::{INSTALLATION_STATES, along_scheme};
-use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETER_INFO};
+use rins_selfcal::gimbal::fault::AXIS_NAMES;
+use rins_selfcal::model::error_model::{INSTALLATION_STATES, InstrumentErrors, PARAMETER_INFO};
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::verdict::CHANNEL_NAMES;
 
@@ -25,7 +26,7 @@ pub fn angles(signals: &Signals) -> Drawn {
     let line = |axis: usize, name: &str| {
         Line::new(name, signals.points().iter().map(|point| (point.time_s, point.angles_rad[axis] / DEG)))
     };
-    Figure::new("gimbal angles, deg, against time, s", WIDE).lines(&[line(0, "outer"), line(1, "inner")])
+    Figure::new("gimbal angles, deg, against time, s", WIDE).lines(&[line(0, AXIS_NAMES[0]), line(1, AXIS_NAMES[1])])
 }
 
 /// Gyro outputs against time. (Bai et al., Figure 7)
@@ -98,10 +99,7 @@ pub fn singular_values(scheme: &Scheme, site: &Site, base: &InstrumentErrors<f64
 }
 
 /// What counts as zero is drawn at the axis.
-fn singular_value(
-    seen: &rins_selfcal::estimator::observability::Observability<INSTALLATION_STATES>,
-    number: usize,
-) -> f64 {
+fn singular_value(seen: &crate::plan::observability::Observability<INSTALLATION_STATES>, number: usize) -> f64 {
     const LEAST: f64 = 1e-6;
     if number < seen.rank { seen.singular_values[number].max(LEAST) } else { LEAST }
 }
