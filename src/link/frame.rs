@@ -10,7 +10,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol. Frames, requests for [`super::Command::Hello`] and their answers stay the same in all versions.
-pub const PROTOCOL_VERSION: u8 = 3;
+pub const PROTOCOL_VERSION: u8 = 4;
 
 /// Longest payload, bytes.
 pub const MAX_PAYLOAD_BYTES: usize = 1280;

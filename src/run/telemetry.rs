@@ -21,7 +21,7 @@ pub enum Message {
     Store {
         /// A good record was found.
         found: bool,
-        /// A slot is damaged.
+        /// A slot is damaged, or holds a record of another version of the format.
         damaged: bool,
         /// The memory does not answer, or is too small.
         fault: bool,
