@@ -1,6 +1,8 @@
 //! Shared types and mathematics: every room may name them, and they name no room.
 
 pub mod angle;
+#[cfg(test)]
+pub(crate) mod golden;
 pub mod linear;
 pub mod loss;
 pub mod method;

@@ -2,6 +2,8 @@
 
 mod endpoint;
 mod frame;
+#[cfg(test)]
+mod golden;
 mod lock;
 mod outbox;
 mod protocol;
