@@ -4,6 +4,7 @@ mod apply;
 mod arguments;
 mod calibrate;
 mod compare;
+mod explain;
 mod files;
 mod history;
 mod inspect;
@@ -63,6 +64,7 @@ fn run(arguments: Arguments) -> anyhow::Result<Ending> {
         Command::Replicate(arguments) => replicate::run(&arguments),
         Command::Monitor(arguments) => monitor::run(&arguments),
         Command::History(arguments) => history::run(&arguments),
+        Command::Explain(arguments) => explain::run(&arguments),
         Command::Completions(arguments) => manual::completions(&arguments),
         Command::Man => manual::page(),
     }

@@ -1,5 +1,6 @@
 //! The command line.
 
+use super::explain::ExplainArguments;
 use super::files::Named;
 use super::history::HistoryArguments;
 use super::monitor::MonitorArguments;
@@ -99,6 +100,9 @@ pub enum Command {
     /// Show the calibrations that an instrument keeps, from an image of its memory
     #[command(after_help = "Example: rins history eeprom.bin --json history.json")]
     History(HistoryArguments),
+    /// Explain a code that is printed with a reason, or list all codes
+    #[command(after_help = "Examples:\n  rins explain\n  rins explain noise-level")]
+    Explain(ExplainArguments),
     /// Print the completions of a shell
     #[command(after_help = "Example: rins completions bash > ~/.local/share/bash-completion/completions/rins")]
     Completions(CompletionsArguments),
