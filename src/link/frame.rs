@@ -30,8 +30,8 @@ pub trait Payload: Serialize + DeserializeOwned {
     const KIND: u8;
 }
 
-/// Frames a payload with this number; `None` if it is longer than [`MAX_PAYLOAD_BYTES`].
-pub fn encode<'b, P: Payload>(number: u16, payload: &P, frame: &'b mut [u8; MAX_FRAME_BYTES]) -> Option<&'b [u8]> {
+/// Frames a payload with this number; `None` if the frame does not fit. [`MAX_FRAME_BYTES`] are enough for every payload.
+pub fn encode<'b, P: Payload>(number: u16, payload: &P, frame: &'b mut [u8]) -> Option<&'b [u8]> {
     let mut encoder = Encoder::new(frame);
     let [low, high] = number.to_le_bytes();
     [PROTOCOL_VERSION, P::KIND, low, high].into_iter().try_for_each(|byte| encoder.check_and_put(byte))?;

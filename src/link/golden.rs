@@ -5,12 +5,15 @@
 //! differ, so that the bytes show the order of the fields.
 
 use super::{
-    Answer, Command, Dropped, Hello, Item, LinkCounts, PROTOCOL_VERSION, Refusal, Setting, SettingName, Status,
+    Answer, Command, CorrectedReport, Dropped, Hello, Item, LinkCounts, PROTOCOL_VERSION, Refusal, Setting,
+    SettingName, Status,
 };
+use crate::base::angle::Angle;
 use crate::base::golden::{check_bytes, table};
-use crate::base::loss::Losses;
+use crate::base::loss::LossCounts;
 use crate::base::method::Method;
-use crate::base::restart::{Registers, Restart, Stop, Task};
+use crate::base::restart::{FatalError, Registers, Restart, Task};
+use crate::base::sample::SampleStatus;
 use crate::base::site::Site;
 use crate::estimator::constancy::{Change, Settings, Suspicion};
 use crate::estimator::{
@@ -194,7 +197,7 @@ fn abort(reason: AbortReason) -> Abort {
 fn the_bytes_of_every_message_are_these() {
     assert_eq!(PROTOCOL_VERSION, 4, "the rows of this file are of this version");
     let counts = IntakeCounts { admitted: 60_000, repeated: 1, out_of_order: 2, non_finite: 3, gaps: 4, missing: 5 };
-    let losses = Losses { overrun: 1, bus: 2, crc: 3, status: 4, unread: 5 };
+    let losses = LossCounts { overrun: 1, bus: 2, crc: 3, status: 4, unread: 5 };
     let innovations =
         SegmentInnovations { segment: 300, normalized: [Some(1.5), None, Some(2.5), None, Some(3.5), Some(4.5)] };
     let progress = Progress { segments: 7, kind: SegmentKind::Move, end_us: 5_000_000, estimate: estimate() };
@@ -224,6 +227,19 @@ fn the_bytes_of_every_message_are_these() {
 }
 
 #[test]
+fn the_bytes_of_a_corrected_sample_are_these() {
+    let report = CorrectedReport {
+        number: 300,
+        time_us: 5_000_000,
+        force_s: [1.5, 2.5, 3.5],
+        omega_is_s: [4.5, 5.5, 6.5],
+        angles: [Angle::from_ticks(1), Angle::from_ticks(2)],
+        status: SampleStatus::CALIBRATED_NOW.with(SampleStatus::SAMPLES_MISSED, true),
+    };
+    check_bytes(table! { CorrectedReport: CorrectedReport { .. } => report, "57 bytes, CRC e33e1eb9"; });
+}
+
+#[test]
 fn the_bytes_of_every_command_are_these() {
     check_bytes(table! { Command:
         Command::Hello => Command::Hello, "00";
@@ -247,17 +263,18 @@ fn the_bytes_of_every_command_are_these() {
             "04 03 06";
         Command::Read(Item::History { .. }) => Command::Read(Item::History { back: 300 }), "04 04 ac 02";
         Command::Read(Item::Event { .. }) => Command::Read(Item::Event { back: 300 }), "04 05 ac 02";
-        Command::Unlock(_) => Command::Unlock(300), "05 ac 02";
+        Command::Stream(_) => Command::Stream(true), "05 01";
+        Command::Unlock(_) => Command::Unlock(300), "06 ac 02";
         Command::Set(Setting::Calibrator(_)) => Command::Set(Setting::Calibrator(calibrator())),
-            "124 bytes, CRC bc7d5544";
-        Command::Set(Setting::Scheme(_)) => Command::Set(Setting::Scheme(scheme())), "57 bytes, CRC 4c198700";
-        Command::Set(Setting::Axes(_)) => Command::Set(Setting::Axes([axis(1.0), axis(11.0)])), "130 bytes, CRC 52428c8d";
-        Command::Set(Setting::Limits(_)) => Command::Set(Setting::Limits(limits())), "276 bytes, CRC b4a1347a";
-        Command::Set(Setting::Pace(_)) => Command::Set(Setting::Pace(pace())), "06 04 03 01 01 00 00 00 00 00 00 4e 40";
-        Command::Set(Setting::Policy(_)) => Command::Set(Setting::Policy(policy())), "06 05 02 01 90 1c 01 00 00 b0 40";
+            "124 bytes, CRC c87bafd1";
+        Command::Set(Setting::Scheme(_)) => Command::Set(Setting::Scheme(scheme())), "57 bytes, CRC 54b35564";
+        Command::Set(Setting::Axes(_)) => Command::Set(Setting::Axes([axis(1.0), axis(11.0)])), "130 bytes, CRC 6bfedcd1";
+        Command::Set(Setting::Limits(_)) => Command::Set(Setting::Limits(limits())), "276 bytes, CRC 487b0196";
+        Command::Set(Setting::Pace(_)) => Command::Set(Setting::Pace(pace())), "07 04 03 01 01 00 00 00 00 00 00 4e 40";
+        Command::Set(Setting::Policy(_)) => Command::Set(Setting::Policy(policy())), "07 05 02 01 90 1c 01 00 00 b0 40";
         Command::Set(Setting::PowerUpUtc(_)) => Command::Set(Setting::PowerUpUtc(Some(1_790_000_000))),
-            "06 06 01 80 f7 c4 d5 06";
-        Command::Erase => Command::Erase, "07";
+            "07 06 01 80 f7 c4 d5 06";
+        Command::Erase => Command::Erase, "08";
     });
 }
 
@@ -411,7 +428,7 @@ fn the_bytes_of_every_abort_and_fault_are_these() {
 fn the_bytes_of_every_event_and_restart_are_these() {
     check_bytes(table! { Event:
         Event::Restarted(_) => Event::Restarted(Restart::Pin), "00 03";
-        Event::Stopped(_) => Event::Stopped(Stop::Unfed), "01 01";
+        Event::Stopped(_) => Event::Stopped(FatalError::Unfed), "01 01";
         Event::State(_) => Event::State(State::Turn(3)), "02 02 03";
         Event::Decided(_) => Event::Decided(Decision::StandBy(Cause::Policy)), "03 02 00";
         Event::Fault(_) => Event::Fault(fault(FaultKind::Travel { limit_rad: 0.25 })), "04 01 00 00 00 bf 03 00 00 80 3e";
@@ -426,16 +443,16 @@ fn the_bytes_of_every_event_and_restart_are_these() {
     let registers = Registers { pc: 1, lr: 2, status: 3, address: 4 };
     check_bytes(table! { Restart:
         Restart::PowerOn => Restart::PowerOn, "00";
-        Restart::Stopped(Stop::Overdue(Task::Sampling)) => Restart::Stopped(Stop::Overdue(Task::Sampling)), "01 00 00";
-        Restart::Stopped(Stop::Overdue(Task::Control)) => Restart::Stopped(Stop::Overdue(Task::Control)), "01 00 01";
-        Restart::Stopped(Stop::Overdue(Task::Main)) => Restart::Stopped(Stop::Overdue(Task::Main)), "01 00 02";
-        Restart::Stopped(Stop::Unfed) => Restart::Stopped(Stop::Unfed), "01 01";
-        Restart::Stopped(Stop::Panic { .. }) => Restart::Stopped(Stop::panic("main.rs", 300)),
+        Restart::Stopped(FatalError::Overdue(Task::Sampling)) => Restart::Stopped(FatalError::Overdue(Task::Sampling)), "01 00 00";
+        Restart::Stopped(FatalError::Overdue(Task::Control)) => Restart::Stopped(FatalError::Overdue(Task::Control)), "01 00 01";
+        Restart::Stopped(FatalError::Overdue(Task::Main)) => Restart::Stopped(FatalError::Overdue(Task::Main)), "01 00 02";
+        Restart::Stopped(FatalError::Unfed) => Restart::Stopped(FatalError::Unfed), "01 01";
+        Restart::Stopped(FatalError::Panic { .. }) => Restart::Stopped(FatalError::panic("main.rs", 300)),
             "01 02 07 6d 61 69 6e 2e 72 73 ac 02";
-        Restart::Stopped(Stop::Fault(_)) => Restart::Stopped(Stop::Fault(registers)), "01 03 01 02 03 04";
-        Restart::Stopped(Stop::StackOverflow { .. }) => Restart::Stopped(Stop::StackOverflow { pc: 300 }), "01 04 ac 02";
-        Restart::Stopped(Stop::Interrupt(_)) => Restart::Stopped(Stop::Interrupt(300)), "01 05 ac 02";
-        Restart::Stopped(Stop::Board(_)) => Restart::Stopped(Stop::board("encoder")), "01 06 07 65 6e 63 6f 64 65 72";
+        Restart::Stopped(FatalError::Fault(_)) => Restart::Stopped(FatalError::Fault(registers)), "01 03 01 02 03 04";
+        Restart::Stopped(FatalError::StackOverflow { .. }) => Restart::Stopped(FatalError::StackOverflow { pc: 300 }), "01 04 ac 02";
+        Restart::Stopped(FatalError::Interrupt(_)) => Restart::Stopped(FatalError::Interrupt(300)), "01 05 ac 02";
+        Restart::Stopped(FatalError::Board(_)) => Restart::Stopped(FatalError::board("encoder")), "01 06 07 65 6e 63 6f 64 65 72";
         Restart::Watchdog => Restart::Watchdog, "02";
         Restart::Pin => Restart::Pin, "03";
         Restart::Unexplained => Restart::Unexplained, "04";

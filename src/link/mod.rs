@@ -1,5 +1,6 @@
 //! The instrument's end of a serial line: messages out, commands in, an answer to each.
 
+mod corrected;
 mod endpoint;
 mod frame;
 #[cfg(test)]
@@ -7,8 +8,8 @@ mod golden;
 mod lock;
 mod outbox;
 mod protocol;
-mod service;
 
+pub use corrected::CorrectedReport;
 pub use endpoint::Link;
 pub use frame::{
     Damage, Decoder, Dropped, Frame, MAX_FRAME_BYTES, MAX_PAYLOAD_BYTES, PROTOCOL_VERSION, Payload, encode,
@@ -16,4 +17,3 @@ pub use frame::{
 pub use lock::{Lock, UNLOCK_WORD, UNLOCKED_US};
 pub use outbox::Lane;
 pub use protocol::{Answer, Command, Hello, Item, LinkCounts, Refusal, Setting, SettingName, Status};
-pub use service::{Archive, Memories, Moment};

@@ -38,8 +38,8 @@ impl AbortReason {
     }
 
     /// Whether the axes may be turned again after it.
-    pub(super) fn lets_park(self) -> bool {
-        if let Self::Gimbal(fault) = self { fault.lets_park() } else { true }
+    pub(super) fn allows_parking(self) -> bool {
+        if let Self::Gimbal(fault) = self { fault.allows_parking() } else { true }
     }
 }
 

@@ -1,0 +1,44 @@
+//! The decoders under test.
+
+pub mod adis16495;
+pub mod assignment;
+pub mod biss;
+pub mod kvh1750;
+pub mod link_commands;
+pub mod link_frames;
+pub mod link_payloads;
+mod samples;
+pub mod store_records;
+pub mod store_recovery;
+
+use crate::target::Target;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+/// All of them.
+pub fn all() -> Vec<Box<dyn Target>> {
+    vec![
+        Box::new(link_frames::LinkFrames::new()),
+        Box::new(link_payloads::LinkPayloads::new()),
+        Box::new(link_commands::LinkCommands::new()),
+        Box::new(biss::Biss),
+        Box::new(adis16495::Burst),
+        Box::new(kvh1750::Stream),
+        Box::new(assignment::Assignments::new()),
+        Box::new(store_records::Records::new()),
+        Box::new(store_recovery::Recovery::new()),
+    ]
+}
+
+/// A value as bytes, by which it is told from others.
+fn bytes_of(value: &impl Serialize) -> Vec<u8> {
+    postcard::to_stdvec(value).expect("it has an encoding")
+}
+
+/// As [`bytes_of`], of something that was decoded: encoded and decoded again it is the same.
+fn stable_bytes<T: Serialize + DeserializeOwned>(value: &T) -> Vec<u8> {
+    let bytes = bytes_of(value);
+    let again: T = postcard::from_bytes(&bytes).expect("what was decoded can be encoded and decoded");
+    assert_eq!(bytes_of(&again), bytes, "encoded and decoded again it is another");
+    bytes
+}
