@@ -4,10 +4,9 @@
 //! The first three tables have a row for each payload, the others for what the payloads are made of. The values of the fields
 //! differ, so that the bytes show the order of the fields.
 
-use super::{
-    Answer, Command, CorrectedReport, Dropped, Hello, Item, LinkCounts, PROTOCOL_VERSION, Refusal, Setting,
-    SettingName, Status,
-};
+use super::corrected::CorrectedReport;
+use super::frame::{Dropped, PROTOCOL_VERSION};
+use super::protocol::{Answer, Command, Hello, Item, LinkCounts, Refusal, Setting, SettingName, Status};
 use crate::base::angle::Angle;
 use crate::base::golden::{check_bytes, table};
 use crate::base::loss::LossCounts;

@@ -1,7 +1,5 @@
 //! From a solution to a verdict with reasons.
 
-#[cfg(test)]
-mod golden;
 mod judge;
 mod reason;
 mod scale;

@@ -1,11 +1,11 @@
 //! Golden bytes of the reasons, which are stored with a calibration. Whoever must change a row counts up
 //! [`REASONS_SCHEMA`], unless the row is of a variant that is new and the last one.
 
-use super::wiring::Wiring;
-use super::{Reason, Sensors, Unrest, WrongScale, WrongSetting};
+use super::result::REASONS_SCHEMA;
 use crate::base::golden::{check_bytes, table};
 use crate::estimator::constancy::{Change, EarthRateAxis, Suspicion};
-use crate::run::result::REASONS_SCHEMA;
+use crate::verdict::wiring::Wiring;
+use crate::verdict::{Reason, Sensors, Unrest, WrongScale, WrongSetting};
 
 fn changing(change: Change) -> Reason {
     Reason::Changing(Suspicion { change, segment: 300, size: 0.5, sigmas: 6.0, limit: 5.0 })
