@@ -1,6 +1,6 @@
 //! `rins explain`: the page of a code that the program prints with a reason.
 
-use super::Ending;
+use super::ending::Ending;
 use super::output::must_sayln;
 use anyhow::{Result, bail};
 use clap::Args;
