@@ -149,7 +149,10 @@ fn schemes_that_cannot_be_run_are_refused_by_name_and_reason() {
         assert!(message.contains("wrong.toml:3: legs: the stop of leg 2 must be"), "{message}");
     }
     let message = legs("{ outer_deg = -180.0, inner_deg = 0.0, stop_s = 2.0 }");
-    assert!(message.contains("scheme wrong is refused: the scheme leaves Sayz unobserved"), "{message}");
+    assert!(
+        message.contains("scheme wrong is refused: [scheme-unobserved] the scheme leaves Sayz unobserved"),
+        "{message}"
+    );
     let fast =
         fs::read_to_string(scratch("wrong.toml")).unwrap().replace("first_stop_s", "rate_deg_s = 100.0\nfirst_stop_s");
     fs::write(scratch("quick.toml"), fast).unwrap();

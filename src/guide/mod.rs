@@ -58,7 +58,7 @@
 //!
 //! Equations (1) to (5) are in [`error_model`](crate::model::error_model), the optional ones in [`options`](crate::model::options). A
 //! state that no stop or move shows keeps its prior sigma; where it is one of the 28, the heading excepted, the run is
-//! rejected as `Unobserved`.
+//! rejected as `unobserved`.
 //!
 //! | state | what it is | what shows it | what it does if it is left in |
 //! |---|---|---|---|
@@ -71,10 +71,10 @@
 //! | `gyro_scale_x` `gyro_scale_y` `gyro_scale_z` | (5): its scale factor is off | moves, against the encoders | 1 ppm: 0.3 arcsec in a quarter turn |
 //! | `axis_nonperpendicularity` | (3): d, by which the inner axis leans towards the outer one | moves and stops at several outer and inner angles | 1 arcsec of attitude that turns with the inner axis |
 //! | `base_roll` `base_pitch` `heading` | attitude of the vehicle at the end of the run; not the instrument's | gravity; Earth rate | nothing: the correction does not use them |
-//! | `gyro_bias_ramp_x` `gyro_bias_ramp_y` `gyro_bias_ramp_z` `accel_bias_ramp_x` `accel_bias_ramp_y` `accel_bias_ramp_z` | optional: biases that drift, as at warm-up | attitudes that come again later | taken for biases, or `Changing` |
+//! | `gyro_bias_ramp_x` `gyro_bias_ramp_y` `gyro_bias_ramp_z` `accel_bias_ramp_x` `accel_bias_ramp_y` `accel_bias_ramp_z` | optional: biases that drift, as at warm-up | attitudes that come again later | taken for biases, or `parameter-ramp` |
 //! | `outer_eccentricity_cos` `outer_eccentricity_sin` `inner_eccentricity_cos` `inner_eccentricity_sin` | optional: an encoder's error once a turn | moves through many angles | taken for installation errors, or a bad chi-square |
 //! | `outer_second_harmonic_cos` `outer_second_harmonic_sin` `inner_second_harmonic_cos` `inner_second_harmonic_sin` | optional: twice a turn | as the eccentricity | as the eccentricity |
-//! | `base_roll_drift` `base_pitch_drift` | optional: the base tilts steadily | stops in one attitude, far apart in time | `Changing`, or a bad chi-square |
+//! | `base_roll_drift` `base_pitch_drift` | optional: the base tilts steadily | stops in one attitude, far apart in time | `parameter-ramp`, or a bad chi-square |
 //!
 //! # States that a run can end in
 //!
@@ -83,100 +83,31 @@
 //! | `Correcting` | every sample is corrected, by this run's calibration or by the stored one | nothing |
 //! | `StandBy` | nothing is stored, and the policy lets no run begin | [`start`](crate::run::self_calibration::SelfCalibration::start), or another policy |
 //! | `Parked` | aborted or rejected, the axes stand at (0, 0); a stored calibration still corrects | read the reason, then `start` |
-//! | `Stranded` | as `Parked`, but the axes could not be brought back | clear the fault of the axis first: see below |
+//! | `Stranded` | as `Parked`, but the axes could not be brought back | clear the fault of the axis first: see [`reasons`] |
 //!
-//! # Troubleshooting: reasons of a rejection
+//! # Reasons and their codes
 //!
-//! | reason | what it means | look first at |
-//! |---|---|---|
-//! | `Scale` | all forces or turns are off by one factor: a unit, or increments in place of rates | the unit that is named; `rins inspect` |
-//! | `Setting` | latitude, heading or gravity is configured that is not so | the setting that is named, and its value |
-//! | `NoiseLevel` | the noise of a channel or triad is not the configured one | `[noise]`; `rins inspect --write-config` |
-//! | `Cut` | the longest time was over before the scheme | `--longest-run`, or a shorter scheme |
-//! | `TooFewSegments` | no stop, move, stop was found | encoders: do they move, and stand to 20 arcsec? |
-//! | `NotConverged` | the estimate does not stand | the other reasons; errors beyond a few degrees; near a pole, a configured heading |
-//! | `NotFinite` | a parameter is no number | the samples: infinities, zeros for a dead sensor |
-//! | `Refused` | measurements were no numbers | as `NotFinite` |
-//! | `Unobserved` | the moves made do not show a parameter | the scheme: `rins observability`; segments that were left out |
-//! | `Sigma` | the required sigma is not reached | longer scheme, or better noise; is the requirement below the bound? |
-//! | `Implausible` | a parameter is larger than an instrument has | site and gravity; axes and signs; limits for your grade |
-//! | `ChiSquare` | all in all the segments disagree with the model by more than chance | the segment with the largest innovation, then the noise |
-//! | `Innovation` | one measurement disagrees with all others | what happened in that segment: a bump, a slip, a loss |
-//! | `Unrest` | a stop was not at rest, or a channel stood still | engines, people, wind; settling time; a stuck channel |
-//! | `Noise` | a channel is noisier from a segment on | vibration that began there; a loose connector |
-//! | `Trends` | a channel drifts during the stops | warm-up: wait, or `--effects bias-ramp` |
-//! | `Held` | a channel repeats its value | the driver: is each sample read anew? resolution of the IMU |
-//! | `Stale` | whole samples repeat | data-ready edge and sample rate: two reads of one sample |
-//! | `Missing` | too many samples are lost | interrupt load, bus errors; the counters of the queue |
-//! | `Changing` | something that is taken for constant changed: see below | the segment that is named |
-//! | `Wiring` | signs or channels are wrong, as named | driver or mapping |
-//! | `Gap` | a segment has a hole of more than 0.1 s | as `Missing`; in a log, the recorder |
-//! | `LeftOut` | more segments than fit | a shorter scheme; false moves: encoder noise above 20 arcsec |
-//! | `Changed` | the result is far from the stored one | `rins compare`; was the IMU remounted? then erase the stored one |
-//!
-//! `Changing` names one of: `Step`, a parameter is another one from a segment on (a bias jump; attitude: the base moved);
-//! `Ramp`, it drifts (warm-up, a base that settles); `Slip`, an encoder lost counts; `EncoderScale`, an encoder's scale
-//! changed; `Outlier`, one measurement is off (a bump); `EarthRate`, another latitude; `Heading`, another heading.
-//!
-//! # Troubleshooting: reasons of an abort
-//!
-//! | reason | what it means | look first at |
-//! |---|---|---|
-//! | `Commanded` | somebody asked for it | nothing |
-//! | `NotStill` | base or axes did not stand for a second within a minute | parking brake, engines; gyro bias above 0.2 deg/s |
-//! | `TurnTimeout` | a move took 10 s longer than it should | enable of the drives; friction; limits of rate |
-//! | `Gimbal` | an axis failed, and both were stopped: see below | the axis and the angle that are named |
-//! | `SampleLoss` | no usable samples for 1 s, 0.1 s in a move | IMU power and data-ready line; bus errors |
-//!
-//! | fault of an axis | what it means | look first at |
-//! |---|---|---|
-//! | `Following` | it is too far from its profile | torque, inertia and friction in the configuration; cable drag at that angle |
-//! | `Stall` | it hardly turns | brake, end stop, winding, bridge enable |
-//! | `Runaway` | it turns too fast or the other way | motor polarity against encoder sign |
-//! | `Travel` | it is beyond its travel | the limits; encoder zero |
-//! | `Encoder` | its encoder is silent, damaged, alarmed, or jumps | cable and clock rate; readhead alignment |
-//! | `Bridge` | too much current, or no answer | short circuit; supply; fault pin |
+//! [`reasons`] has a page for every code that the program prints in brackets; `rins explain CODE` shows it.
+
+#[cfg(test)]
+mod codes;
+
+#[doc = include_str!("reasons.md")]
+pub mod reasons {}
 
 #[cfg(test)]
 mod tests {
-    use crate::estimator::constancy::Change;
-    use crate::gimbal::FaultKind;
     use crate::model::error_model::PARAMETER_INFO;
     use crate::model::options::OPTIONAL_INFO;
-    use crate::run::abort::AbortReason;
-    use crate::verdict::Reason;
 
     const GUIDE: &str = include_str!("mod.rs");
 
-    /// Names of all variants: one that is missing here does not compile, and one that is missing in the guide fails.
-    macro_rules! explained {
-        ($kind:ident: $($variant:ident)*) => {{
-            let _all = |value: $kind| match value {
-                $($kind::$variant { .. } => (),)*
-            };
-            [$(stringify!($variant)),*]
-        }};
-    }
-
     #[test]
-    fn every_reason_fault_and_state_is_explained() {
-        let reasons = explained!(Reason: Scale Setting NoiseLevel Cut TooFewSegments NotConverged NotFinite Refused Unobserved Sigma
-            Implausible ChiSquare Innovation Unrest Noise Trends Held Stale Missing Changing Wiring Gap LeftOut Changed);
-        let aborts = explained!(AbortReason: Commanded NotStill TurnTimeout Gimbal SampleLoss);
-        let faults = explained!(FaultKind: Following Stall Runaway Travel Encoder Bridge);
-        for name in reasons.iter().chain(&aborts).chain(&faults) {
-            let row = std::format!("//! | `{name}` | ");
-            let lines: std::vec::Vec<_> = GUIDE.lines().filter(|line| line.starts_with(&row)).collect();
-            assert_eq!(lines.len(), 1, "{name}");
-            assert!(lines[0].split(" | ").skip(2).all(|cell| cell.len() > 6), "{name}");
-        }
+    fn every_state_is_explained() {
         for info in PARAMETER_INFO.iter().chain(&OPTIONAL_INFO) {
             let name = std::format!("`{}`", info.name);
             let rows = GUIDE.lines().filter(|line| line.starts_with("//! | `") && line.contains(&name)).count();
             assert_eq!(rows, 1, "{name}");
-        }
-        for name in explained!(Change: Step Ramp Slip EncoderScale Outlier EarthRate Heading) {
-            assert!(GUIDE.contains(&std::format!("`{name}`, ")), "{name}");
         }
     }
 }

@@ -105,8 +105,23 @@ pub enum SchemeError {
     Long,
 }
 
+impl SchemeError {
+    /// Short name of the error. It is printed with the text, and `rins explain` shows its page of the guide.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Motion => "scheme-motion",
+            Self::Stop(_) => "scheme-stop",
+            Self::Leg(_) => "scheme-leg",
+            Self::Legs => "scheme-legs",
+            Self::OpenPeriod => "scheme-open-period",
+            Self::Long => "scheme-long",
+        }
+    }
+}
+
 impl fmt::Display for SchemeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "[{}] ", self.code())?;
         match self {
             Self::Motion => f.write_str("rate, acceleration and number of periods must be finite and positive"),
             Self::Stop(0) => f.write_str("the first stop must be finite and positive"),

@@ -248,16 +248,27 @@ mod tests {
     #[test]
     fn segments_give_their_reasons() {
         let few = reasons(|case| case.segments.truncate(1));
-        assert_eq!(few, ["only 1 segments: no stop, move and stop to calibrate from"]);
+        assert_eq!(
+            few,
+            [
+                "[too-few-segments] the number of segments is 1; a calibration needs at least 3: a stop, a move and another stop"
+            ]
+        );
         let gap = reasons(|case| case.segments[4].longest_interval_us = 250_000);
-        assert_eq!(gap, ["segment 4: no samples for 250 ms"]);
+        assert_eq!(gap, ["[gap] in segment 4, no sample arrived for 250 ms"]);
         let variance = reasons(|case| scatter(case, 7).variance[1] *= 3.0);
-        assert_eq!(variance[0], "segment 7, accel y: variance 3.0 times that of the configured noise");
+        assert_eq!(
+            variance[0],
+            "[unrest] in segment 7, the variance of accel y is 3.0 times that of the configured noise"
+        );
         let trend = reasons(|case| scatter(case, 3).trend[5] = 6.0 * 3e-7 / 0.1_f32.sqrt());
-        assert_eq!(trend, ["segment 3, gyro z: drift of 6.0 sigma during the stop"]);
+        assert_eq!(trend, ["[unrest] in segment 3, gyro z drifts by 6.0 sigma during the stop"]);
         let stuck = reasons(|case| scatter(case, 2).variance[3] = 0.0);
-        assert_eq!(stuck, ["segment 2, gyro x: the channel does not change"]);
-        assert_eq!(reasons(|case| case.solution.left_out = 2), ["2 segments did not fit and were left out"]);
+        assert_eq!(stuck, ["[stuck-channel] in segment 2, gyro x does not change"]);
+        assert_eq!(
+            reasons(|case| case.solution.left_out = 2),
+            ["[left-out] 2 segments did not fit into memory and were left out"]
+        );
     }
 
     #[test]
@@ -267,7 +278,11 @@ mod tests {
             case.segments[7..].iter_mut().for_each(|stop| stop.standing_mut().scatter.variance[2] *= 1.3)
         });
         assert_eq!(noise.len(), 1);
-        assert!(noise[0].starts_with("accel z from segment ") && noise[0].contains("1.30 times"), "{}", noise[0]);
+        assert!(
+            noise[0].starts_with("[noise-rise] from segment ") && noise[0].contains(" accel z is 1.30 times "),
+            "{}",
+            noise[0]
+        );
         let little = reasons(|case| {
             case.segments[7..].iter_mut().for_each(|stop| stop.standing_mut().scatter.variance[2] *= 1.1)
         });
@@ -275,34 +290,52 @@ mod tests {
         let trend = 2.0 * 1e-4 / 0.1_f32.sqrt();
         let trends =
             reasons(|case| case.segments.iter_mut().for_each(|stop| stop.standing_mut().scatter.trend[0] = trend));
-        assert_eq!(trends, ["accel x: drift during the stops, 4.0 times that of white noise"]);
+        assert_eq!(
+            trends,
+            ["[drift] accel x drifts during the stops: the mean square of its trends is 4.0 times that of white noise"]
+        );
     }
 
     #[test]
     fn samples_give_their_reasons() {
         let held = reasons(|case| case.segments[5].held = Held { samples: 64, channel: 4, stale: 0 });
-        assert_eq!(held, ["segment 5, gyro y: does not change over 64 samples"]);
+        assert_eq!(held, ["[held-value] in segment 5, gyro y does not change over 64 samples"]);
         let stale = reasons(|case| case.segments[5].held.stale = 61);
-        assert_eq!(stale, ["segment 5: 61 samples repeat the one before"]);
+        assert_eq!(stale, ["[stale-samples] in segment 5, 61 samples repeat the sample before them"]);
         assert_eq!(reasons(|case| case.segments[5].held = Held { samples: 63, channel: 4, stale: 60 }).len(), 0);
         let missing = reasons(|case| case.counts.missing = 2000);
-        assert_eq!(missing, ["2000 of 60000 samples are missing"]);
+        assert_eq!(missing, ["[missing-samples] 2000 of 60000 samples are missing"]);
     }
 
     #[test]
     fn the_fit_gives_its_reasons() {
         let high = reasons(|case| case.solution.fit.chi_square = 220.0);
-        assert_eq!(high, ["chi-square 220.0 with 140 degrees of freedom is outside 71.5 to 208.4"]);
+        assert_eq!(
+            high,
+            ["[chi-square] the chi-square 220.0 with 140 degrees of freedom is outside its bounds, 71.5 to 208.4"]
+        );
         assert_eq!(reasons(|case| case.solution.fit.chi_square = 60.0).len(), 1);
         assert_eq!(reasons(|case| case.solution.fit.chi_square = f64::NAN).len(), 1);
         let innovation = reasons(|case| {
             case.solution.fit.largest = LargestInnovation { normalized: -7.5, segment: 12, channel: 3 };
         });
         let huge = reasons(|case| case.solution.fit.chi_square = 123_456_789_012.3);
-        assert_eq!(huge, ["chi-square 1.235e11 with 140 degrees of freedom is outside 71.5 to 208.4"]);
-        assert_eq!(innovation, ["segment 12, gyro x: innovation of -7.5 sigma"]);
-        assert_eq!(reasons(|case| case.solution.fit.refused = 2), ["2 measurements are not finite"]);
-        assert_eq!(reasons(|case| case.solution.converged = false), ["the estimate does not stand after 3 sweeps"]);
+        assert_eq!(
+            huge,
+            ["[chi-square] the chi-square 1.235e11 with 140 degrees of freedom is outside its bounds, 71.5 to 208.4"]
+        );
+        assert_eq!(
+            innovation,
+            ["[innovation] in segment 12, gyro x differs by -7.5 sigma from what all other segments predict"]
+        );
+        assert_eq!(
+            reasons(|case| case.solution.fit.refused = 2),
+            ["[refused-measurements] 2 measurements were refused because they are not finite"]
+        );
+        assert_eq!(
+            reasons(|case| case.solution.converged = false),
+            ["[not-converged] the estimate has not converged after 3 sweeps"]
+        );
     }
 
     #[test]
@@ -312,15 +345,32 @@ mod tests {
             reasons(|case| case.solution.suspicion = found).remove(0)
         };
         let step = suspicion(Change::Step(block::ACCEL_BIAS as u8), 10.0 * MICRO_G);
-        assert_eq!(step, "from segment 9 on, accel_bias_x differs by 10.000 ug, 6.2 sigma, limit 5.0");
+        assert_eq!(
+            step,
+            "[parameter-step] from segment 9 on, accel_bias_x differs by 10.000 ug; this is 6.2 sigma, and the limit is 5.0 sigma"
+        );
         let knock = suspicion(Change::Step(block::ATTITUDE as u8), 3.0 * ARCSEC);
-        assert_eq!(knock, "from segment 9 on, base_roll differs by 3.000 arcsec, 6.2 sigma, limit 5.0");
+        assert_eq!(
+            knock,
+            "[parameter-step] from segment 9 on, base_roll differs by 3.000 arcsec; this is 6.2 sigma, and the limit is 5.0 sigma"
+        );
         let ramp = suspicion(Change::Ramp(block::GYRO_BIAS as u8), 0.01 * DEG_H / 3600.0);
-        assert!(ramp.starts_with("from segment 9 on, gyro_bias_x drifts by 0.0 deg/h an hour"), "{ramp}");
-        assert!(suspicion(Change::Slip(0), 2.0 * ARCSEC).starts_with("segment 9, outer encoder: slip of 2.00 arcsec"));
+        assert!(
+            ramp.starts_with("[parameter-ramp] from segment 9 on, gyro_bias_x drifts by 0.0 deg/h in an hour;"),
+            "{ramp}"
+        );
+        assert!(
+            suspicion(Change::Slip(0), 2.0 * ARCSEC)
+                .starts_with("[encoder-slip] in segment 9, the outer encoder slips by 2.00 arcsec;")
+        );
         let scale = suspicion(Change::EncoderScale(1), 5.0 * PPM);
-        assert!(scale.starts_with("from segment 9 on, inner encoder: scale error of 5.00 ppm"), "{scale}");
-        assert!(suspicion(Change::Outlier(4), ARCSEC).starts_with("segment 9, gyro y: off by 1.00 arcsec"));
+        assert!(
+            scale.starts_with("[encoder-scale] from segment 9 on, the inner encoder has a scale error of 5.00 ppm;"),
+            "{scale}"
+        );
+        assert!(
+            suspicion(Change::Outlier(4), ARCSEC).starts_with("[outlier] in segment 9, gyro y is off by 1.00 arcsec;")
+        );
         let below = Suspicion { sigmas: 4.9, limit: 5.0, ..Suspicion::default() };
         assert_eq!(reasons(|case| case.solution.suspicion = below).len(), 0);
         let unknown = Suspicion { sigmas: f64::NAN, ..below };
@@ -351,13 +401,13 @@ mod tests {
                     Suspicion { change: Change::Slip(0), sigmas: by_change.sqrt(), ..Suspicion::default() };
             })
         };
-        let latitude = "the gyros feel the Earth rate of latitude 35.000 +- 0.008 deg, configured is 30.930 deg";
+        let latitude = "[wrong-latitude] the gyros measure the Earth rate of latitude 35.000 +- 0.008 deg, but 30.930 deg is configured";
         let (alone, beside) = (found(error, 0.9 * explained), found(error, explained));
         assert_eq!((alone.len(), alone[0].as_str()), (2, latitude));
         assert_eq!((beside.len(), beside[0].as_str()), (3, latitude));
-        assert!(beside[1].contains("outer encoder: slip"), "{beside:?}");
+        assert!(beside[1].contains("the outer encoder slips"), "{beside:?}");
         let by_change = found(error, explained + 10.0);
-        assert!(by_change[0].contains("outer encoder: slip"), "{by_change:?}");
+        assert!(by_change[0].contains("the outer encoder slips"), "{by_change:?}");
         let implausible = reasons(|case| {
             case.solution.settings = felt(error);
             case.solution.estimate.errors.gyro_scale[0] = 0.02;
@@ -367,14 +417,21 @@ mod tests {
             "a wrong instrument may look like it: {implausible:?}"
         );
         let not_earth = found([0.0, explained.sqrt() * 1e-8], 100.0);
-        assert!(not_earth[0].contains("outer encoder: slip"), "{not_earth:?}");
+        assert!(not_earth[0].contains("the outer encoder slips"), "{not_earth:?}");
         let south = reasons(|case| case.solution.settings = felt([0.0, -2.0 * up]));
-        assert!(south[0].ends_with("latitude -30.930 +- 0.008 deg, configured is 30.930 deg: the other hemisphere?"));
+        assert!(south[0].ends_with(
+            "latitude -30.930 +- 0.008 deg, but 30.930 deg is configured; is the site in the other hemisphere?"
+        ));
         let heading = reasons(|case| {
             case.solution.settings =
                 SettingEvidence { heading_rad: 3.0 * DEG, heading_sigmas: -6.0, ..SettingEvidence::default() };
         });
-        assert_eq!(heading, ["the gyros find a heading that is 3.000 deg from the configured one, 6.0 sigma"]);
+        assert_eq!(
+            heading,
+            [
+                "[wrong-heading] the gyros measure a heading that differs from the configured heading by 3.000 deg, which is 6.0 sigma"
+            ]
+        );
     }
 
     #[test]
@@ -382,8 +439,13 @@ mod tests {
         let scaled = |scales: [f64; 3]| reasons(|case| case.solution.estimate.errors.accel_scale = scales);
         let gravity = scaled([6000e-6, 6100e-6, 5900e-6]);
         assert_eq!(gravity.len(), 1);
-        assert!(gravity[0].starts_with("all three accelerometers read 1.00600 times the configured gravity of 9.79"));
-        assert_eq!(scaled([6000e-6, 100e-6, -50e-6])[0], "accel_scale_x is 6000.0 ppm, plausible up to 5000.0");
+        assert!(gravity[0].starts_with(
+            "[wrong-gravity] all three accelerometers measure 1.00600 times the configured gravity of 9.79"
+        ));
+        assert_eq!(
+            scaled([6000e-6, 100e-6, -50e-6])[0],
+            "[implausible] accel_scale_x is 6000.0 ppm, but no more than 5000.0 ppm is plausible"
+        );
         assert_eq!(scaled([900e-6; 3]).len(), 0);
     }
 
@@ -393,21 +455,30 @@ mod tests {
             case.solution.fit.chi_square = 1e9;
             case.segments.iter_mut().for_each(|stop| stop.standing_mut().force_a.z = -9.8);
         });
-        assert_eq!(upside_down[0], "the sign of accel z is wrong");
-        assert_eq!(Reason::Wiring(Wiring::Swapped(5)).to_string(), "gyro z and gyro x are swapped");
-        assert_eq!(Reason::Wiring(Wiring::EncoderReversed(1)).to_string(), "the sign of the inner encoder is wrong");
+        assert_eq!(upside_down[0], "[wiring] the sign of accel z is wrong");
+        assert_eq!(Reason::Wiring(Wiring::Swapped(5)).to_string(), "[wiring] gyro z and gyro x are swapped");
+        assert_eq!(
+            Reason::Wiring(Wiring::EncoderReversed(1)).to_string(),
+            "[wiring] the sign of the inner encoder is wrong"
+        );
     }
 
     #[test]
     fn parameters_give_their_reasons() {
         let nan = reasons(|case| case.solution.estimate.errors.mounting[0] = f64::NAN);
-        assert_eq!(nan, ["alpha is not finite"]);
+        assert_eq!(nan, ["[not-finite] the estimate of alpha is not finite"]);
         let far = reasons(|case| case.solution.estimate.errors.mounting[1] = 6.0 * DEG);
-        assert_eq!(far, ["beta is 21600.0 arcsec, plausible up to 18000.0"]);
+        assert_eq!(far, ["[implausible] beta is 21600.0 arcsec, but no more than 18000.0 arcsec is plausible"]);
         let unobserved = reasons(|case| case.solution.estimate.sigmas[0] = 0.025);
-        assert_eq!(unobserved, ["Sgxy is not observed: its sigma is still 0.50 of the prior's"]);
+        assert_eq!(
+            unobserved,
+            ["[unobserved] Sgxy is not observed: its sigma is still 0.50 times its sigma before the run"]
+        );
         let sigma = reasons(|case| case.limits = case.limits.requiring(0.2 * ARCSEC));
-        assert_eq!((sigma.len(), sigma[0].as_str()), (12, "sigma of Sgxy is 0.300 arcsec, required 0.200"));
+        assert_eq!(
+            (sigma.len(), sigma[0].as_str()),
+            (12, "[sigma] the sigma of Sgxy is 0.300 arcsec, but 0.200 arcsec or less is required")
+        );
         let heading = reasons(|case| case.solution.estimate.sigmas[block::HEADING] = 0.05);
         assert_eq!(heading.len(), 0, "a heading that is not known says so by its sigma");
     }
@@ -418,7 +489,7 @@ mod tests {
         case.stored = Some(case.solution.estimate);
         case.solution.estimate.errors.mounting[2] = 5.0 * ARCSEC;
         let reason = verdict(&case).reasons[0].to_string();
-        assert_eq!(reason, "gamma differs from the stored calibration by 11.8 combined sigma");
+        assert_eq!(reason, "[changed] gamma differs from the stored calibration by 11.8 combined sigma");
         case.limits.accept_change = true;
         assert!(verdict(&case).accepted());
         assert_eq!(verdict(&case).changes.len(), 1);
@@ -433,7 +504,7 @@ mod tests {
         case.solution.estimate.errors.axis_non_perpendicularity = 5.0 * ARCSEC;
         assert_eq!(
             verdict(&case).reasons[0].to_string(),
-            "axis_nonperpendicularity differs from the stored calibration by 11.8 combined sigma"
+            "[changed] axis_nonperpendicularity differs from the stored calibration by 11.8 combined sigma"
         );
     }
 
@@ -459,7 +530,12 @@ mod tests {
             spoilt(case);
             case.segments.iter_mut().for_each(|stop| stop.standing_mut().force_a /= 9.8);
         });
-        assert_eq!(in_g, ["accelerometers read 0.102 times gravity at the stops: g in place of m/s^2?"]);
+        assert_eq!(
+            in_g,
+            [
+                "[wrong-scale] the accelerometers measure 0.102 times gravity at the stops; probable cause: g in place of m/s^2"
+            ]
+        );
         let turning = |case: &mut Case, gyro: f64, encoder: f64| {
             let turn = core::f64::consts::FRAC_PI_2;
             for (number, segment) in case.segments.iter_mut().enumerate().filter(|(number, _)| number % 2 == 1) {
@@ -484,7 +560,10 @@ mod tests {
                 case.segments.iter_mut().for_each(|segment| segment.duration_us = 6_000_000);
                 turning(case, gyro, encoder);
             });
-            assert!(found.len() == 1 && found[0].contains(&format!(": {expected} in place of rad")), "{found:?}");
+            assert!(
+                found.len() == 1 && found[0].contains(&format!("; probable cause: {expected} in place of rad")),
+                "{found:?}"
+            );
         }
     }
 
@@ -498,7 +577,7 @@ mod tests {
                 stop.held = Held { samples: 2000, channel: 2, stale: 0 };
             });
         });
-        assert_eq!(dead[0], "segment 0, accel z: does not change over 2000 samples");
+        assert_eq!(dead[0], "[held-value] in segment 0, accel z does not change over 2000 samples");
     }
 
     #[test]
@@ -513,18 +592,24 @@ mod tests {
                 }
             })
         };
-        assert_eq!(scaled(0..3, 9.0), ["accelerometers: noise is 3.00 times the configured"]);
-        assert_eq!(scaled(3..6, 1e-4), ["gyros: noise is 0.01 times the configured"]);
-        assert_eq!(scaled(4..5, 9.0), ["gyro y: noise is 3.00 times the configured"]);
+        assert_eq!(
+            scaled(0..3, 9.0),
+            ["[noise-level] the noise of the accelerometers is 3.00 times the configured noise"]
+        );
+        assert_eq!(scaled(3..6, 1e-4), ["[noise-level] the noise of the gyros is 0.01 times the configured noise"]);
+        assert_eq!(scaled(4..5, 9.0), ["[noise-level] the noise of gyro y is 3.00 times the configured noise"]);
         let quiet = reasons(|case| {
             case.solution.fit.chi_square = 60.0;
             case.segments.iter_mut().for_each(|stop| stop.standing_mut().scatter.variance[5] *= 0.36);
         });
-        assert_eq!((quiet.len(), quiet[0].as_str()), (2, "gyro z: noise is 0.60 times the configured"));
+        assert_eq!(
+            (quiet.len(), quiet[0].as_str()),
+            (2, "[noise-level] the noise of gyro z is 0.60 times the configured noise")
+        );
         let few = reasons(|case| {
             case.segments[..9].iter_mut().for_each(|stop| stop.standing_mut().scatter.variance[1] *= 9.0)
         });
-        assert_eq!(few[0], "segment 0, accel y: variance 9.0 times that of the configured noise");
+        assert_eq!(few[0], "[unrest] in segment 0, the variance of accel y is 9.0 times that of the configured noise");
     }
 
     #[test]
@@ -535,8 +620,11 @@ mod tests {
                 case.segments[..stops].iter_mut().for_each(|stop| stop.standing_mut().scatter.variance[1] *= 9.0);
             })
         };
-        assert_eq!(loud(3), ["accel y: noise is 3.00 times the configured"]);
-        assert_eq!(loud(2)[0], "segment 0, accel y: variance 9.0 times that of the configured noise");
+        assert_eq!(loud(3), ["[noise-level] the noise of accel y is 3.00 times the configured noise"]);
+        assert_eq!(
+            loud(2)[0],
+            "[unrest] in segment 0, the variance of accel y is 9.0 times that of the configured noise"
+        );
     }
 
     #[test]

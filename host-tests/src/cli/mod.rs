@@ -6,6 +6,7 @@ mod calibrate;
 mod command_line;
 mod compare;
 mod ending;
+mod explain;
 mod files;
 mod history;
 mod inspect;

@@ -24,7 +24,7 @@ use clap::{Args, FromArgMatches};
 use rayon::prelude::*;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::model::error_model::{INSTALLATION_STATES, PARAMETER_INFO};
-use rins_selfcal::run::calibrator::Progress as Segmented;
+use rins_selfcal::run::telemetry::Progress as Segmented;
 use serde::Serialize;
 use std::path::PathBuf;
 use std::time::Instant;

@@ -63,7 +63,7 @@ pub fn estimate(outcome: &Outcome, index: usize, truth: Option<&ParameterTable>)
 
 /// Time, value and sigma of a parameter after every segment, in report units.
 fn values_of(outcome: &Outcome, index: usize) -> Vec<(f64, f64, f64)> {
-    let of = |progress: &rins_selfcal::run::calibrator::Progress| {
+    let of = |progress: &rins_selfcal::run::telemetry::Progress| {
         let estimate = &progress.estimate;
         let (value, sigma) = (quantity::values(&estimate.errors)[index], quantity::sigmas(&estimate.sigmas)[index]);
         (progress.end_us as f64 * 1e-6, value, sigma)

@@ -13,7 +13,7 @@ use crate::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::linear::Matrix;
 use rins_selfcal::estimator::OBSERVED_RATIO;
 use rins_selfcal::model::error_model::{INSTALLATION_STATES, InstrumentErrors, PARAMETERS, ParameterInfo};
-use rins_selfcal::run::calibrator::Progress;
+use rins_selfcal::run::telemetry::Progress;
 use rins_selfcal::scheme::{Leg, Scheme};
 use rins_selfcal::segment::SegmentKind;
 use serde::Serialize;

@@ -11,7 +11,8 @@ use rayon::prelude::*;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::estimator::{BASIC_STATES, Estimator};
 use rins_selfcal::model::error_model::INSTALLATION_STATES;
-use rins_selfcal::run::calibrator::{Calibrator, Progress};
+use rins_selfcal::run::calibrator::Calibrator;
+use rins_selfcal::run::telemetry::Progress;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::Segment;
 
