@@ -5,6 +5,7 @@ mod arguments;
 mod calibrate;
 mod compare;
 mod files;
+mod guide;
 mod history;
 mod inspect;
 mod manual;
@@ -63,6 +64,7 @@ fn run(arguments: Arguments) -> anyhow::Result<Ending> {
         Command::Replicate(arguments) => replicate::run(&arguments),
         Command::Monitor(arguments) => monitor::run(&arguments),
         Command::History(arguments) => history::run(&arguments),
+        Command::Guide(arguments) => guide::run(&arguments),
         Command::Completions(arguments) => manual::completions(&arguments),
         Command::Man => manual::page(),
     }

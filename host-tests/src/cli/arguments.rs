@@ -1,6 +1,7 @@
 //! The command line.
 
 use super::files::Named;
+use super::guide::GuideArguments;
 use super::history::HistoryArguments;
 use super::monitor::MonitorArguments;
 use crate::bench::Imu;
@@ -99,6 +100,9 @@ pub enum Command {
     /// Show the calibrations that an instrument keeps, from an image of its memory
     #[command(after_help = "Example: rins history eeprom.bin --json history.json")]
     History(HistoryArguments),
+    /// Print a chapter of the guide, or the list of chapters
+    #[command(after_help = "Examples:\n  rins guide\n  rins guide tutorial")]
+    Guide(GuideArguments),
     /// Print the completions of a shell
     #[command(after_help = "Example: rins completions bash > ~/.local/share/bash-completion/completions/rins")]
     Completions(CompletionsArguments),
