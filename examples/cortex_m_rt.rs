@@ -16,17 +16,21 @@ use critical_section::Mutex;
 use defmt_rtt as _;
 use embassy_stm32::pac::Interrupt;
 use embassy_stm32::{interrupt, pac};
-use rins_selfcal::acquisition::queue::{Observed, SampleProducer, SampleQueue};
-use rins_selfcal::base::sample::CorrectedSample;
+use rins_selfcal::acquisition::queue::{Observed, SampleConsumer, SampleProducer, SampleQueue};
+use rins_selfcal::base::angle::Angle;
+use rins_selfcal::base::loss::Losses;
+use rins_selfcal::base::restart::Restart;
+use rins_selfcal::base::sample::{CorrectedSample, SampleStatus};
 use rins_selfcal::estimator::MAX_SEGMENTS;
-use rins_selfcal::gimbal::Gimbal;
-use rins_selfcal::gimbal::servo::{Drive, PERIOD_US};
+use rins_selfcal::gimbal::axis::AxisLimits;
+use rins_selfcal::gimbal::servo::{Drive, MotorAndLoad, PERIOD_US};
+use rins_selfcal::gimbal::{Gimbal, GimbalStatus, MotionCommand};
+use rins_selfcal::instrument::{Archive, Axes, CorrectedSink, Events, Instrument, SerialLine, Surroundings, Telemetry};
 use rins_selfcal::keep::medium::Eeprom;
 use rins_selfcal::keep::store::CalibrationStore;
-use rins_selfcal::keep::store::Loaded;
+use rins_selfcal::link::Link;
 use rins_selfcal::run::assignment::Assignment;
 use rins_selfcal::run::calibrator::Calibrator;
-use rins_selfcal::run::self_calibration::SelfCalibration;
 use sensor_board::SensorBoard;
 
 /// Of the processor as your start-up code sets it; after reset.
@@ -89,36 +93,73 @@ fn main() -> ! {
 fn run() -> Option<()> {
     let queue = singleton!(: SampleQueue<f64, 64> = SampleQueue::new())?;
     let calibrator = singleton!(: Calibrator<f64, MAX_SEGMENTS> = Calibrator::UNCONFIGURED)?;
-    let (producer, mut samples) = queue.split();
-    // Site, noise, scheme, axes, motors: yours in place of the default.
+    let link = singleton!(: Link = Link::new())?;
+    let (producer, samples) = queue.split();
+    // Site, noise, scheme, axes and motors: put yours in place of the default.
     let Assignment::SelfCalibrate(config) = Assignment::default() else { return None };
-    let mut store = CalibrationStore::new(Eeprom(SensorBoard::at_external_memory()));
-    let stored = if let Ok(Loaded::Found { record, .. }) = store.load() { Some(record) } else { None };
     critical_section::with(|cs| {
         PRODUCER.replace(cs, Some(producer));
         GIMBAL.replace(cs, Some(Gimbal::new(&config.axes, &config.motors)));
     });
-    let mut run = SelfCalibration::new(config, stored.as_ref(), calibrator).ok()?;
+    let store = CalibrationStore::new(Eeprom(SensorBoard::at_external_memory()));
+    let mut devices = Devices { samples, store };
+    // Your start-up code knows why the software has started.
+    let mut instrument = Instrument::power_up(config, &Restart::PowerOn, link, calibrator, &mut devices).ok()?;
     start_interrupts()?;
     loop {
-        while let Some(Observed { sample, gimbal }) = samples.pop() {
-            let step = run.step(&sample, &gimbal, &mut |_message| { /* To your telemetry. */ });
-            step.motion.map(|motion| with_gimbal(|now| now.command_seen(motion, gimbal.time_us)));
-            if step.save {
-                // A calibration that cannot be stored still corrects.
-                let _ = run.record().map(|record| store.save(&record));
-                run.saved();
-            }
-            if let Some(corrected) = step.corrected {
-                navigate(&corrected);
-            }
-        }
-        let status = with_gimbal(|gimbal| gimbal.status())?;
-        let motion = run.tick(now_us(), &status, &mut |_message| ());
-        motion.map(|motion| with_gimbal(|gimbal| gimbal.command_seen(motion, status.time_us)));
+        instrument.turn(&mut devices);
         cortex_m::asm::wfi();
     }
 }
+
+/// The board as the instrument sees it. This board has neither a serial line nor a black box.
+struct Devices {
+    samples: SampleConsumer<'static, f64>,
+    store: CalibrationStore<Eeprom<SensorBoard>>,
+}
+
+impl Surroundings<f64> for Devices {
+    fn now_us(&self) -> u64 {
+        now_us()
+    }
+
+    fn next_sample(&mut self) -> Option<Observed<f64>> {
+        self.samples.pop()
+    }
+
+    fn losses(&mut self) -> Losses {
+        self.samples.losses()
+    }
+
+    fn archive(&mut self) -> &mut impl Archive {
+        &mut self.store
+    }
+}
+
+impl Axes for Devices {
+    fn status(&mut self) -> GimbalStatus {
+        with_gimbal(|gimbal| gimbal.status()).unwrap_or_default()
+    }
+
+    fn command(&mut self, motion: MotionCommand, seen_us: u64) {
+        with_gimbal(|gimbal| gimbal.command_seen(motion, seen_us));
+    }
+
+    fn reconfigure(&mut self, axes: &[AxisLimits; 2], motors: &[MotorAndLoad; 2]) {
+        with_gimbal(|gimbal| gimbal.reconfigure(axes, motors));
+    }
+}
+
+impl CorrectedSink<f64> for Devices {
+    /// Your navigation.
+    fn take(&mut self, sample: &CorrectedSample<f64>, _angles: [Angle; 2], _status: SampleStatus) {
+        defmt::trace!("{=f64} m/s^2 up", sample.force_s.z);
+    }
+}
+
+impl Events for Devices {}
+impl SerialLine for Devices {}
+impl Telemetry for Devices {}
 
 fn start_interrupts() -> Option<()> {
     let mut core = cortex_m::Peripherals::take()?;
@@ -130,11 +171,6 @@ fn start_interrupts() -> Option<()> {
     // SAFETY: everything that the interrupt uses is in place.
     unsafe { NVIC::unmask(Interrupt::EXTI15_10) };
     Some(())
-}
-
-/// Your navigation.
-fn navigate(sample: &CorrectedSample<f64>) {
-    defmt::trace!("{=f64} m/s^2 up", sample.force_s.z);
 }
 
 #[panic_handler]

@@ -13,14 +13,24 @@ mod app {
     use crate::sensor_board::SensorBoard;
     use cortex_m::peripheral::syst::SystClkSource;
     use rins_selfcal::acquisition::queue::{Observed, SampleConsumer, SampleProducer, SampleQueue};
+    use rins_selfcal::base::angle::Angle;
+    use rins_selfcal::base::loss::Losses;
+    use rins_selfcal::base::restart::Restart;
+    use rins_selfcal::base::sample::{CorrectedSample, SampleStatus};
     use rins_selfcal::estimator::MAX_SEGMENTS;
-    use rins_selfcal::gimbal::Gimbal;
-    use rins_selfcal::gimbal::servo::PERIOD_US;
+    use rins_selfcal::gimbal::axis::AxisLimits;
+    use rins_selfcal::gimbal::servo::{MotorAndLoad, PERIOD_US};
+    use rins_selfcal::gimbal::{Gimbal, GimbalStatus, MotionCommand};
+    use rins_selfcal::instrument::{
+        Archive, Axes, CorrectedSink, Events, Instrument, SerialLine, Surroundings, Telemetry,
+    };
     use rins_selfcal::keep::medium::Eeprom;
-    use rins_selfcal::keep::store::{CalibrationStore, Loaded};
+    use rins_selfcal::keep::store::CalibrationStore;
+    use rins_selfcal::link::Link;
     use rins_selfcal::run::assignment::Assignment;
     use rins_selfcal::run::calibrator::Calibrator;
-    use rins_selfcal::run::self_calibration::SelfCalibration;
+    use rins_selfcal::run::config::SelfCalibrationConfig;
+    use rtic::Mutex;
 
     /// Of the processor as your start-up code sets it; after reset.
     const CORE_HZ: u32 = 64_000_000;
@@ -39,12 +49,10 @@ mod app {
     struct Local {
         producer: SampleProducer<'static, f64>,
         samples: SampleConsumer<'static, f64>,
-        store: CalibrationStore<Eeprom<SensorBoard>>,
-        run: SelfCalibration<'static, f64>,
+        config: SelfCalibrationConfig,
     }
 
-    #[init(local = [queue: SampleQueue<f64, 64> = SampleQueue::new(),
-                    calibrator: Calibrator<f64, MAX_SEGMENTS> = Calibrator::UNCONFIGURED])]
+    #[init(local = [queue: SampleQueue<f64, 64> = SampleQueue::new()])]
     fn init(context: init::Context) -> (Shared, Local) {
         // Your start-up code: clocks, pins, external memory, the line of the data-ready edge.
         let mut timer = context.core.SYST;
@@ -54,13 +62,10 @@ mod app {
         timer.enable_counter();
         timer.enable_interrupt();
         let (producer, samples) = context.local.queue.split();
-        let mut store = CalibrationStore::new(Eeprom(SensorBoard::at_external_memory()));
-        let stored = if let Ok(Loaded::Found { record, .. }) = store.load() { Some(record) } else { None };
-        // Site, noise, scheme, axes, motors: yours in place of the default.
+        // Site, noise, scheme, axes and motors: put yours in place of the default.
         let Assignment::SelfCalibrate(config) = Assignment::default() else { refuse() };
         let gimbal = Gimbal::new(&config.axes, &config.motors);
-        let Ok(run) = SelfCalibration::new(config, stored.as_ref(), context.local.calibrator) else { refuse() };
-        (Shared { gimbal, now_us: 0 }, Local { producer, samples, store, run })
+        (Shared { gimbal, now_us: 0 }, Local { producer, samples, config })
     }
 
     /// A configuration that contradicts itself is found on the bench.
@@ -93,32 +98,78 @@ mod app {
         });
     }
 
-    #[idle(local = [samples, store, run], shared = [gimbal, now_us])]
+    #[idle(local = [samples, config, link: Link = Link::new(),
+                    calibrator: Calibrator<f64, MAX_SEGMENTS> = Calibrator::UNCONFIGURED],
+           shared = [gimbal, now_us])]
     fn idle(context: idle::Context) -> ! {
-        let idle::LocalResources { samples, store, run, .. } = context.local;
-        let idle::SharedResources { mut gimbal, mut now_us, .. } = context.shared;
+        let idle::LocalResources { samples, config, link, calibrator, .. } = context.local;
+        let idle::SharedResources { gimbal, mut now_us, .. } = context.shared;
+        let store = CalibrationStore::new(Eeprom(SensorBoard::at_external_memory()));
+        let mut devices = Devices { samples, store, gimbal, now_us: 0 };
+        // Your start-up code knows why the software has started.
+        let Ok(mut instrument) =
+            Instrument::power_up(config.clone(), &Restart::PowerOn, link, calibrator, &mut devices)
+        else {
+            refuse()
+        };
         loop {
-            while let Some(Observed { sample, gimbal: seen }) = samples.pop() {
-                let step = run.step(&sample, &seen, &mut |_message| { /* To your telemetry. */ });
-                if let Some(motion) = step.motion {
-                    gimbal.lock(|gimbal| gimbal.command_seen(motion, seen.time_us));
-                }
-                if step.save {
-                    // A calibration that cannot be stored still corrects.
-                    let _ = run.record().map(|record| store.save(&record));
-                    run.saved();
-                }
-                if let Some(corrected) = step.corrected {
-                    defmt::trace!("{=f64} m/s^2 up", corrected.force_s.z);
-                }
-            }
-            let (status, board_us) = (gimbal.lock(|gimbal| gimbal.status()), now_us.lock(|now_us| *now_us));
-            if let Some(motion) = run.tick(board_us, &status, &mut |_message| ()) {
-                gimbal.lock(|gimbal| gimbal.command_seen(motion, status.time_us));
-            }
+            devices.now_us = now_us.lock(|now_us| *now_us);
+            instrument.turn(&mut devices);
             cortex_m::asm::wfi();
         }
     }
+
+    /// The board as the instrument sees it. This board has neither a serial line nor a black box.
+    struct Devices<'a, G> {
+        samples: &'a mut SampleConsumer<'static, f64>,
+        store: CalibrationStore<Eeprom<SensorBoard>>,
+        gimbal: G,
+        /// Time at the start of this turn, us.
+        now_us: u64,
+    }
+
+    impl<G: Mutex<T = Gimbal<f64>>> Surroundings<f64> for Devices<'_, G> {
+        fn now_us(&self) -> u64 {
+            self.now_us
+        }
+
+        fn next_sample(&mut self) -> Option<Observed<f64>> {
+            self.samples.pop()
+        }
+
+        fn losses(&mut self) -> Losses {
+            self.samples.losses()
+        }
+
+        fn archive(&mut self) -> &mut impl Archive {
+            &mut self.store
+        }
+    }
+
+    impl<G: Mutex<T = Gimbal<f64>>> Axes for Devices<'_, G> {
+        fn status(&mut self) -> GimbalStatus {
+            self.gimbal.lock(|gimbal| gimbal.status())
+        }
+
+        fn command(&mut self, motion: MotionCommand, seen_us: u64) {
+            self.gimbal.lock(|gimbal| gimbal.command_seen(motion, seen_us));
+        }
+
+        fn reconfigure(&mut self, axes: &[AxisLimits; 2], motors: &[MotorAndLoad; 2]) {
+            self.gimbal.lock(|gimbal| gimbal.reconfigure(axes, motors));
+        }
+    }
+
+    impl<G> CorrectedSink<f64> for Devices<'_, G> {
+        /// Your navigation.
+        fn take(&mut self, sample: &CorrectedSample<f64>, _angles: [Angle; 2], _status: SampleStatus) {
+            defmt::trace!("{=f64} m/s^2 up", sample.force_s.z);
+        }
+    }
+
+    impl<G> Events for Devices<'_, G> {}
+    impl<G> SerialLine for Devices<'_, G> {}
+    impl<G> Telemetry for Devices<'_, G> {}
 }
 
 #[panic_handler]

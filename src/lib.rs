@@ -37,6 +37,7 @@ pub mod drivers;
 pub mod estimator;
 pub mod gimbal;
 pub mod guide;
+pub mod instrument;
 pub mod keep;
 pub mod link;
 pub mod model;

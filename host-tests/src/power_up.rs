@@ -1,5 +1,5 @@
 //! Power-up of an instrument on the bench: in this process, or as the firmware image in the emulator. Both run the same
-//! drivers, queue and assembly, and tell the same messages.
+//! drivers, the same queue and the same [`Instrument`], and tell the same messages.
 
 use crate::bench::{Bench, BenchControl, BenchImu, SharedBench, control};
 use crate::chips::bridge::Output;
@@ -8,31 +8,33 @@ use crate::emulator::{Run, Setup, run};
 use crate::line::{Line, Unconnected};
 use crate::plant::{Plant, Tick};
 use crate::refusal::refused;
-use anyhow::{Context, Result};
-use rins_selfcal::acquisition::queue::{Observed, SampleProducer, SampleQueue};
+use anyhow::{Context, Result, anyhow};
+use rins_selfcal::acquisition::queue::{Observed, SampleConsumer, SampleProducer, SampleQueue};
+use rins_selfcal::base::angle::Angle;
 use rins_selfcal::base::linear::Real;
+use rins_selfcal::base::loss::Losses;
 use rins_selfcal::base::restart::Restart;
+use rins_selfcal::base::sample::{CorrectedSample, SampleStatus};
 use rins_selfcal::estimator::MAX_SEGMENTS;
-use rins_selfcal::gimbal::Gimbal;
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::gimbal::servo::MotorAndLoad;
+use rins_selfcal::gimbal::{Gimbal, GimbalStatus, MotionCommand};
+use rins_selfcal::instrument::{
+    Archive, Axes, CorrectedSink, Events, FoundRecord, Instrument, Recording, SerialLine, Surroundings, Telemetry,
+};
 use rins_selfcal::keep::black_box::{Entry, Event};
-use rins_selfcal::link::{Archive, Hello, Link, MAX_FRAME_BYTES, Moment, Refusal};
+use rins_selfcal::link::{Link, Refusal};
 use rins_selfcal::run::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::run::calibrator::{Calibrator, CalibratorConfig};
-use rins_selfcal::run::config::SelfCalibrationConfig;
+use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig};
 use rins_selfcal::run::result::StoredCalibration;
-use rins_selfcal::run::self_calibration::SelfCalibration;
 use rins_selfcal::run::telemetry::Message;
-use rins_selfcal::verdict::VerdictLimits;
 use std::cell::{Cell, RefCell};
 use std::path::Path;
 use std::rc::Rc;
 
 /// Depth of the queue: here every sample is taken at once.
 const QUEUE: usize = 4;
-/// Time of a turn of the main loop, us.
-const TURN_US: u64 = 5000;
 
 /// Runs an instrument until its plant is exhausted. `stored` is the calibration in store at power-up; returns the one
 /// that the run stored.
@@ -43,18 +45,34 @@ pub fn in_process<T: Real, const STATES: usize, P: Plant>(
     assignment: &Assignment,
     stored: Option<&StoredCalibration>,
     bench: &SharedBench<P>,
-    mut on_message: impl FnMut(&Message),
+    mut listener: impl Listener<T>,
 ) -> Result<Option<StoredCalibration>> {
+    let mut memory = Memory { stored: stored.cloned(), ..Memory::default() };
     match assignment {
         Assignment::SelfCalibrate(config) => {
-            let mut memory = Memory { stored: stored.cloned(), ..Memory::default() };
-            self_calibrate::<T, STATES, P>(config, &mut memory, bench, &mut Unconnected, &mut on_message)?;
+            self_calibrate::<T, STATES, P>(config, &mut memory, bench, &mut Unconnected, &mut listener)?;
             Ok(memory.stored.filter(|_| memory.saved))
         }
         Assignment::Replay(config) => {
-            replay::<T, STATES, P>(config, bench, &mut on_message);
+            replay::<T, STATES, P>(config, &mut memory, bench, &mut listener)
+                .map_err(|error| anyhow!("the configuration is refused: {error}"))?;
             Ok(None)
         }
+    }
+}
+
+/// Hears what an instrument says.
+pub trait Listener<T: Real> {
+    /// Takes a message.
+    fn message(&mut self, message: &Message);
+
+    /// Takes a corrected sample.
+    fn corrected(&mut self, _sample: &CorrectedSample<T>, _angles: [Angle; 2], _status: SampleStatus) {}
+}
+
+impl<T: Real, F: FnMut(&Message)> Listener<T> for F {
+    fn message(&mut self, message: &Message) {
+        self(message);
     }
 }
 
@@ -71,15 +89,20 @@ pub struct Memory {
     pub events: Vec<Entry>,
 }
 
-impl Memory {
-    fn note(&mut self, time_us: u64, message: &Message) {
-        if let Some(event) = Event::of(message) {
-            self.events.push(Entry { sequence: self.events.len() as u32, time_us, event, repeats: 0 });
-        }
-    }
-}
-
 impl Archive for Memory {
+    fn power_up(&mut self) -> FoundRecord {
+        FoundRecord { record: self.stored.clone(), writable: true, ..FoundRecord::default() }
+    }
+
+    fn save(&mut self, record: &StoredCalibration) -> bool {
+        self.history.push(record.clone());
+        if record.verdict.accepted() {
+            self.stored = Some(record.clone());
+            self.saved = true;
+        }
+        true
+    }
+
     fn newest(&mut self) -> Result<Option<StoredCalibration>, Refusal> {
         Ok(self.stored.clone())
     }
@@ -88,18 +111,14 @@ impl Archive for Memory {
         Ok(self.history.iter().rev().nth(back.into()).cloned())
     }
 
-    fn event(&mut self, back: u16) -> Option<Entry> {
-        self.events.iter().rev().nth(back.into()).cloned()
-    }
-
     fn erase(&mut self) -> Result<(), Refusal> {
         (self.stored, self.history) = (None, Vec::new());
         Ok(())
     }
 }
 
-/// As [`in_process`], at the end of a serial line, which brings commands and takes messages. `memory` is what the instrument keeps
-/// from one power-up to the next.
+/// As [`in_process`], at the end of a serial line, which brings commands and takes messages. `memory` is what the
+/// instrument keeps from one power-up to the next.
 ///
 /// # Errors
 /// The configuration is refused.
@@ -108,93 +127,135 @@ pub fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
     memory: &mut Memory,
     bench: &SharedBench<P>,
     line: &mut impl Line,
-    on_message: &mut impl FnMut(&Message),
+    listener: &mut impl Listener<T>,
 ) -> Result<()> {
-    let mut link = Link::new();
-    link.greet(Hello::new::<T>(STATES));
-    let clock_us = Cell::new(0);
-    let mut tell = |link: &mut Link, memory: &mut Memory, message: &Message| {
-        on_message(message);
-        memory.note(clock_us.get(), message);
-        link.tell(message, &mut [0; MAX_FRAME_BYTES]);
-    };
     let mut queue = SampleQueue::<T, QUEUE>::new();
-    let (producer, mut consumer) = queue.split();
-    let gimbal = Gimbal::<T>::new(&config.axes, &config.motors);
-    let mut interrupts = Interrupts::new(bench, config.calibrator.rate_hz, gimbal, producer);
-    let found = memory.stored.is_some();
-    tell(&mut link, memory, &Message::Store { found, damaged: false, fault: false });
-    tell(&mut link, memory, &Message::Restarted(Restart::PowerOn));
-    let refused = |error| refused(error, &config.scheme, &config.axes);
+    let gimbal = Gimbal::new(&config.axes, &config.motors);
+    let mut board = VirtualBoard::new(bench, config.calibrator.rate_hz, gimbal, &mut queue, (memory, line, listener));
+    let mut link = Link::new();
     let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::UNCONFIGURED);
-    let mut run = SelfCalibration::new(config.clone(), memory.stored.as_ref(), &mut calibrator).map_err(refused)?;
-    let mut samples = 0;
-    while interrupts.period(bench) {
-        while let Some(Observed { sample, gimbal }) = consumer.pop() {
-            samples += 1;
-            let step = run.step(&sample, &gimbal, &mut |message| tell(&mut link, memory, message));
-            step.motion.into_iter().for_each(|motion| interrupts.control.command(motion, gimbal.time_us));
-            if step.note {
-                memory.history.extend(run.record());
-            }
-            if step.save {
-                let record = run.record();
-                tell(&mut link, memory, &Message::Saved(record.is_some()));
-                memory.saved |= record.is_some();
-                memory.history.extend(record.clone());
-                memory.stored = record.or(memory.stored.take());
-                run.saved();
-            }
-        }
-        let moment = Moment { now_us: bench.borrow().now_us(), missing: consumer.losses().total() };
-        clock_us.set(moment.now_us);
-        if !moment.now_us.is_multiple_of(TURN_US) {
-            continue;
-        }
-        let gimbal = interrupts.control.status();
-        let motion = run.tick(moment.now_us, &gimbal, &mut |message| tell(&mut link, memory, message));
-        motion.into_iter().for_each(|motion| interrupts.control.command(motion, gimbal.time_us));
-        let before = mechanics(run.config());
-        link.serve(std::iter::from_fn(|| line.receive()), moment, &mut run, memory);
-        let (axes, motors) = mechanics(run.config());
-        if (axes, motors) != before {
-            interrupts.control.reconfigure(&axes, &motors);
-        }
-        link.tell_status(moment, &run);
-        line.transmit(&mut || link.transmit());
+    let refused = |error| refused(error, &config.scheme, &config.axes);
+    let mut instrument =
+        Instrument::power_up(config.clone(), &Restart::PowerOn, &mut link, &mut calibrator, &mut board)
+            .map_err(refused)?;
+    while board.period() {
+        instrument.turn(&mut board);
     }
-    tell(&mut link, memory, &Message::Queue { samples, losses: consumer.losses() });
+    instrument.power_off(&mut board);
     Ok(())
 }
 
 fn replay<T: Real, const STATES: usize, P: Plant>(
     config: &CalibratorConfig,
+    memory: &mut Memory,
     bench: &SharedBench<P>,
-    on_message: &mut impl FnMut(&Message),
-) {
+    listener: &mut impl Listener<T>,
+) -> Result<(), ConfigError> {
     let mut queue = SampleQueue::<T, QUEUE>::new();
-    let (producer, mut consumer) = queue.split();
-    let gimbal = Gimbal::<T>::new(&[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2]);
-    let mut interrupts = Interrupts::new(bench, config.rate_hz, gimbal, producer);
-    let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::new(config));
-    let mut samples = 0;
-    while interrupts.period(bench) {
-        while let Some(Observed { sample, .. }) = consumer.pop() {
-            samples += 1;
-            if let Some(progress) = calibrator.step(&sample) {
-                on_message(&Message::Segment(progress));
-            }
-        }
+    let gimbal = Gimbal::new(&[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2]);
+    let ends = (memory, &mut Unconnected, listener);
+    let mut board = VirtualBoard::new(bench, config.rate_hz, gimbal, &mut queue, ends);
+    let mut link = Link::new();
+    let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::UNCONFIGURED);
+    let mut recording = Recording::new(config, &mut link, &mut calibrator, &mut board)?;
+    while board.period() {
+        recording.turn(&mut board);
     }
-    let solution = calibrator.conclude(on_message);
-    let verdict = calibrator.judge(&solution, None, &VerdictLimits::default());
-    on_message(&Message::Judged(verdict));
-    on_message(&Message::Queue { samples, losses: consumer.losses() });
+    recording.conclude(&mut board);
+    Ok(())
 }
 
-/// What of a configuration the gimbal must know.
-fn mechanics(config: &SelfCalibrationConfig) -> ([AxisLimits; 2], [MotorAndLoad; 2]) {
-    (config.axes, config.motors)
+/// A board on the bench, in this process.
+struct VirtualBoard<'a, T: Real, P, L, N> {
+    bench: &'a SharedBench<P>,
+    interrupts: Interrupts<'a, T, P>,
+    samples: SampleConsumer<'a, T>,
+    memory: &'a mut Memory,
+    line: &'a mut L,
+    listener: &'a mut N,
+}
+
+impl<'a, T: Real, P: Plant, L, N> VirtualBoard<'a, T, P, L, N> {
+    fn new(
+        bench: &'a SharedBench<P>,
+        rate_hz: f64,
+        gimbal: Gimbal<T>,
+        queue: &'a mut SampleQueue<T, QUEUE>,
+        (memory, line, listener): (&'a mut Memory, &'a mut L, &'a mut N),
+    ) -> Self {
+        let (producer, samples) = queue.split();
+        Self { bench, interrupts: Interrupts::new(bench, rate_hz, gimbal, producer), samples, memory, line, listener }
+    }
+
+    /// Lets a control period go by; whether the instrument is still switched on.
+    fn period(&mut self) -> bool {
+        self.interrupts.period(self.bench)
+    }
+}
+
+impl<T: Real, P: Plant, L: Line, N: Listener<T>> Surroundings<T> for VirtualBoard<'_, T, P, L, N> {
+    fn now_us(&self) -> u64 {
+        self.bench.borrow().now_us()
+    }
+
+    fn next_sample(&mut self) -> Option<Observed<T>> {
+        self.samples.pop()
+    }
+
+    fn losses(&mut self) -> Losses {
+        self.samples.losses()
+    }
+
+    fn archive(&mut self) -> &mut impl Archive {
+        self.memory
+    }
+}
+
+impl<T: Real, P: Plant, L, N> Axes for VirtualBoard<'_, T, P, L, N> {
+    fn status(&mut self) -> GimbalStatus {
+        self.interrupts.control.status()
+    }
+
+    fn command(&mut self, motion: MotionCommand, seen_us: u64) {
+        self.interrupts.control.command(motion, seen_us);
+    }
+
+    fn reconfigure(&mut self, axes: &[AxisLimits; 2], motors: &[MotorAndLoad; 2]) {
+        self.interrupts.control.reconfigure(axes, motors);
+    }
+}
+
+impl<T: Real, P, L, N: Listener<T>> CorrectedSink<T> for VirtualBoard<'_, T, P, L, N> {
+    fn take(&mut self, sample: &CorrectedSample<T>, angles: [Angle; 2], status: SampleStatus) {
+        self.listener.corrected(sample, angles, status);
+    }
+}
+
+impl<T: Real, P: Plant, L, N> Events for VirtualBoard<'_, T, P, L, N> {
+    fn record(&mut self, event: Event) {
+        let (sequence, time_us) = (self.memory.events.len() as u32, self.bench.borrow().now_us());
+        self.memory.events.push(Entry { sequence, time_us, event, repeats: 0 });
+    }
+
+    fn event(&mut self, back: u16) -> Option<Entry> {
+        self.memory.events.iter().rev().nth(back.into()).cloned()
+    }
+}
+
+impl<T: Real, P, L, N: Listener<T>> Telemetry for VirtualBoard<'_, T, P, L, N> {
+    fn tell(&mut self, message: &Message, _frame: Option<&[u8]>) {
+        self.listener.message(message);
+    }
+}
+
+impl<T: Real, P, L: Line, N> SerialLine for VirtualBoard<'_, T, P, L, N> {
+    fn receive(&mut self) -> Option<u8> {
+        self.line.receive()
+    }
+
+    fn transmit(&mut self, link: &mut Link) {
+        self.line.transmit(&mut || link.transmit());
+    }
 }
 
 /// What the interrupts of a board have.

@@ -103,7 +103,7 @@ fn power_up(
     };
     let to_instrument = first.iter().copied().collect();
     let mut partner = Partner { to_instrument, decoder: Decoder::new(), on_told };
-    self_calibrate::<f64, BASIC_STATES, _>(&config, memory, &shared(plant), &mut partner, &mut |_| ())
+    self_calibrate::<f64, BASIC_STATES, _>(&config, memory, &shared(plant), &mut partner, &mut |_: &Message| ())
         .expect("a good configuration");
     all
 }

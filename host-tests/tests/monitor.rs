@@ -21,6 +21,7 @@ use rins_selfcal::run::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::run::calibrator::CalibratorConfig;
 use rins_selfcal::run::config::SelfCalibrationConfig;
 use rins_selfcal::run::policy::PowerUpPolicy;
+use rins_selfcal::run::telemetry::Message;
 use rins_selfcal::scheme::Scheme;
 use std::fs::File;
 use std::path::Path;
@@ -55,7 +56,8 @@ fn instrument(line: File, off: &Arc<AtomicBool>) -> Memory {
     let (config, rins) = assignment();
     let bench = shared(Unit(rins, Arc::clone(off)));
     let (mut memory, mut line) = (Memory::default(), Terminal::new(line));
-    self_calibrate::<f64, BASIC_STATES, _>(&config, &mut memory, &bench, &mut line, &mut |_| ()).expect("it powers up");
+    self_calibrate::<f64, BASIC_STATES, _>(&config, &mut memory, &bench, &mut line, &mut |_: &Message| ())
+        .expect("it powers up");
     memory
 }
 

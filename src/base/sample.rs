@@ -2,6 +2,7 @@
 
 use crate::base::angle::Angle;
 use crate::base::linear::{Matrix3, Real, Vector3};
+use serde::{Deserialize, Serialize};
 
 /// Channels of the IMU: accelerometers x y z, gyros x y z.
 pub const CHANNELS: usize = 6;
@@ -51,4 +52,39 @@ pub struct CorrectedSample<T: Real> {
     pub omega_is_s: Vector3<T>,
     /// Attitude of the IMU frame relative to the vehicle: b to s.
     pub rot_sb: Matrix3<T>,
+}
+
+/// What a user of a corrected sample must know about it, as a word of bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SampleStatus(u16);
+
+impl SampleStatus {
+    /// No bit is set.
+    pub const NONE: Self = Self(0);
+    /// The correction was found by a run since power-up; otherwise it is the stored one.
+    pub const CALIBRATED_NOW: Self = Self(1);
+    /// A calibration run is under way: the gimbal turns the IMU through the scheme.
+    pub const RUN_UNDER_WAY: Self = Self(1 << 1);
+    /// Both axes are at rest.
+    pub const AT_REST: Self = Self(1 << 2);
+    /// An axis has failed, and both are stopped.
+    pub const GIMBAL_FAULT: Self = Self(1 << 3);
+    /// At least one sample is missing between this sample and the corrected sample before.
+    pub const SAMPLES_MISSED: Self = Self(1 << 4);
+
+    /// This word with the bits of `other` too, where `set`.
+    #[must_use]
+    pub const fn with(self, other: Self, set: bool) -> Self {
+        if set { Self(self.0 | other.0) } else { self }
+    }
+
+    /// Whether all bits of `other` are set.
+    pub const fn has(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// The bits.
+    pub const fn bits(self) -> u16 {
+        self.0
+    }
 }

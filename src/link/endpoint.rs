@@ -17,10 +17,14 @@
 //! left out whole, live values first. Whole frames that hold no command are answered with a refusal, those of another
 //! version with a hello.
 
+use super::corrected::{MAX_CORRECTED_FRAME_BYTES, Stream};
 use super::frame::{Damage, Decoder, MAX_FRAME_BYTES, encode};
 use super::lock::Lock;
 use super::outbox::Lane;
 use super::protocol::{Answer, Command, Hello, LinkCounts, Refusal};
+use crate::base::angle::Angle;
+use crate::base::linear::Real;
+use crate::base::sample::{CorrectedSample, SampleStatus};
 
 use super::outbox::Outbox;
 use crate::run::telemetry::Message;
@@ -57,7 +61,8 @@ const STATUS_US: u64 = 500_000;
 pub struct Link {
     decoder: Decoder,
     outbox: Outbox<URGENT_BYTES, ROUTINE_BYTES>,
-    pub(super) lock: Lock,
+    lock: Lock,
+    stream: Stream,
     hello: Option<Hello>,
     messages: u16,
     not_understood: u32,
@@ -72,6 +77,7 @@ impl Link {
             decoder: Decoder::new(),
             outbox: Outbox::new(),
             lock: Lock::new(),
+            stream: Stream::new(),
             hello: None,
             messages: 0,
             not_understood: 0,
@@ -127,6 +133,31 @@ impl Link {
         framed
     }
 
+    /// Switches the stream of corrected samples on or off.
+    pub fn stream(&mut self, on: bool) {
+        self.stream.switch(on);
+    }
+
+    /// Puts a corrected sample into the outbox while the stream is on.
+    #[inline(never)]
+    pub fn take<T: Real>(&mut self, sample: &CorrectedSample<T>, angles: [Angle; 2], status: SampleStatus) {
+        if let Some(report) = self.stream.report(sample, angles, status) {
+            let mut frame = [0; MAX_CORRECTED_FRAME_BYTES];
+            self.put(encode(report.number as u16, &report, &mut frame), Lane::Routine);
+        }
+    }
+
+    /// Unlocks the commands that change settings if `word` is the right one, and locks them if it is not. Returns whether the
+    /// word was right.
+    pub fn unlock(&mut self, word: u32, now_us: u64) -> bool {
+        self.lock.unlock(word, now_us)
+    }
+
+    /// Whether the commands that change settings are unlocked.
+    pub fn is_unlocked(&self, now_us: u64) -> bool {
+        self.lock.is_unlocked(now_us)
+    }
+
     /// The next byte for the wire.
     pub fn transmit(&mut self) -> Option<u8> {
         self.outbox.pop()
@@ -149,7 +180,7 @@ impl Link {
 
     /// Tells something that nobody asked for.
     #[inline(never)]
-    pub(super) fn volunteer(&mut self, answer: &Answer) {
+    pub fn volunteer(&mut self, answer: &Answer) {
         let mut frame = [0; MAX_FRAME_BYTES];
         let lane = if matches!(answer, Answer::Status(_)) { Lane::Routine } else { Lane::Urgent };
         self.put(encode(0, answer, &mut frame), lane);
@@ -162,7 +193,8 @@ impl Link {
         }
     }
 
-    pub(super) fn is_status_due(&mut self, now_us: u64) -> bool {
+    /// Whether the status is to be told now: twice a second. Counts as told.
+    pub fn is_status_due(&mut self, now_us: u64) -> bool {
         let due = self.status_us.is_none_or(|last_us| now_us.abs_diff(last_us) >= STATUS_US);
         if due {
             self.status_us = Some(now_us);

@@ -10,7 +10,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol. Frames, requests for [`super::Command::Hello`] and their answers stay the same in all versions.
-pub const PROTOCOL_VERSION: u8 = 3;
+pub const PROTOCOL_VERSION: u8 = 4;
 
 /// Longest payload, bytes.
 pub const MAX_PAYLOAD_BYTES: usize = 1280;
@@ -30,8 +30,8 @@ pub trait Payload: Serialize + DeserializeOwned {
     const KIND: u8;
 }
 
-/// Frames a payload with this number; `None` if it is longer than [`MAX_PAYLOAD_BYTES`].
-pub fn encode<'b, P: Payload>(number: u16, payload: &P, frame: &'b mut [u8; MAX_FRAME_BYTES]) -> Option<&'b [u8]> {
+/// Frames a payload with this number; `None` if the frame does not fit. [`MAX_FRAME_BYTES`] are enough for every payload.
+pub fn encode<'b, P: Payload>(number: u16, payload: &P, frame: &'b mut [u8]) -> Option<&'b [u8]> {
     let mut encoder = Encoder::new(frame);
     let [low, high] = number.to_le_bytes();
     [PROTOCOL_VERSION, P::KIND, low, high].into_iter().try_for_each(|byte| encoder.check_and_put(byte))?;

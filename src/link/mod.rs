@@ -1,12 +1,13 @@
 //! The instrument's end of a serial line: messages out, commands in, an answer to each.
 
+mod corrected;
 mod endpoint;
 mod frame;
 mod lock;
 mod outbox;
 mod protocol;
-mod service;
 
+pub use corrected::CorrectedReport;
 pub use endpoint::Link;
 pub use frame::{
     Damage, Decoder, Dropped, Frame, MAX_FRAME_BYTES, MAX_PAYLOAD_BYTES, PROTOCOL_VERSION, Payload, encode,
@@ -14,4 +15,3 @@ pub use frame::{
 pub use lock::{Lock, UNLOCK_WORD, UNLOCKED_US};
 pub use outbox::Lane;
 pub use protocol::{Answer, Command, Hello, Item, LinkCounts, Refusal, Setting, SettingName, Status};
-pub use service::{Archive, Memories, Moment};

@@ -37,6 +37,8 @@ pub enum Command {
     Abort,
     /// Say what you know.
     Read(Item),
+    /// Send every corrected sample as a [`super::CorrectedReport`] from now on, or no longer.
+    Stream(bool),
     /// Let limits be set and calibrations be erased, for [`super::UNLOCKED_US`]; with [`super::UNLOCK_WORD`].
     Unlock(u32),
     /// Change the configuration, until power-off. Only when unlocked, and while no run is under way.

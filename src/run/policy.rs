@@ -28,9 +28,9 @@ impl Default for PowerUpPolicy {
     }
 }
 
-/// When and how warm.
+/// The conditions of a calibration or of a power-up.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Moment {
+pub struct Conditions {
     /// Seconds since 1970-01-01 UTC; `None` where there is no clock.
     pub utc_s: Option<u64>,
     /// IMU temperature, deg C; not a number where there is no sensor.
@@ -80,8 +80,8 @@ pub enum Cause {
 }
 
 impl PowerUpPolicy {
-    /// Decides at `now`; `stored` is the moment of the calibration in store.
-    pub fn decide(self, stored: Option<Moment>, now: Moment) -> Decision {
+    /// Decides at `now`; `stored` is the conditions of the calibration in store.
+    pub fn decide(self, stored: Option<Conditions>, now: Conditions) -> Decision {
         match (self, stored) {
             (Self::Always, _) => Decision::Calibrate(Cause::Policy),
             (Self::OnCommand | Self::Never, Some(_)) => Decision::UseStored(Cause::Policy),
@@ -106,7 +106,7 @@ impl PowerUpPolicy {
     }
 }
 
-fn too_old(stored: Moment, now: Moment, limit_s: u64) -> Option<Cause> {
+fn too_old(stored: Conditions, now: Conditions, limit_s: u64) -> Option<Cause> {
     let age_s = now.utc_s.zip(stored.utc_s).and_then(|(now, then)| now.checked_sub(then));
     match age_s {
         None => Some(Cause::AgeUnknown),
@@ -114,7 +114,7 @@ fn too_old(stored: Moment, now: Moment, limit_s: u64) -> Option<Cause> {
     }
 }
 
-fn too_different(stored: Moment, now: Moment, limit_k: f32) -> Option<Cause> {
+fn too_different(stored: Conditions, now: Conditions, limit_k: f32) -> Option<Cause> {
     let difference_k = now.temperature_c - stored.temperature_c;
     if difference_k.is_finite() {
         (difference_k.abs() > limit_k).then_some(Cause::Temperature { difference_k, limit_k })
@@ -157,9 +157,9 @@ impl fmt::Display for Cause {
 mod tests {
     use super::*;
 
-    const STORED: Moment = Moment { utc_s: Some(1_000_000), temperature_c: 30.0 };
+    const STORED: Conditions = Conditions { utc_s: Some(1_000_000), temperature_c: 30.0 };
 
-    fn due(age_s: Option<u64>, temperature_k: Option<f32>, stored: Option<Moment>, now: Moment) -> Decision {
+    fn due(age_s: Option<u64>, temperature_k: Option<f32>, stored: Option<Conditions>, now: Conditions) -> Decision {
         PowerUpPolicy::WhenDue { age_s, temperature_k }.decide(stored, now)
     }
 
@@ -175,7 +175,7 @@ mod tests {
 
     #[test]
     fn a_calibration_is_due_by_age_or_temperature() {
-        let at = |utc_s, temperature_c| Moment { utc_s: Some(utc_s), temperature_c };
+        let at = |utc_s, temperature_c| Conditions { utc_s: Some(utc_s), temperature_c };
         let (limit_s, limit_k) = (Some(3600), Some(5.0));
         assert_eq!(due(None, None, None, STORED), Decision::Calibrate(Cause::NothingStored));
         assert_eq!(due(None, None, Some(STORED), at(9, 90.0)), Decision::UseStored(Cause::WithinLimits));
@@ -189,14 +189,14 @@ mod tests {
 
     #[test]
     fn what_is_not_known_does_not_count_as_good() {
-        let unknown = Moment { utc_s: None, temperature_c: f32::NAN };
+        let unknown = Conditions { utc_s: None, temperature_c: f32::NAN };
         for (stored, now) in [(STORED, unknown), (unknown, STORED)] {
             let by_age = due(Some(3600), None, Some(stored), now);
             assert_eq!(by_age, Decision::Calibrate(Cause::AgeUnknown));
             let by_temperature = due(None, Some(5.0), Some(stored), now);
             assert_eq!(by_temperature, Decision::Calibrate(Cause::TemperatureUnknown));
         }
-        let from_the_future = Moment { utc_s: Some(1), ..STORED };
+        let from_the_future = Conditions { utc_s: Some(1), ..STORED };
         assert_eq!(due(Some(3600), None, Some(STORED), from_the_future), Decision::Calibrate(Cause::AgeUnknown));
     }
 }

@@ -4,7 +4,7 @@ use crate::base::method::Method;
 use crate::base::site::Site;
 use crate::estimator::Estimate;
 use crate::model::error_model::{InstrumentErrors, PARAMETERS};
-use crate::run::policy::Moment;
+use crate::run::policy::Conditions;
 use crate::verdict::{Reason, Verdict};
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
@@ -43,8 +43,8 @@ impl StoredCalibration {
     }
 
     /// When it was done and how warm.
-    pub fn moment(&self) -> Moment {
-        Moment { utc_s: self.utc_s, temperature_c: self.temperature_c }
+    pub fn conditions(&self) -> Conditions {
+        Conditions { utc_s: self.utc_s, temperature_c: self.temperature_c }
     }
 
     /// What was told with the verdict, as far as it was kept; nothing of another version of the software, whose reasons may

@@ -1,8 +1,9 @@
-//! Self-calibration of a running instrument: the assembly of all rooms.
+//! Self-calibration of a running instrument: sequencer, calibrator and verdict together.
 //!
-//! One sample and how the gimbal is in; motion commands, a corrected sample, messages out. Whoever owns the hardware calls
-//! [`SelfCalibration::step`] for every sample and [`SelfCalibration::tick`] on every turn of the main loop, passes the
-//! commands to the gimbal, and stores [`SelfCalibration::record`] when asked to.
+//! One sample and the state of the gimbal come in; motion commands, a corrected sample and messages go out. The main loop
+//! ([`Instrument`](crate::instrument::Instrument)) calls [`SelfCalibration::step`] for every sample and
+//! [`SelfCalibration::tick`] on every turn, passes the commands to the gimbal, and stores [`SelfCalibration::record`] when
+//! asked to.
 
 use crate::base::angle::{Angle, ticks_to_rad};
 use crate::base::linear::{Real, real};
@@ -14,9 +15,9 @@ use crate::model::error_model::Calibration;
 use crate::run::abort::{Abort, AbortReason};
 use crate::run::calibrator::Calibrator;
 use crate::run::config::{ConfigError, SelfCalibrationConfig};
-use crate::run::policy::{Cause, Decision, Moment, PowerUpPolicy};
+use crate::run::policy::{Cause, Conditions, Decision, PowerUpPolicy};
 use crate::run::result::{StoredCalibration, StoredVerdict};
-use crate::run::sequencer::{Command, Input, Sequencer};
+use crate::run::sequencer::{Action, Input, Sequencer};
 use crate::run::state::State;
 use crate::run::telemetry::{Message, tell};
 use crate::scheme::Scheme;
@@ -101,7 +102,7 @@ struct Heard {
 #[derive(Debug)]
 pub struct SelfCalibration<'c, T: Real, const STATES: usize = BASIC_STATES> {
     config: SelfCalibrationConfig,
-    stored: Option<(Estimate, Moment)>,
+    stored: Option<(Estimate, Conditions)>,
     decision: Option<Decision>,
     start: bool,
     sequencer: Sequencer,
@@ -122,6 +123,8 @@ pub struct SelfCalibration<'c, T: Real, const STATES: usize = BASIC_STATES> {
     saved: bool,
     abort: Option<AbortReason>,
     calibration: Option<Calibration<T>>,
+    /// Whether the calibration is of a run since power-up.
+    calibrated: bool,
     corrected_report_us: Option<u64>,
 }
 
@@ -147,7 +150,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         stored: Option<&StoredCalibration>,
         calibrator: &'c mut Calibrator<T, MAX_SEGMENTS, STATES>,
     ) -> Self {
-        let stored = stored.map(|record| (record.estimate(), record.moment()));
+        let stored = stored.map(|record| (record.estimate(), record.conditions()));
         Self {
             sequencer: Sequencer::new(config.scheme.clone(), config.pace),
             calibrator,
@@ -164,6 +167,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             saved: false,
             abort: None,
             calibration: stored.as_ref().map(|(estimate, _)| calibration(estimate)),
+            calibrated: false,
             decision: None,
             start: false,
             corrected_report_us: None,
@@ -190,11 +194,11 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         }
         let state = self.sequencer.state();
         let input = self.input(sample, last_us, gimbal);
-        let command = self.sequencer.step(&input);
-        let motion = self.act(command, state, report);
+        let action = self.sequencer.step(&input);
+        let motion = self.act(action, state, report);
         self.report_state(state, sample.time_us, report);
-        let note = command == Command::GiveUp(None) && self.solution.is_some();
-        Step { motion, corrected: self.correct(sample, report), save: command == Command::Save, note }
+        let note = action == Action::GiveUp(None) && self.solution.is_some();
+        Step { motion, corrected: self.correct(sample, report), save: action == Action::Save, note }
     }
 
     /// Looks at the board's clock, us: call it on every turn of the main loop, after the samples, and at least ten times a
@@ -223,8 +227,8 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         self.calibrator.resume();
         // An axis that has failed is the better reason.
         let reason = gimbal.fault.map_or(AbortReason::SampleLoss, AbortReason::Gimbal);
-        let command = self.sequencer.abort(now_us, reason);
-        let motion = self.act(command, state, report);
+        let action = self.sequencer.abort(now_us, reason);
+        let motion = self.act(action, state, report);
         self.report_state(state, now_us, report);
         motion
     }
@@ -306,6 +310,11 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     /// Whether samples are corrected.
     pub fn is_correcting(&self) -> bool {
         self.calibration.is_some()
+    }
+
+    /// Whether the correction in use was found since power-up, by a run that was accepted.
+    pub fn has_calibrated(&self) -> bool {
+        self.calibrated
     }
 
     /// Tells that storing has ended.
@@ -414,58 +423,65 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         self.is_dwell_over() && (self.calibrator.longest_interval_us() > LONGEST_GAP_US || unrest(self.calibrator))
     }
 
-    /// Carries out a command that was given in the state `during`. Returns what the gimbal shall do, if that changes.
-    fn act(&mut self, command: Command, during: State, report: &mut impl FnMut(&Message)) -> Option<MotionCommand> {
-        match command {
-            Command::Continue | Command::Save => {}
-            Command::Decide => self.decide(report),
-            Command::Begin => self.begin(report),
-            Command::Release => tell(report, || Message::Released),
-            Command::Hold | Command::MoveTo { .. } => {}
-            Command::Measure => {
+    /// Carries out an action of the sequencer that was decided in the state `during`. Returns what the gimbal shall do, if that changes.
+    fn act(&mut self, action: Action, during: State, report: &mut impl FnMut(&Message)) -> Option<MotionCommand> {
+        match action {
+            Action::Continue | Action::Save => {}
+            Action::Decide => self.decide(report),
+            Action::Begin => self.begin(report),
+            Action::Release => tell(report, || Message::Released),
+            Action::Hold | Action::MoveTo { .. } => {}
+            Action::Measure => {
                 self.calibrator.restart_counts();
                 self.measuring = true;
             }
-            Command::RepeatStop => self.calibrator.restart_stop(),
-            Command::Weigh => self.enough = self.calibrator.weigh_piece(&self.config.limits, report),
-            Command::Solve => self.solve(report),
-            Command::Judge => self.judge(report),
-            Command::Correct => {
+            Action::RepeatStop => self.calibrator.restart_stop(),
+            Action::Weigh => self.enough = self.calibrator.weigh_piece(&self.config.limits, report),
+            Action::Solve => self.solve(report),
+            Action::Judge => self.judge(report),
+            Action::Correct => {
                 if let Some(record) = self.record() {
-                    self.stored = Some((record.estimate(), record.moment()));
+                    self.stored = Some((record.estimate(), record.conditions()));
                 }
             }
-            Command::GiveUp(reason) => {
+            Action::GiveUp(reason) => {
                 self.measuring = false;
                 if let Some(reason) = reason {
                     tell(report, || Message::Aborted(Abort { reason, during }));
                 }
             }
         }
-        let motion = self.motion(command);
+        let motion = self.motion(action);
         self.commands = self.commands.wrapping_add(motion.is_some().into());
         motion
     }
 
-    /// What a command means for the gimbal. One that has stopped for a fault of its own does so in its own way.
-    fn motion(&self, command: Command) -> Option<MotionCommand> {
-        match command {
-            Command::GiveUp(Some(AbortReason::Gimbal(_))) => None,
-            Command::Decide | Command::Begin | Command::Hold | Command::GiveUp(_) => Some(MotionCommand::Hold),
-            Command::Release => Some(MotionCommand::Release),
-            Command::MoveTo { outer_rad, inner_rad } => {
+    /// What an action means for the gimbal. One that has stopped for a fault of its own does so in its own way.
+    fn motion(&self, action: Action) -> Option<MotionCommand> {
+        match action {
+            Action::GiveUp(Some(AbortReason::Gimbal(_))) => None,
+            Action::Decide | Action::Begin | Action::Hold | Action::GiveUp(_) => Some(MotionCommand::Hold),
+            Action::Release => Some(MotionCommand::Release),
+            Action::MoveTo { outer_rad, inner_rad } => {
                 let Scheme { rate_rad_s, acceleration_rad_s2, .. } = *self.sequencer.scheme();
                 let angles_rad = [outer_rad, inner_rad];
                 Some(MotionCommand::MoveTo { angles_rad, rate_rad_s, acceleration_rad_s2 })
             }
-            _ => None,
+            Action::Continue
+            | Action::Measure
+            | Action::RepeatStop
+            | Action::Weigh
+            | Action::Solve
+            | Action::Judge
+            | Action::Save
+            | Action::Correct => None,
         }
     }
 
     fn decide(&mut self, report: &mut impl FnMut(&Message)) {
         let temperature_c = self.previous.map_or(f32::NAN, |sample| sample.temperature_c);
-        let now = Moment { utc_s: self.config.utc_s, temperature_c };
-        let decision = self.config.policy.decide(self.stored.as_ref().map(|(_, moment)| *moment), now);
+        let now = Conditions { utc_s: self.config.utc_s, temperature_c };
+        let decision = self.config.policy.decide(self.stored.as_ref().map(|(_, conditions)| *conditions), now);
         self.decision = Some(decision);
         tell(report, || Message::Decided(decision));
     }
@@ -501,6 +517,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         let accepted = self.solution.is_some() && verdict.accepted();
         if accepted {
             self.calibration = self.solution.map(|solution| calibration(&solution.estimate));
+            self.calibrated = true;
         }
         self.accepted = Some(accepted);
         self.verdict = StoredVerdict::new(&verdict);

@@ -101,7 +101,7 @@ pub struct Input {
 /// What is to be done now.
 #[must_use]
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Command {
+pub enum Action {
     /// Nothing new.
     Continue,
     /// Both axes shall come to rest, and be controlled no longer.
@@ -218,12 +218,12 @@ impl Sequencer {
     }
 
     /// One step; at most one edge is taken.
-    pub fn step(&mut self, input: &Input) -> Command {
+    pub fn step(&mut self, input: &Input) -> Action {
         // Where the clock went back, the time in this state begins anew.
         self.since_us = self.since_us.min(input.now_us);
         if let Some(reason) = input.abort {
             let command = self.abort(input.now_us, reason);
-            if command != Command::Continue {
+            if command != Action::Continue {
                 return command;
             }
         }
@@ -234,21 +234,21 @@ impl Sequencer {
             State::Settle(leg) => self.settle(input, leg),
             State::Dwell(leg) => self.dwell(input, leg),
             State::Weigh(leg) => match input.enough {
-                None => Command::Weigh,
-                Some(true) => self.enter(input, State::Compute, Command::Solve),
+                None => Action::Weigh,
+                Some(true) => self.enter(input, State::Compute, Action::Solve),
                 Some(false) => self.next_leg(input, leg),
             },
-            State::Compute if input.solved => self.enter(input, State::Verdict, Command::Judge),
-            State::Compute => Command::Solve,
+            State::Compute if input.solved => self.enter(input, State::Verdict, Action::Judge),
+            State::Compute => Action::Solve,
             State::Verdict => match input.accepted {
-                Some(true) => self.enter(input, State::Store, Command::Save),
+                Some(true) => self.enter(input, State::Store, Action::Save),
                 Some(false) => self.give_up(input, None),
-                None => Command::Continue,
+                None => Action::Continue,
             },
-            State::Store if input.saved => self.enter(input, State::Correcting, Command::Correct),
+            State::Store if input.saved => self.enter(input, State::Correcting, Action::Correct),
             State::Stopping if input.at_rest && self.elapsed_us(input) >= STOP_US => self.park(input),
-            State::Parking if self.is_overdue(input) => self.enter(input, State::Stranded, Command::Release),
-            State::Parking if input.arrived => self.enter(input, State::Parked, Command::Hold),
+            State::Parking if self.is_overdue(input) => self.enter(input, State::Stranded, Action::Release),
+            State::Parking if input.arrived => self.enter(input, State::Parked, Action::Hold),
             State::Correcting | State::StandBy | State::Parked | State::Stranded if input.start => self.begin(input),
             State::Store
             | State::Correcting
@@ -256,17 +256,17 @@ impl Sequencer {
             | State::Stopping
             | State::Parking
             | State::Parked
-            | State::Stranded => Command::Continue,
+            | State::Stranded => Action::Continue,
         }
     }
 
     /// Ends the run for a reason, if it is under way, or its parking, if something failed. Where no run is under way, axes
     /// that do not follow are released. Without usable samples this is all that can be done.
-    pub fn abort(&mut self, now_us: u64, reason: AbortReason) -> Command {
+    pub fn abort(&mut self, now_us: u64, reason: AbortReason) -> Action {
         let input = Input { now_us, ..Input::default() };
         match self.state {
             // An IMU may take its time to start.
-            State::PowerUp if reason == AbortReason::SampleLoss => Command::Continue,
+            State::PowerUp if reason == AbortReason::SampleLoss => Action::Continue,
             State::PowerUp
             | State::AwaitStill
             | State::Turn(_)
@@ -275,23 +275,23 @@ impl Sequencer {
             | State::Weigh(_)
             | State::Compute
             | State::Verdict => self.give_up(&input, Some(reason)),
-            State::Parking if reason.is_fault() => self.enter(&input, State::Stranded, Command::Release),
+            State::Parking if reason.is_fault() => self.enter(&input, State::Stranded, Action::Release),
             State::Stopping => {
                 self.may_park &= reason.lets_park();
-                Command::Continue
+                Action::Continue
             }
             State::Store | State::Correcting | State::StandBy | State::Parked | State::Stranded
                 if matches!(reason, AbortReason::Gimbal(_)) =>
             {
-                Command::Release
+                Action::Release
             }
             State::Store | State::Correcting | State::StandBy | State::Parking | State::Parked | State::Stranded => {
-                Command::Continue
+                Action::Continue
             }
         }
     }
 
-    fn enter(&mut self, input: &Input, state: State, command: Command) -> Command {
+    fn enter(&mut self, input: &Input, state: State, command: Action) -> Action {
         self.state = state;
         self.since_us = input.now_us;
         if let State::Dwell(leg) = state {
@@ -304,36 +304,36 @@ impl Sequencer {
         input.now_us.saturating_sub(self.since_us)
     }
 
-    fn park(&mut self, input: &Input) -> Command {
+    fn park(&mut self, input: &Input) -> Action {
         if self.may_park {
-            self.enter(input, State::Parking, Command::MoveTo { outer_rad: 0.0, inner_rad: 0.0 })
+            self.enter(input, State::Parking, Action::MoveTo { outer_rad: 0.0, inner_rad: 0.0 })
         } else {
-            self.enter(input, State::Stranded, Command::Release)
+            self.enter(input, State::Stranded, Action::Release)
         }
     }
 
-    fn give_up(&mut self, input: &Input, reason: Option<AbortReason>) -> Command {
+    fn give_up(&mut self, input: &Input, reason: Option<AbortReason>) -> Action {
         self.may_park = reason.is_none_or(AbortReason::lets_park);
-        self.enter(input, State::Stopping, Command::GiveUp(reason))
+        self.enter(input, State::Stopping, Action::GiveUp(reason))
     }
 
-    fn power_up(&mut self, input: &Input) -> Command {
+    fn power_up(&mut self, input: &Input) -> Action {
         match input.decision {
-            None => Command::Decide,
+            None => Action::Decide,
             Some(Decision::Calibrate(_)) => self.begin(input),
-            Some(Decision::UseStored(_)) => self.enter(input, State::Correcting, Command::Correct),
-            Some(Decision::StandBy(_)) => self.enter(input, State::StandBy, Command::Hold),
+            Some(Decision::UseStored(_)) => self.enter(input, State::Correcting, Action::Correct),
+            Some(Decision::StandBy(_)) => self.enter(input, State::StandBy, Action::Hold),
         }
     }
 
-    fn begin(&mut self, input: &Input) -> Command {
+    fn begin(&mut self, input: &Input) -> Action {
         self.still_since_us = None;
         self.repeats_left = self.pace.stop_repeats;
         self.cut_after = None;
-        self.enter(input, State::AwaitStill, Command::Begin)
+        self.enter(input, State::AwaitStill, Action::Begin)
     }
 
-    fn await_still(&mut self, input: &Input) -> Command {
+    fn await_still(&mut self, input: &Input) -> Action {
         if !input.still {
             self.still_since_us = None;
         } else if input.now_us.saturating_sub(*self.still_since_us.get_or_insert(input.now_us)) >= STILL_US {
@@ -342,33 +342,33 @@ impl Sequencer {
         if self.elapsed_us(input) > STILL_TIMEOUT_US {
             return self.give_up(input, Some(AbortReason::NotStill));
         }
-        Command::Continue
+        Action::Continue
     }
 
-    fn turn_to(&mut self, input: &Input, leg: u16) -> Command {
+    fn turn_to(&mut self, input: &Input, leg: u16) -> Action {
         let Leg { outer_rad, inner_rad, .. } = self.leg(leg);
-        self.enter(input, State::Turn(leg), Command::MoveTo { outer_rad, inner_rad })
+        self.enter(input, State::Turn(leg), Action::MoveTo { outer_rad, inner_rad })
     }
 
-    fn turn(&mut self, input: &Input, leg: u16) -> Command {
+    fn turn(&mut self, input: &Input, leg: u16) -> Action {
         if self.is_overdue(input) {
             self.give_up(input, Some(AbortReason::TurnTimeout))
         } else if input.arrived {
-            self.enter(input, State::Settle(leg), Command::Continue)
+            self.enter(input, State::Settle(leg), Action::Continue)
         } else {
-            Command::Continue
+            Action::Continue
         }
     }
 
-    fn settle(&mut self, input: &Input, leg: u16) -> Command {
+    fn settle(&mut self, input: &Input, leg: u16) -> Action {
         if self.elapsed_us(input) < SETTLE_US {
-            return Command::Continue;
+            return Action::Continue;
         }
         if leg > 0 {
-            return self.enter(input, State::Dwell(leg), Command::Continue);
+            return self.enter(input, State::Dwell(leg), Action::Continue);
         }
         self.measuring_since_us = input.now_us;
-        self.enter(input, State::Dwell(leg), Command::Measure)
+        self.enter(input, State::Dwell(leg), Action::Measure)
     }
 
     /// Whether a stop has lasted as long as it shall.
@@ -376,29 +376,29 @@ impl Sequencer {
         matches!(self.state, State::Dwell(_)) && now_us.saturating_sub(self.since_us) >= self.dwell_us
     }
 
-    fn dwell(&mut self, input: &Input, leg: u16) -> Command {
+    fn dwell(&mut self, input: &Input, leg: u16) -> Action {
         if !self.is_dwell_over(input.now_us) {
-            Command::Continue
+            Action::Continue
         } else if input.disturbed && self.repeats_left > 0 {
             self.repeats_left -= 1;
-            self.enter(input, State::Dwell(leg), Command::RepeatStop)
+            self.enter(input, State::Dwell(leg), Action::RepeatStop)
         } else if (self.elapsed_us(input) as f64) < self.dwell_us as f64 * input.extension
             && !self.is_late(input.now_us)
         {
-            Command::Continue
+            Action::Continue
         } else if self.pace.early_finish && leg + 1 < self.legs() {
-            self.enter(input, State::Weigh(leg), Command::Weigh)
+            self.enter(input, State::Weigh(leg), Action::Weigh)
         } else {
             self.next_leg(input, leg)
         }
     }
 
-    fn next_leg(&mut self, input: &Input, leg: u16) -> Command {
+    fn next_leg(&mut self, input: &Input, leg: u16) -> Action {
         if leg + 1 < self.legs() && !self.is_late(input.now_us) {
             self.turn_to(input, leg + 1)
         } else {
             self.cut_after = (leg + 1 < self.legs()).then_some(leg);
-            self.enter(input, State::Compute, Command::Solve)
+            self.enter(input, State::Compute, Action::Solve)
         }
     }
 
@@ -433,11 +433,11 @@ mod tests {
     use std::vec::Vec;
 
     /// Steps at 200 Hz for an hour with `input` made of the time and the state. Returns states entered and commands.
-    fn run(sequencer: &mut Sequencer, mut input: impl FnMut(u64, State) -> Input) -> Vec<(State, Command)> {
-        let mut trace: Vec<(State, Command)> = Vec::new();
+    fn run(sequencer: &mut Sequencer, mut input: impl FnMut(u64, State) -> Input) -> Vec<(State, Action)> {
+        let mut trace: Vec<(State, Action)> = Vec::new();
         for step in 0..720_000_u64 {
             let command = sequencer.step(&input(step * 5000, sequencer.state()));
-            if trace.last().is_none_or(|last| last.0 != sequencer.state()) || command != Command::Continue {
+            if trace.last().is_none_or(|last| last.0 != sequencer.state()) || command != Action::Continue {
                 trace.push((sequencer.state(), command));
             }
         }
@@ -476,23 +476,23 @@ mod tests {
         let trace = run(&mut sequencer, cooperative);
         let dwells = trace.iter().filter(|(state, _)| matches!(state, State::Dwell(_))).count();
         assert_eq!(dwells, 37);
-        let moves = trace.iter().filter(|(_, command)| matches!(command, Command::MoveTo { .. })).count();
+        let moves = trace.iter().filter(|(_, command)| matches!(command, Action::MoveTo { .. })).count();
         assert_eq!(moves, 37, "36 moves and the way to the start");
-        let commands: Vec<Command> = trace.iter().rev().take(4).rev().map(|(_, command)| *command).collect();
-        assert_eq!(commands, [Command::Solve, Command::Judge, Command::Save, Command::Correct]);
+        let commands: Vec<Action> = trace.iter().rev().take(4).rev().map(|(_, command)| *command).collect();
+        assert_eq!(commands, [Action::Solve, Action::Judge, Action::Save, Action::Correct]);
         assert_eq!(sequencer.state(), State::Correcting);
     }
 
     #[test]
     fn a_decision_leads_to_its_state() {
         let decisions = [
-            (Decision::UseStored(Cause::WithinLimits), Command::Correct, State::Correcting),
-            (Decision::StandBy(Cause::Policy), Command::Hold, State::StandBy),
-            (Decision::Calibrate(Cause::Policy), Command::Begin, State::AwaitStill),
+            (Decision::UseStored(Cause::WithinLimits), Action::Correct, State::Correcting),
+            (Decision::StandBy(Cause::Policy), Action::Hold, State::StandBy),
+            (Decision::Calibrate(Cause::Policy), Action::Begin, State::AwaitStill),
         ];
         for (decision, command, state) in decisions {
             let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
-            assert_eq!(sequencer.step(&Input::default()), Command::Decide);
+            assert_eq!(sequencer.step(&Input::default()), Action::Decide);
             let input = Input { decision: Some(decision), ..Input::default() };
             assert_eq!((sequencer.step(&input), sequencer.state()), (command, state));
         }
@@ -519,10 +519,10 @@ mod tests {
             assert_eq!(sequencer.state(), state);
             let now_us = 4_000_000_000;
             let started = sequencer.step(&Input { start: true, ..cooperative(now_us, state) });
-            assert_eq!((started, sequencer.state()), (Command::Begin, State::AwaitStill));
+            assert_eq!((started, sequencer.state()), (Action::Begin, State::AwaitStill));
             assert_eq!(
                 sequencer.step(&cooperative(now_us, State::AwaitStill)),
-                Command::Continue,
+                Action::Continue,
                 "stillness counts anew"
             );
         }
@@ -531,7 +531,7 @@ mod tests {
             start: state != State::Correcting,
             ..cooperative(now_us, state)
         });
-        assert_eq!(eager.iter().filter(|(_, command)| *command == Command::Begin).count(), 1);
+        assert_eq!(eager.iter().filter(|(_, command)| *command == Action::Begin).count(), 1);
     }
 
     #[test]
@@ -540,8 +540,8 @@ mod tests {
         let reject = |now_us, state| Input { accepted: Some(false), saved: false, ..cooperative(now_us, state) };
         let trace = run(&mut sequencer, reject);
         assert_eq!(sequencer.state(), State::Parked);
-        assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(None)));
-        assert!(!trace.iter().any(|(_, command)| matches!(command, Command::Save | Command::Correct)));
+        assert!(trace.iter().any(|(_, command)| *command == Action::GiveUp(None)));
+        assert!(!trace.iter().any(|(_, command)| matches!(command, Action::Save | Action::Correct)));
     }
 
     /// Every state: those that a run can be aborted from, and the others.
@@ -568,7 +568,7 @@ mod tests {
     ];
 
     /// Tells the sequencer of an abort whenever it is in one state.
-    fn aborted_in(aborted: State, reason: AbortReason) -> (Sequencer, Vec<(State, Command)>) {
+    fn aborted_in(aborted: State, reason: AbortReason) -> (Sequencer, Vec<(State, Action)>) {
         let pace = Pace { early_finish: true, ..Pace::default() };
         let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), pace);
         let trace = run(&mut sequencer, |now_us, state| Input {
@@ -586,9 +586,9 @@ mod tests {
                 let (sequencer, trace) = aborted_in(state, reason);
                 assert_eq!(sequencer.state(), State::Parked, "from {state:?}");
                 let end = [
-                    (State::Stopping, Command::GiveUp(Some(reason))),
-                    (State::Parking, Command::MoveTo { outer_rad: 0.0, inner_rad: 0.0 }),
-                    (State::Parked, Command::Hold),
+                    (State::Stopping, Action::GiveUp(Some(reason))),
+                    (State::Parking, Action::MoveTo { outer_rad: 0.0, inner_rad: 0.0 }),
+                    (State::Parked, Action::Hold),
                 ];
                 assert_eq!(trace[trace.len() - 3..], end, "from {state:?}");
             }
@@ -601,11 +601,11 @@ mod tests {
             let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
             sequencer.state = state;
             for reason in [AbortReason::Commanded, AbortReason::SampleLoss, AbortReason::TurnTimeout] {
-                assert_eq!((sequencer.abort(0, reason), sequencer.state()), (Command::Continue, state));
+                assert_eq!((sequencer.abort(0, reason), sequencer.state()), (Action::Continue, state));
             }
             // Axes at rest that do not follow are let go.
             let following = sequencer.abort(0, FOLLOWING);
-            let expected = if state == State::Stopping { Command::Continue } else { Command::Release };
+            let expected = if state == State::Stopping { Action::Continue } else { Action::Release };
             assert_eq!((following, sequencer.state()), (expected, state));
         }
     }
@@ -615,9 +615,9 @@ mod tests {
         let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         sequencer.state = State::Stopping;
         let after = |now_us, at_rest| Input { at_rest, ..cooperative(now_us, State::Stopping) };
-        assert_eq!(sequencer.step(&after(STOP_US, false)), Command::Continue);
-        assert_eq!(sequencer.step(&after(STOP_US - 1, true)), Command::Continue);
-        assert!(matches!(sequencer.step(&after(STOP_US, true)), Command::MoveTo { .. }));
+        assert_eq!(sequencer.step(&after(STOP_US, false)), Action::Continue);
+        assert_eq!(sequencer.step(&after(STOP_US - 1, true)), Action::Continue);
+        assert!(matches!(sequencer.step(&after(STOP_US, true)), Action::MoveTo { .. }));
     }
 
     #[test]
@@ -631,7 +631,7 @@ mod tests {
         for kind in kinds {
             let (sequencer, trace) = aborted_in(State::Turn(3), gimbal(kind));
             assert_eq!(sequencer.state(), State::Stranded);
-            let end = [(State::Stopping, Command::GiveUp(Some(gimbal(kind)))), (State::Stranded, Command::Release)];
+            let end = [(State::Stopping, Action::GiveUp(Some(gimbal(kind)))), (State::Stranded, Action::Release)];
             assert_eq!(trace[trace.len() - 2..], end);
             // Also where it comes to light while they are being stopped for something else.
             let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
@@ -643,14 +643,14 @@ mod tests {
                 },
                 ..cooperative(now_us, state)
             });
-            assert_eq!(trace.last(), Some(&(State::Stranded, Command::Release)));
+            assert_eq!(trace.last(), Some(&(State::Stranded, Action::Release)));
         }
     }
 
     #[test]
     fn an_imu_that_takes_its_time_moves_nothing() {
         let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
-        assert_eq!(sequencer.abort(2_000_000, AbortReason::SampleLoss), Command::Continue);
+        assert_eq!(sequencer.abort(2_000_000, AbortReason::SampleLoss), Action::Continue);
         assert_eq!(sequencer.state(), State::PowerUp);
     }
 
@@ -700,10 +700,10 @@ mod tests {
             ..rejected(now_us, state)
         };
         let sequencer = || Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
-        let end = |trace: Vec<(State, Command)>| trace.last().copied();
-        assert_eq!(end(run(&mut sequencer(), faulty)), Some((State::Stranded, Command::Release)));
-        assert_eq!(end(run(&mut sequencer(), slow)), Some((State::Stranded, Command::Release)));
-        assert_eq!(end(run(&mut sequencer(), asked)), Some((State::Parked, Command::Hold)));
+        let end = |trace: Vec<(State, Action)>| trace.last().copied();
+        assert_eq!(end(run(&mut sequencer(), faulty)), Some((State::Stranded, Action::Release)));
+        assert_eq!(end(run(&mut sequencer(), slow)), Some((State::Stranded, Action::Release)));
+        assert_eq!(end(run(&mut sequencer(), asked)), Some((State::Parked, Action::Hold)));
     }
 
     #[test]
@@ -714,7 +714,7 @@ mod tests {
             let now_us = if now_us < jump_us { now_us } else { now_us - jump_us };
             Input { abort: (now_us == 0).then_some(AbortReason::SampleLoss), ..cooperative(now_us, state) }
         });
-        assert_eq!(trace.last(), Some(&(State::Parked, Command::Hold)));
+        assert_eq!(trace.last(), Some(&(State::Parked, Action::Hold)));
     }
 
     #[test]
@@ -727,7 +727,7 @@ mod tests {
                 let abort = (Some(computing) == abort_at).then_some(AbortReason::Commanded);
                 Input { abort, solved: computing >= 10, ..cooperative(now_us, state) }
             });
-            let solved = trace.iter().filter(|(_, command)| *command == Command::Solve).count();
+            let solved = trace.iter().filter(|(_, command)| *command == Action::Solve).count();
             assert_eq!(solved, if abort_at.is_some() { 7 } else { 10 }, "one on entering, one while it is not done");
             let end = if abort_at.is_some() { State::Parked } else { State::Correcting };
             assert_eq!(sequencer.state(), end);
@@ -739,7 +739,7 @@ mod tests {
         let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         let disturbed = |now_us, state| Input { disturbed: state == State::Dwell(5), ..cooperative(now_us, state) };
         let trace = run(&mut sequencer, disturbed);
-        assert_eq!(trace.iter().filter(|(_, command)| *command == Command::RepeatStop).count(), 3);
+        assert_eq!(trace.iter().filter(|(_, command)| *command == Action::RepeatStop).count(), 3);
         assert_eq!(sequencer.state(), State::Correcting);
     }
 
@@ -747,11 +747,11 @@ mod tests {
     fn an_unquiet_base_and_a_stuck_axis_end_the_run() {
         let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         let trace = run(&mut sequencer, |now_us, state| Input { still: false, ..cooperative(now_us, state) });
-        assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(Some(AbortReason::NotStill))));
+        assert!(trace.iter().any(|(_, command)| *command == Action::GiveUp(Some(AbortReason::NotStill))));
         let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         let stuck = |now_us, state| Input { arrived: state != State::Turn(3), ..cooperative(now_us, state) };
         let trace = run(&mut sequencer, stuck);
-        assert!(trace.iter().any(|(_, command)| *command == Command::GiveUp(Some(AbortReason::TurnTimeout))));
+        assert!(trace.iter().any(|(_, command)| *command == Action::GiveUp(Some(AbortReason::TurnTimeout))));
         assert_eq!(sequencer.state(), State::Parked);
     }
 }

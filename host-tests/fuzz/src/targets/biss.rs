@@ -20,8 +20,8 @@ impl Target for Biss {
         "biss"
     }
 
-    fn share(&self) -> u64 {
-        300_000
+    fn moment(&self) -> u64 {
+        60_000
     }
 
     fn make(&self, source: &mut Source, input: &mut Vec<u8>) -> Claim {

@@ -1,30 +1,38 @@
-//! Random numbers, noise and damage.
-
-use rand_xoshiro::Xoshiro256PlusPlus;
-use rand_xoshiro::rand_core::{Rng, SeedableRng};
+//! Decisions, noise and damage, from the bytes of the fuzzer.
 
 /// Bytes at which decoders turn: ends of ranges, zero bytes of frames, what a BiSS, ADIS or KVH frame begins with.
 const TURNS: [u8; 12] = [0x00, 0x01, 0x02, 0x7f, 0x80, 0xfe, 0xff, 0xa5, 0x81, 0x55, 0xfd, 0x40];
 /// Numbers at which checks turn.
 const NUMBERS: [f64; 8] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, -1.0, 5e-324, f64::MAX, 1e-9];
 
-/// Everything random.
-pub struct Source(Xoshiro256PlusPlus);
+/// Decisions. When the bytes have ended, every further decision is the first possible one.
+pub struct Source<'b>(&'b [u8]);
 
-impl Source {
-    /// The same numbers for the same seed.
-    pub fn new(seed: u64) -> Self {
-        Self(Xoshiro256PlusPlus::seed_from_u64(seed))
+impl<'b> Source<'b> {
+    /// Decisions that come from these bytes, in order. A change of one byte changes few decisions, so that a fuzzer can
+    /// keep what it has reached.
+    pub fn new(bytes: &'b [u8]) -> Self {
+        Self(bytes)
+    }
+
+    fn next<const N: usize>(&mut self) -> [u8; N] {
+        let (head, rest) = self.0.split_at(N.min(self.0.len()));
+        self.0 = rest;
+        std::array::from_fn(|index| head.get(index).copied().unwrap_or(0))
     }
 
     /// Any 64 bits.
     pub fn bits(&mut self) -> u64 {
-        self.0.next_u64()
+        u64::from_le_bytes(self.next())
     }
 
-    /// A number below `bound`, which is not zero.
+    /// A number below `bound`, which is at least 1 and at most 65 536.
     pub fn below(&mut self, bound: usize) -> usize {
-        ((u128::from(self.bits()) * bound as u128) >> 64) as usize
+        if bound <= 1 << 8 {
+            (usize::from(u8::from_le_bytes(self.next())) * bound) >> 8
+        } else {
+            (usize::from(u16::from_le_bytes(self.next())) * bound) >> 16
+        }
     }
 
     /// True once in `count` times.
@@ -39,7 +47,7 @@ impl Source {
 
     /// Any byte, half of the time one at which decoders turn.
     pub fn byte(&mut self) -> u8 {
-        if self.one_in(2) { *self.pick(&TURNS) } else { self.bits() as u8 }
+        if self.one_in(2) { *self.pick(&TURNS) } else { u8::from_le_bytes(self.next()) }
     }
 
     /// Fewer than `bound` bytes.
@@ -47,15 +55,16 @@ impl Source {
         (0..self.below(bound)).map(|_| self.byte()).collect()
     }
 
-    /// Turns `count` different bits over.
+    /// Inverts `count` different bits. There are at least as many.
     pub fn flip(&mut self, bytes: &mut [u8], count: usize) {
         let mut flipped = Vec::with_capacity(count);
         while flipped.len() < count {
-            let bit = self.below(8 * bytes.len());
-            if !flipped.contains(&bit) {
-                bytes[bit / 8] ^= 0x80 >> (bit % 8);
-                flipped.push(bit);
+            let mut bit = self.below(8 * bytes.len());
+            while flipped.contains(&bit) {
+                bit = (bit + 1) % (8 * bytes.len());
             }
+            bytes[bit / 8] ^= 0x80 >> (bit % 8);
+            flipped.push(bit);
         }
     }
 

@@ -1,6 +1,6 @@
 //! The link's decoder on streams of frames, damaged frames and noise.
 
-use super::samples::Samples;
+use super::samples;
 use crate::reference::{self, Found};
 use crate::source::Source;
 use crate::target::{Claim, Outcome, Target, digest};
@@ -20,7 +20,8 @@ pub struct LinkFrames {
 
 impl LinkFrames {
     /// Frames with these payloads.
-    pub fn new(samples: &Samples) -> Self {
+    pub fn new() -> Self {
+        let samples = samples::all();
         Self { payloads: samples.all.clone() }
     }
 
@@ -58,8 +59,8 @@ impl Target for LinkFrames {
         "link-frames"
     }
 
-    fn share(&self) -> u64 {
-        170_000
+    fn moment(&self) -> u64 {
+        35_000
     }
 
     fn make(&self, source: &mut Source, input: &mut Vec<u8>) -> Claim {

@@ -30,8 +30,8 @@ impl Target for Records {
         "store-records"
     }
 
-    fn share(&self) -> u64 {
-        17_800
+    fn moment(&self) -> u64 {
+        4_000
     }
 
     fn make(&self, source: &mut Source, input: &mut Vec<u8>) -> Claim {

@@ -19,8 +19,8 @@ impl Target for Burst {
         "adis16495"
     }
 
-    fn share(&self) -> u64 {
-        250_000
+    fn moment(&self) -> u64 {
+        50_000
     }
 
     fn make(&self, source: &mut Source, input: &mut Vec<u8>) -> Claim {

@@ -27,8 +27,12 @@ impl Target for Assignments {
         "assignment"
     }
 
-    fn share(&self) -> u64 {
-        20_000
+    fn moment(&self) -> u64 {
+        4_000
+    }
+
+    fn has_corpus(&self) -> bool {
+        false
     }
 
     fn make(&self, source: &mut Source, input: &mut Vec<u8>) -> Claim {

@@ -17,6 +17,7 @@ use rins_selfcal::run::result::{StoredCalibration, StoredVerdict};
 use rins_selfcal::run::state::State;
 use rins_selfcal::run::telemetry::Message;
 use rins_selfcal::scheme::Scheme;
+use std::sync::LazyLock;
 
 /// Payloads by kind.
 pub struct Samples {
@@ -24,9 +25,14 @@ pub struct Samples {
     pub all: Vec<(u8, Vec<u8>)>,
 }
 
+/// The samples of a short run, every command, and every answer. The run takes place once.
+pub fn all() -> &'static Samples {
+    static SAMPLES: LazyLock<Samples> = LazyLock::new(Samples::new);
+    &SAMPLES
+}
+
 impl Samples {
-    /// Those of a short run, every command, and every answer.
-    pub fn new() -> Self {
+    fn new() -> Self {
         let commands = commands().into_iter().map(|command| kept(&command));
         let answers = answers().into_iter().map(|answer| kept(&answer));
         Self { all: messages().into_iter().chain(commands).chain(answers).collect() }

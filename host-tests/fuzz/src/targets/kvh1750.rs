@@ -25,8 +25,8 @@ impl Target for Stream {
         "kvh1750"
     }
 
-    fn share(&self) -> u64 {
-        200_000
+    fn moment(&self) -> u64 {
+        40_000
     }
 
     fn make(&self, source: &mut Source, input: &mut Vec<u8>) -> Claim {

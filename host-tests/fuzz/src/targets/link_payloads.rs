@@ -1,6 +1,6 @@
 //! Frames whose CRC is right, around payloads that are not: the instrument refuses, the host's end shows no nonsense.
 
-use super::samples::Samples;
+use super::samples;
 use super::stable_bytes;
 use crate::reference;
 use crate::source::Source;
@@ -16,7 +16,8 @@ pub struct LinkPayloads {
 
 impl LinkPayloads {
     /// Damage to these.
-    pub fn new(samples: &Samples) -> Self {
+    pub fn new() -> Self {
+        let samples = samples::all();
         Self { by_kind: [b'C', b'A', b'M'].map(|kind| (kind, samples.of(kind))) }
     }
 }
@@ -26,8 +27,8 @@ impl Target for LinkPayloads {
         "link-payloads"
     }
 
-    fn share(&self) -> u64 {
-        40_000
+    fn moment(&self) -> u64 {
+        8_000
     }
 
     fn make(&self, source: &mut Source, input: &mut Vec<u8>) -> Claim {

@@ -55,14 +55,19 @@ pub fn digest(value: impl Hash) -> u64 {
 }
 
 /// A decoder, how inputs for it are made, and what it promises of every input.
-pub trait Target: Sync {
-    /// Its name on the command line, and of its folder in the corpus.
+pub trait Target {
+    /// Its name, and that of its folder in the corpus.
     fn name(&self) -> &'static str;
 
-    /// Inputs that it gets of a million.
-    fn share(&self) -> u64;
+    /// The number of random inputs in `cargo test`: a second of work at most.
+    fn moment(&self) -> u64;
 
-    /// Makes an input in the empty `input`.
+    /// Whether inputs are kept in files. They are not where every change of a configuration changes the format.
+    fn has_corpus(&self) -> bool {
+        true
+    }
+
+    /// Makes an input in the empty `input`, by the decisions of `source`.
     fn make(&self, source: &mut Source, input: &mut Vec<u8>) -> Claim;
 
     /// Decodes an input; panics where a promise is broken.

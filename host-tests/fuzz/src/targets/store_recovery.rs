@@ -50,8 +50,8 @@ impl Target for Recovery {
         "store-recovery"
     }
 
-    fn share(&self) -> u64 {
-        2_000
+    fn moment(&self) -> u64 {
+        400
     }
 
     fn make(&self, source: &mut Source, input: &mut Vec<u8>) -> Claim {

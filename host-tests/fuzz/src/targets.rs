@@ -1,28 +1,26 @@
 //! The decoders under test.
 
-mod adis16495;
-mod assignment;
-mod biss;
-mod kvh1750;
-mod link_commands;
-mod link_frames;
-mod link_payloads;
+pub mod adis16495;
+pub mod assignment;
+pub mod biss;
+pub mod kvh1750;
+pub mod link_commands;
+pub mod link_frames;
+pub mod link_payloads;
 mod samples;
-mod store_records;
-mod store_recovery;
+pub mod store_records;
+pub mod store_recovery;
 
 use crate::target::Target;
-use samples::Samples;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 /// All of them.
 pub fn all() -> Vec<Box<dyn Target>> {
-    let samples = Samples::new();
     vec![
-        Box::new(link_frames::LinkFrames::new(&samples)),
-        Box::new(link_payloads::LinkPayloads::new(&samples)),
-        Box::new(link_commands::LinkCommands::new(&samples)),
+        Box::new(link_frames::LinkFrames::new()),
+        Box::new(link_payloads::LinkPayloads::new()),
+        Box::new(link_commands::LinkCommands::new()),
         Box::new(biss::Biss),
         Box::new(adis16495::Burst),
         Box::new(kvh1750::Stream),

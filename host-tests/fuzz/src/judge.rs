@@ -1,0 +1,43 @@
+//! The two readings of the bytes of the fuzzer, and the promises.
+
+use crate::source::Source;
+use crate::target::{Claim, Outcome, Target};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// Judges bytes as an input, and the input that is made by the decisions in the bytes. The second is deep in the decoder
+/// at once, as its CRC is right.
+///
+/// # Errors
+/// The text of [`judge`].
+pub fn both_readings(target: &dyn Target, bytes: &[u8]) -> Result<(), String> {
+    judge(target, bytes, Claim::Nothing)?;
+    let (input, claim) = made(target, bytes);
+    judge(target, &input, claim).map(|_| ())
+}
+
+/// The input that is made by the decisions in these bytes, and what must become of it.
+pub fn made(target: &dyn Target, bytes: &[u8]) -> (Vec<u8>, Claim) {
+    let mut input = Vec::new();
+    let claim = target.make(&mut Source::new(bytes), &mut input);
+    (input, claim)
+}
+
+/// Judges an input.
+///
+/// # Errors
+/// The input breaks a promise: the broken promise and the bytes of the input, in one line.
+pub fn judge(target: &dyn Target, input: &[u8], claim: Claim) -> Result<Outcome, String> {
+    let broken = |what: &str| {
+        let bytes: String = input.iter().map(|byte| format!("{byte:02x}")).collect();
+        format!("{}: {what}; input {bytes}", target.name())
+    };
+    match catch_unwind(AssertUnwindSafe(|| target.judge(input))) {
+        Ok(outcome) if outcome.fulfils(claim) => Ok(outcome),
+        Ok(outcome) => Err(broken(&format!("{outcome:?}, but {claim:?}"))),
+        Err(panic) => {
+            let text = panic.downcast_ref::<String>().map(String::as_str);
+            let text = text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("a panic without text");
+            Err(broken(&text.replace('\n', " ")))
+        }
+    }
+}

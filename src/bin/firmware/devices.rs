@@ -1,0 +1,207 @@
+//! The board as the instrument sees it, with the log and the measurement of the work.
+
+use crate::board::Board;
+use crate::work::{Span, Work, count};
+use crate::{Scalar, inbox, recorder, watchdog};
+use rins_selfcal::acquisition::queue::Observed;
+use rins_selfcal::base::angle::Angle;
+use rins_selfcal::base::loss::Losses;
+use rins_selfcal::base::sample::{CorrectedSample, SampleStatus};
+use rins_selfcal::gimbal::axis::AxisLimits;
+use rins_selfcal::gimbal::servo::MotorAndLoad;
+use rins_selfcal::gimbal::{GimbalStatus, MotionCommand};
+use rins_selfcal::instrument::{
+    Archive, Axes, CorrectedSink, Events, FoundRecord, SerialLine, Surroundings, Telemetry,
+};
+use rins_selfcal::keep::black_box::{Entry, Event};
+use rins_selfcal::link::{Link, Refusal};
+use rins_selfcal::run::policy::Decision;
+use rins_selfcal::run::result::StoredCalibration;
+use rins_selfcal::run::state::State;
+use rins_selfcal::run::telemetry::Message;
+
+/// A board, for one turn of the main loop.
+pub struct Devices<'b, B> {
+    board: &'b mut B,
+    /// The work on the sample that was taken last.
+    span: Option<Span>,
+    /// What the work on the sample was, where a message tells.
+    told: Option<Work>,
+}
+
+impl<'b, B> Devices<'b, B> {
+    /// The devices of a board.
+    pub fn new(board: &'b mut B) -> Self {
+        Self { board, span: None, told: None }
+    }
+}
+
+impl<B: Board> Surroundings<Scalar> for Devices<'_, B> {
+    fn now_us(&self) -> u64 {
+        self.board.now_us()
+    }
+
+    fn next_sample(&mut self) -> Option<Observed<Scalar>> {
+        let observed = self.board.parts().samples.pop()?;
+        watchdog::progress(self.board.now_us());
+        (self.span, self.told) = (Some(Span::start()), None);
+        Some(observed)
+    }
+
+    fn sample_done(&mut self, during: State) {
+        if let Some(span) = self.span.take() {
+            count(self.told.unwrap_or_else(|| work_in(during)), &span);
+        }
+    }
+
+    fn losses(&mut self) -> Losses {
+        self.board.parts().samples.losses()
+    }
+
+    fn archive(&mut self) -> &mut impl Archive {
+        self
+    }
+}
+
+/// The work on a sample in this state, where nothing is told.
+fn work_in(state: State) -> Work {
+    match state {
+        State::Dwell(_) => Work::Stop,
+        State::Turn(_) => Work::Move,
+        State::Compute => Work::Solve,
+        State::Correcting => Work::Correct,
+        _ => Work::Other,
+    }
+}
+
+impl<B: Board> Axes for Devices<'_, B> {
+    fn status(&mut self) -> GimbalStatus {
+        self.board.with_control(|control| control.status()).unwrap_or_default()
+    }
+
+    fn command(&mut self, motion: MotionCommand, seen_us: u64) {
+        self.board.with_control(|control| control.command(motion, seen_us));
+    }
+
+    fn reconfigure(&mut self, axes: &[AxisLimits; 2], motors: &[MotorAndLoad; 2]) {
+        self.board.with_control(|control| control.reconfigure(axes, motors));
+    }
+}
+
+impl<B: Board> CorrectedSink<Scalar> for Devices<'_, B> {
+    /// The place of the navigation software. This firmware has none: whoever wants the corrected samples asks for them on
+    /// the serial line.
+    fn take(&mut self, _sample: &CorrectedSample<Scalar>, _angles: [Angle; 2], _status: SampleStatus) {}
+}
+
+impl<B: Board> Events for Devices<'_, B> {
+    fn record(&mut self, event: Event) {
+        recorder::record(self.board.now_us(), event);
+    }
+
+    fn event(&mut self, back: u16) -> Option<Entry> {
+        recorder::event(back)
+    }
+}
+
+impl<B: Board> SerialLine for Devices<'_, B> {
+    fn receive(&mut self) -> Option<u8> {
+        inbox::pop()
+    }
+
+    fn overrun(&self) -> u32 {
+        inbox::lost()
+    }
+
+    fn transmit(&mut self, link: &mut Link) {
+        let span = Span::start();
+        self.board.transmit(link);
+        span.put_aside();
+    }
+}
+
+impl<B: Board> Telemetry for Devices<'_, B> {
+    fn tell(&mut self, message: &Message, frame: Option<&[u8]>) {
+        let span = Span::start();
+        self.told = Some(if matches!(message, Message::Segment(_)) { Work::Segment } else { Work::Other });
+        log(message);
+        if let Some(frame) = frame {
+            self.board.show(frame);
+        }
+        span.put_aside();
+    }
+}
+
+impl<B: Board> Archive for Devices<'_, B> {
+    fn power_up(&mut self) -> FoundRecord {
+        let found = Archive::power_up(&mut self.board.parts().store);
+        if !found.writable {
+            defmt::warn!("no record can be stored");
+        }
+        found
+    }
+
+    fn save(&mut self, record: &StoredCalibration) -> bool {
+        let span = Span::start();
+        let saved = self.board.parts().store.save(record);
+        match &saved {
+            Ok(0) => {}
+            Ok(failed) => {
+                defmt::warn!("{=usize} slots of the store did not take the record; the next slot did", *failed)
+            }
+            Err(_) => defmt::warn!("the record cannot be stored"),
+        }
+        span.put_aside();
+        saved.is_ok()
+    }
+
+    fn newest(&mut self) -> Result<Option<StoredCalibration>, Refusal> {
+        self.board.parts().store.newest()
+    }
+
+    fn entry(&mut self, back: u16) -> Result<Option<StoredCalibration>, Refusal> {
+        Archive::entry(&mut self.board.parts().store, back)
+    }
+
+    fn erase(&mut self) -> Result<(), Refusal> {
+        Archive::erase(&mut self.board.parts().store)
+    }
+}
+
+/// The milestones of a run, for whoever reads the log and not the telemetry.
+fn log(message: &Message) {
+    match message {
+        Message::State { time_us, legs, .. } => {
+            defmt::debug!("{=u64} us: next state, {=u16} legs in all", *time_us, *legs);
+        }
+        Message::Store { found, damaged, fault } => defmt::info!(
+            "calibration in store: {=bool}, a slot damaged: {=bool}, memory at fault: {=bool}",
+            *found,
+            *damaged,
+            *fault
+        ),
+        Message::Refused(error) => defmt::error!("the configuration is refused: {}", defmt::Display2Format(error)),
+        Message::Decided(Decision::Calibrate(_)) => defmt::info!("a calibration begins"),
+        Message::Decided(Decision::UseStored(_)) => defmt::info!("the stored calibration corrects"),
+        Message::Decided(Decision::StandBy(_)) => defmt::info!("standing by without a calibration"),
+        Message::Solved { solution, .. } => defmt::info!(
+            "solved: chi-square {=f64} with {=u32} degrees of freedom",
+            solution.fit.chi_square,
+            solution.degrees_of_freedom
+        ),
+        Message::Judged(verdict) => defmt::info!("accepted: {=bool}", verdict.accepted()),
+        Message::Aborted(_) => defmt::warn!("the run is aborted"),
+        Message::Restarted(restart) => defmt::info!("{}", defmt::Display2Format(restart)),
+        Message::Saved(saved) => defmt::info!("stored: {=bool}", *saved),
+        Message::Queue { samples, losses } => {
+            defmt::info!("{=u64} samples, {=u32} missing", *samples, losses.total());
+        }
+        // Live values and details are for the telemetry.
+        Message::Released
+        | Message::Segment(_)
+        | Message::Innovations(_)
+        | Message::Covariance { .. }
+        | Message::Corrected { .. }
+        | Message::Fault(_) => {}
+    }
+}

@@ -1,0 +1,124 @@
+//! Carries out the commands of the serial line: what each command does, and when it is refused.
+
+use super::surroundings::{Archive, Surroundings};
+use crate::base::linear::Real;
+use crate::link::{Answer, Command, Hello, Item, Link, Refusal, Setting, Status};
+use crate::model::error_model::PARAMETERS;
+use crate::run::self_calibration::SelfCalibration;
+use crate::run::state::State;
+
+type Run<'m, T, const STATES: usize> = SelfCalibration<'m, T, STATES>;
+
+/// Carries out one command. Not inlined, as the functions below: what they need on the stack is free again for the others.
+///
+/// # Errors
+/// Why the command is refused.
+#[inline(never)]
+pub(super) fn carry_out<T: Real, const STATES: usize>(
+    command: &Command,
+    run: &mut Run<'_, T, STATES>,
+    link: &mut Link,
+    outside: &mut impl Surroundings<T>,
+) -> Result<Answer, Refusal> {
+    let now_us = outside.now_us();
+    match command {
+        Command::Hello => Ok(Answer::Hello(Hello::new::<T>(STATES))),
+        Command::Status => Ok(Answer::Status(status(run, link, outside))),
+        Command::Start => start(run),
+        Command::Abort => abort(run),
+        Command::Read(item) => read(*item, run, outside),
+        Command::Stream(on) => {
+            link.stream(*on);
+            Ok(Answer::Done)
+        }
+        Command::Unlock(word) if link.unlock(*word, now_us) => Ok(Answer::Done),
+        Command::Unlock(_) => Err(Refusal::WrongWord),
+        Command::Set(_) | Command::Erase if !link.is_unlocked(now_us) => Err(Refusal::Locked),
+        Command::Set(setting) => set(setting, run, outside),
+        Command::Erase => erase(run.state(), outside),
+    }
+}
+
+/// The state of the instrument now.
+pub(super) fn status<T: Real, const STATES: usize>(
+    run: &Run<'_, T, STATES>,
+    link: &Link,
+    outside: &mut impl Surroundings<T>,
+) -> Status {
+    let time_us = outside.now_us();
+    Status {
+        time_us,
+        state: run.state(),
+        legs: run.legs(),
+        segments: run.calibrator().estimator().segments().len() as u16,
+        left_s: run.left_s() as f32,
+        angles_rad: run.angles_rad().map_or([f32::NAN; 2], |angles| angles.map(|angle| angle as f32)),
+        correcting: run.is_correcting(),
+        unlocked: link.is_unlocked(time_us),
+        missing: outside.losses().total(),
+        link: link.counts(),
+    }
+}
+
+/// Refuses what is allowed only while no run is under way.
+fn idle(state: State) -> Result<(), Refusal> {
+    if state.is_idle() { Ok(()) } else { Err(Refusal::NotNow(state)) }
+}
+
+fn start<T: Real, const STATES: usize>(run: &mut Run<'_, T, STATES>) -> Result<Answer, Refusal> {
+    idle(run.state())?;
+    if run.start() { Ok(Answer::Done) } else { Err(Refusal::Policy) }
+}
+
+fn abort<T: Real, const STATES: usize>(run: &mut Run<'_, T, STATES>) -> Result<Answer, Refusal> {
+    if !run.state().is_under_way() {
+        return Err(Refusal::NotNow(run.state()));
+    }
+    run.abort();
+    Ok(Answer::Done)
+}
+
+#[inline(never)]
+fn set<T: Real, const STATES: usize>(
+    setting: &Setting,
+    run: &mut Run<'_, T, STATES>,
+    outside: &mut impl Surroundings<T>,
+) -> Result<Answer, Refusal> {
+    idle(run.state())?;
+    let before = (run.config().axes, run.config().motors);
+    run.reconfigure(|config| setting.put(config)).map_err(Refusal::Config)?;
+    let (axes, motors) = (run.config().axes, run.config().motors);
+    if (axes, motors) != before {
+        outside.reconfigure(&axes, &motors);
+    }
+    Ok(Answer::Done)
+}
+
+fn erase<T: Real>(state: State, outside: &mut impl Surroundings<T>) -> Result<Answer, Refusal> {
+    idle(state)?;
+    outside.archive().erase()?;
+    Ok(Answer::Done)
+}
+
+#[inline(never)]
+fn read<T: Real, const STATES: usize>(
+    item: Item,
+    run: &Run<'_, T, STATES>,
+    outside: &mut impl Surroundings<T>,
+) -> Result<Answer, Refusal> {
+    let estimator = run.calibrator().estimator();
+    let segments = estimator.segments().len() as u16;
+    match item {
+        Item::Calibration => outside.archive().newest()?.map(Answer::Calibration).ok_or(Refusal::Nothing),
+        Item::History { back } => outside.archive().entry(back)?.map(Answer::Calibration).ok_or(Refusal::Nothing),
+        Item::Event { back } => outside.event(back).map(Answer::Event).ok_or(Refusal::Nothing),
+        Item::Setting(name) => Ok(Answer::Setting(Setting::of(run.config(), name))),
+        Item::Estimate | Item::Covariance { .. } if segments == 0 => Err(Refusal::Nothing),
+        Item::Estimate => Ok(Answer::Estimate { segments, estimate: estimator.estimate() }),
+        Item::Covariance { row } if usize::from(row) < PARAMETERS => {
+            let values = estimator.covariance_row(row.into()).map(Real::widened).data.0[0];
+            Ok(Answer::Covariance { row, values })
+        }
+        Item::Covariance { .. } => Err(Refusal::Nothing),
+    }
+}

@@ -1,0 +1,269 @@
+//! The main loop, from power-up on.
+
+use super::commands::{carry_out, status};
+use super::surroundings::{Archive, FoundRecord, Surroundings};
+use crate::acquisition::queue::Observed;
+use crate::base::linear::Real;
+use crate::base::restart::Restart;
+use crate::base::sample::{CorrectedSample, RawSample, SampleStatus};
+use crate::estimator::{BASIC_STATES, MAX_SEGMENTS};
+use crate::gimbal::{GimbalStatus, MotionCommand};
+use crate::keep::black_box::Event;
+use crate::link::{Answer, Hello, Link, MAX_FRAME_BYTES};
+use crate::run::calibrator::Calibrator;
+use crate::run::config::{ConfigError, SelfCalibrationConfig};
+use crate::run::result::StoredCalibration;
+use crate::run::self_calibration::SelfCalibration;
+use crate::run::telemetry::Message;
+
+/// A dual-axis RINS from power-up to power-off. The memory for link and calibrator is the caller's: statics on a board.
+///
+/// ```
+/// use rins_selfcal::acquisition::queue::Observed;
+/// use rins_selfcal::base::angle::Angle;
+/// use rins_selfcal::base::linear::Vector3;
+/// use rins_selfcal::base::loss::Losses;
+/// use rins_selfcal::base::restart::Restart;
+/// use rins_selfcal::base::sample::{CorrectedSample, RawSample, SampleStatus};
+/// use rins_selfcal::gimbal::axis::AxisLimits;
+/// use rins_selfcal::gimbal::servo::MotorAndLoad;
+/// use rins_selfcal::gimbal::{GimbalStatus, MotionCommand};
+/// use rins_selfcal::instrument::{Archive, Axes, CorrectedSink, Events, Instrument, SerialLine, Surroundings, Telemetry};
+/// use rins_selfcal::keep::medium::Eeprom;
+/// use rins_selfcal::keep::store::CalibrationStore;
+/// use rins_selfcal::link::Link;
+/// use rins_selfcal::run::assignment::Assignment;
+/// use rins_selfcal::run::calibrator::Calibrator;
+/// # use embedded_storage::{ReadStorage, Storage};
+/// # #[derive(Debug)] struct Memory([u8; 8192]);
+/// # impl ReadStorage for Memory {
+/// #     type Error = core::convert::Infallible;
+/// #     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
+/// #         bytes.copy_from_slice(&self.0[offset as usize..][..bytes.len()]);
+/// #         Ok(())
+/// #     }
+/// #     fn capacity(&self) -> usize { self.0.len() }
+/// # }
+/// # impl Storage for Memory {
+/// #     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
+/// #         self.0[offset as usize..][..bytes.len()].copy_from_slice(bytes);
+/// #         Ok(())
+/// #     }
+/// # }
+///
+/// /// A board in a test: its samples, its gimbal, its memory, and the corrected samples that it got.
+/// struct TestBoard {
+///     samples: Vec<RawSample<f64>>,
+///     gimbal: GimbalStatus,
+///     commands: Vec<MotionCommand>,
+///     store: CalibrationStore<Eeprom<Memory>>,
+///     corrected: usize,
+/// }
+///
+/// impl Axes for TestBoard {
+///     fn status(&mut self) -> GimbalStatus { self.gimbal }
+///     fn command(&mut self, motion: MotionCommand, _seen_us: u64) {
+///         self.gimbal.commands += 1;
+///         self.commands.push(motion);
+///     }
+///     fn reconfigure(&mut self, _axes: &[AxisLimits; 2], _motors: &[MotorAndLoad; 2]) {}
+/// }
+/// impl CorrectedSink<f64> for TestBoard {
+///     fn take(&mut self, _sample: &CorrectedSample<f64>, _angles: [Angle; 2], _status: SampleStatus) { self.corrected += 1; }
+/// }
+/// impl Events for TestBoard {}
+/// impl Telemetry for TestBoard {}
+/// impl SerialLine for TestBoard {}
+/// impl Surroundings<f64> for TestBoard {
+///     fn now_us(&self) -> u64 { 0 }
+///     fn next_sample(&mut self) -> Option<Observed<f64>> {
+///         self.samples.pop().map(|sample| Observed { sample, gimbal: self.gimbal })
+///     }
+///     fn losses(&mut self) -> Losses { Losses::default() }
+///     fn archive(&mut self) -> &mut impl Archive { &mut self.store }
+/// }
+///
+/// let Assignment::SelfCalibrate(config) = Assignment::default() else { unreachable!() };
+/// let sample = |number| RawSample {
+///     time_us: 5000 * number,
+///     force_a: Vector3::new(0.0, 0.0, 9.79),
+///     ..RawSample::default()
+/// };
+/// let mut board = TestBoard {
+///     samples: (1..=300).rev().map(sample).collect(),
+///     gimbal: GimbalStatus { at_rest: true, arrived: true, ..GimbalStatus::default() },
+///     commands: Vec::new(),
+///     store: CalibrationStore::new(Eeprom(Memory([0xff; 8192]))),
+///     corrected: 0,
+/// };
+/// let (mut link, mut calibrator) = (Link::new(), Box::new(Calibrator::UNCONFIGURED));
+/// let mut instrument =
+///     Instrument::<f64>::power_up(config, &Restart::PowerOn, &mut link, &mut calibrator, &mut board)?;
+/// instrument.turn(&mut board);
+/// // The axes are held until base and axes have been still for a second. Then they go to the start of the scheme.
+/// assert_eq!(board.commands[0], MotionCommand::Hold);
+/// assert!(matches!(board.commands.last(), Some(MotionCommand::MoveTo { angles_rad: [0.0, 0.0], .. })));
+/// // Nothing is stored yet, so no sample is corrected.
+/// assert_eq!((instrument.samples(), board.corrected), (300, 0));
+/// # Ok::<(), rins_selfcal::run::config::ConfigError>(())
+/// ```
+#[derive(Debug)]
+pub struct Instrument<'m, T: Real, const STATES: usize = BASIC_STATES> {
+    run: SelfCalibration<'m, T, STATES>,
+    link: &'m mut Link,
+    samples: u64,
+    /// Samples missing at the last corrected sample.
+    missing: u32,
+}
+
+impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
+    /// What happens at power-up: the link says what the instrument is, the archive is searched, the reason of the start is
+    /// told, and the configuration is checked. Nothing moves before the first [`Self::turn`].
+    ///
+    /// # Errors
+    /// What is wrong with the configuration. The refusal has been told.
+    #[inline(never)]
+    pub fn power_up(
+        config: SelfCalibrationConfig,
+        restart: &Restart,
+        link: &'m mut Link,
+        calibrator: &'m mut Calibrator<T, MAX_SEGMENTS, STATES>,
+        outside: &mut impl Surroundings<T>,
+    ) -> Result<Self, ConfigError> {
+        link.greet(Hello::new::<T>(STATES));
+        let stored = load(link, outside);
+        tell(link, outside, &Message::Restarted(restart.clone()));
+        match SelfCalibration::new(config, stored.as_ref(), calibrator) {
+            Ok(run) => Ok(Self { run, link, samples: 0, missing: 0 }),
+            Err(error) => {
+                tell(link, outside, &Message::Refused(error));
+                Err(error)
+            }
+        }
+    }
+
+    /// One turn of the main loop: all samples that wait, then the clock, then the commands that have come in. Call it as
+    /// often as samples come, and at least ten times a second. Never waits.
+    pub fn turn(&mut self, outside: &mut impl Surroundings<T>) {
+        while let Some(observed) = outside.next_sample() {
+            let during = self.run.state();
+            self.sample(&observed, outside);
+            outside.sample_done(during);
+        }
+        self.tick(outside);
+        self.serve(outside);
+        outside.transmit(self.link);
+    }
+
+    /// The last turn, at power-off: tells how many samples were taken and how many are missing.
+    #[inline(never)]
+    pub fn power_off(&mut self, outside: &mut impl Surroundings<T>) {
+        let losses = outside.losses();
+        tell(self.link, outside, &Message::Queue { samples: self.samples, losses });
+    }
+
+    /// Samples taken, since power-up.
+    pub fn samples(&self) -> u64 {
+        self.samples
+    }
+
+    /// The run.
+    pub fn run(&self) -> &SelfCalibration<'m, T, STATES> {
+        &self.run
+    }
+
+    fn sample(&mut self, Observed { sample, gimbal }: &Observed<T>, outside: &mut impl Surroundings<T>) {
+        self.samples += 1;
+        let step = self.run.step(sample, gimbal, &mut |message| tell(self.link, outside, message));
+        command(outside, step.motion, gimbal);
+        if let Some(corrected) = &step.corrected {
+            self.hand_on(corrected, sample, gimbal, outside);
+        }
+        if step.note
+            && let Some(record) = self.run.record()
+        {
+            // A rejected run that cannot be stored is missing in the history only.
+            outside.archive().save(&record);
+        }
+        if step.save {
+            self.save(outside);
+        }
+    }
+
+    /// Gives a corrected sample to everyone who uses it.
+    fn hand_on(
+        &mut self,
+        corrected: &CorrectedSample<T>,
+        sample: &RawSample<T>,
+        gimbal: &GimbalStatus,
+        outside: &mut impl Surroundings<T>,
+    ) {
+        let missing = outside.losses().total();
+        let status = SampleStatus::NONE
+            .with(SampleStatus::CALIBRATED_NOW, self.run.has_calibrated())
+            .with(SampleStatus::RUN_UNDER_WAY, self.run.state().is_under_way())
+            .with(SampleStatus::AT_REST, gimbal.at_rest)
+            .with(SampleStatus::GIMBAL_FAULT, gimbal.fault.is_some())
+            .with(SampleStatus::SAMPLES_MISSED, missing != self.missing);
+        self.missing = missing;
+        let angles = [sample.outer, sample.inner];
+        self.link.take(corrected, angles, status);
+        outside.take(corrected, angles, status);
+    }
+
+    #[inline(never)]
+    fn save(&mut self, outside: &mut impl Surroundings<T>) {
+        let saved = self.run.record().is_some_and(|record| outside.archive().save(&record));
+        self.run.saved();
+        tell(self.link, outside, &Message::Saved(saved));
+    }
+
+    fn tick(&mut self, outside: &mut impl Surroundings<T>) {
+        let (now_us, gimbal) = (outside.now_us(), outside.status());
+        let motion = self.run.tick(now_us, &gimbal, &mut |message| tell(self.link, outside, message));
+        command(outside, motion, &gimbal);
+    }
+
+    /// Answers the commands that have come in, and tells the status when it is due.
+    #[inline(never)]
+    fn serve(&mut self, outside: &mut impl Surroundings<T>) {
+        self.link.note_overrun(outside.overrun());
+        while let Some(byte) = outside.receive() {
+            if let Some((number, command)) = self.link.receive(byte) {
+                let answer = carry_out(&command, &mut self.run, self.link, outside);
+                self.link.reply(number, &answer.unwrap_or_else(Answer::Refused));
+            }
+        }
+        if self.link.is_status_due(outside.now_us()) {
+            let status = status(&self.run, self.link, outside);
+            self.link.volunteer(&Answer::Status(status));
+        }
+    }
+}
+
+/// The stored calibration, if there is a good one.
+#[inline(never)]
+fn load<T: Real>(link: &mut Link, outside: &mut impl Surroundings<T>) -> Option<StoredCalibration> {
+    let FoundRecord { record, damaged, fault, .. } = outside.archive().power_up();
+    tell(link, outside, &Message::Store { found: record.is_some(), damaged, fault });
+    record
+}
+
+fn command<T: Real>(outside: &mut impl Surroundings<T>, motion: Option<MotionCommand>, gimbal: &GimbalStatus) {
+    if let Some(motion) = motion {
+        outside.command(motion, gimbal.time_us);
+    }
+}
+
+/// Tells a message to everyone who listens: the black box, the serial line, and the channels of the board. Not inlined: the
+/// frame needs the stack.
+#[inline(never)]
+pub(super) fn tell<T: Real>(link: &mut Link, outside: &mut impl Surroundings<T>, message: &Message) {
+    if let Some(event) = Event::of(message) {
+        outside.record(event);
+    }
+    let mut buffer = [0; MAX_FRAME_BYTES];
+    let frame = link.tell(message, &mut buffer);
+    outside.tell(message, frame);
+    outside.transmit(link);
+}

@@ -1,0 +1,63 @@
+//! The main loop for a recording: the samples of a log in place of those of an IMU, without motion and without a store.
+
+use super::main_loop::tell;
+use super::surroundings::Surroundings;
+use crate::base::linear::Real;
+use crate::estimator::{BASIC_STATES, FULL_STATES, MAX_SEGMENTS};
+use crate::link::{Hello, Link};
+use crate::run::calibrator::{Calibrator, CalibratorConfig};
+use crate::run::config::ConfigError;
+use crate::run::state::State;
+use crate::run::telemetry::Message;
+use crate::verdict::VerdictLimits;
+
+/// Takes the samples of a recording, and solves when they end.
+#[derive(Debug)]
+pub struct Recording<'m, T: Real, const STATES: usize = BASIC_STATES> {
+    calibrator: &'m mut Calibrator<T, MAX_SEGMENTS, STATES>,
+    link: &'m mut Link,
+    samples: u64,
+}
+
+impl<'m, T: Real, const STATES: usize> Recording<'m, T, STATES> {
+    /// Before the first sample.
+    ///
+    /// # Errors
+    /// [`ConfigError::States`]: the configuration asks for states that this build does not have. The refusal has been told.
+    #[inline(never)]
+    pub fn new(
+        config: &CalibratorConfig,
+        link: &'m mut Link,
+        calibrator: &'m mut Calibrator<T, MAX_SEGMENTS, STATES>,
+        outside: &mut impl Surroundings<T>,
+    ) -> Result<Self, ConfigError> {
+        link.greet(Hello::new::<T>(STATES));
+        if config.estimator.options.needs_states() && STATES < FULL_STATES {
+            tell(link, outside, &Message::Refused(ConfigError::States));
+            return Err(ConfigError::States);
+        }
+        calibrator.restart(config);
+        Ok(Self { calibrator, link, samples: 0 })
+    }
+
+    /// One turn of the main loop: all samples that wait.
+    pub fn turn(&mut self, outside: &mut impl Surroundings<T>) {
+        while let Some(observed) = outside.next_sample() {
+            self.samples += 1;
+            if let Some(progress) = self.calibrator.step(&observed.sample) {
+                tell(self.link, outside, &Message::Segment(progress));
+            }
+            outside.sample_done(State::PowerUp);
+        }
+    }
+
+    /// The end of the recording: solves, judges and tells the result.
+    #[inline(never)]
+    pub fn conclude(&mut self, outside: &mut impl Surroundings<T>) {
+        let solution = self.calibrator.conclude(&mut |message| tell(self.link, outside, message));
+        let verdict = self.calibrator.judge(&solution, None, &VerdictLimits::default());
+        tell(self.link, outside, &Message::Judged(verdict));
+        let losses = outside.losses();
+        tell(self.link, outside, &Message::Queue { samples: self.samples, losses });
+    }
+}

@@ -1,0 +1,159 @@
+//! What an instrument needs around it: small traits, which a board, a virtual instrument or a test implements.
+
+use crate::acquisition::queue::Observed;
+use crate::base::angle::Angle;
+use crate::base::linear::Real;
+use crate::base::loss::Losses;
+use crate::base::sample::{CorrectedSample, SampleStatus};
+use crate::gimbal::axis::AxisLimits;
+use crate::gimbal::servo::MotorAndLoad;
+use crate::gimbal::{GimbalStatus, MotionCommand};
+use crate::keep::black_box::{Entry, Event};
+use crate::keep::medium::Medium;
+use crate::keep::store::{CalibrationStore, Loaded};
+use crate::link::{Link, Refusal};
+use crate::run::result::StoredCalibration;
+use crate::run::state::State;
+use crate::run::telemetry::Message;
+
+/// Uses the corrected samples: the navigation software, or a recorder.
+pub trait CorrectedSink<T: Real> {
+    /// Takes one corrected sample, with the outer and the inner gimbal angle at its time stamp.
+    fn take(&mut self, sample: &CorrectedSample<T>, angles: [Angle; 2], status: SampleStatus);
+}
+
+/// The gimbal, as the main loop sees it: the control interrupt moves it.
+pub trait Axes {
+    /// The state of both axes now.
+    fn status(&mut self) -> GimbalStatus;
+
+    /// Gives the gimbal a command that was computed from its status of the time `seen_us`.
+    fn command(&mut self, motion: MotionCommand, seen_us: u64);
+
+    /// Uses other limits and motors from now on. Called only while no run is under way.
+    fn reconfigure(&mut self, axes: &[AxisLimits; 2], motors: &[MotorAndLoad; 2]);
+}
+
+/// What the archive holds at power-up.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FoundRecord {
+    /// The calibration to use, if there is a good one.
+    pub record: Option<StoredCalibration>,
+    /// Whether a slot of the memory is damaged.
+    pub damaged: bool,
+    /// Whether the memory does not answer, or is too small.
+    pub fault: bool,
+    /// Whether the memory can take the next record.
+    pub writable: bool,
+}
+
+/// Calibrations in non-volatile memory.
+pub trait Archive {
+    /// Looks for the calibration to use, and prepares the memory for the next record. Called once, at power-up, when no
+    /// sample is waiting.
+    fn power_up(&mut self) -> FoundRecord;
+
+    /// Stores the result of a run, accepted or rejected. Returns whether the record is stored.
+    fn save(&mut self, record: &StoredCalibration) -> bool;
+
+    /// The calibration that would be used at the next power-up.
+    ///
+    /// # Errors
+    /// [`Refusal::Memory`]: the memory does not work.
+    fn newest(&mut self) -> Result<Option<StoredCalibration>, Refusal>;
+
+    /// An entry of the history of calibrations, 0 the newest, rejected runs included; `None` beyond the last.
+    ///
+    /// # Errors
+    /// [`Refusal::Memory`]: the memory does not work.
+    fn entry(&mut self, back: u16) -> Result<Option<StoredCalibration>, Refusal>;
+
+    /// Erases all calibrations.
+    ///
+    /// # Errors
+    /// [`Refusal::Memory`]: the memory does not work.
+    fn erase(&mut self) -> Result<(), Refusal>;
+}
+
+impl<M: Medium> Archive for CalibrationStore<M> {
+    fn power_up(&mut self) -> FoundRecord {
+        let (record, damaged, fault) = match self.load() {
+            Ok(Loaded::Empty) => (None, false, false),
+            Ok(Loaded::Found { record, damage }) => (Some(record), damage.is_some(), false),
+            Ok(Loaded::Corrupt { .. }) => (None, true, false),
+            Err(_) => (None, false, true),
+        };
+        // Where the next record needs an erase, the erase is done now, while no sample waits for it.
+        FoundRecord { record, damaged, fault, writable: self.prepare().is_ok() }
+    }
+
+    fn save(&mut self, record: &StoredCalibration) -> bool {
+        Self::save(self, record).is_ok()
+    }
+
+    fn newest(&mut self) -> Result<Option<StoredCalibration>, Refusal> {
+        self.newest_record().map_err(|_| Refusal::Memory)
+    }
+
+    fn entry(&mut self, back: u16) -> Result<Option<StoredCalibration>, Refusal> {
+        let entry = Self::entry(self, back.into()).map_err(|_| Refusal::Memory)?;
+        Ok(entry.map(|(_, record)| record))
+    }
+
+    fn erase(&mut self) -> Result<(), Refusal> {
+        Self::erase(self).map_err(|_| Refusal::Memory)
+    }
+}
+
+/// The black box. Without one, events are forgotten.
+pub trait Events {
+    /// Records an event.
+    fn record(&mut self, _event: Event) {}
+
+    /// An event, 0 the newest; `None` beyond the last.
+    fn event(&mut self, _back: u16) -> Option<Entry> {
+        None
+    }
+}
+
+/// Channels for messages beside the serial line: a log, a bench. By default there is none.
+pub trait Telemetry {
+    /// Takes a message, and its frame if it can be framed.
+    fn tell(&mut self, _message: &Message, _frame: Option<&[u8]>) {}
+}
+
+/// The serial line. By default nothing is connected.
+pub trait SerialLine {
+    /// The next byte that came in.
+    fn receive(&mut self) -> Option<u8> {
+        None
+    }
+
+    /// Bytes that came in and were lost, since power-up.
+    fn overrun(&self) -> u32 {
+        0
+    }
+
+    /// Sends what the link has, as far as the line takes bytes now. Never waits.
+    fn transmit(&mut self, link: &mut Link) {
+        while link.transmit().is_some() {}
+    }
+}
+
+/// Everything around an instrument.
+pub trait Surroundings<T: Real>: Axes + CorrectedSink<T> + Events + SerialLine + Telemetry {
+    /// Time since power-up, us.
+    fn now_us(&self) -> u64;
+
+    /// The next sample that the IMU's interrupt has put into the queue.
+    fn next_sample(&mut self) -> Option<Observed<T>>;
+
+    /// The work on a sample is done; `during` is the state in which the sample found the run. For measurements of time.
+    fn sample_done(&mut self, _during: State) {}
+
+    /// Samples that are missing, since power-up.
+    fn losses(&mut self) -> Losses;
+
+    /// The memory that keeps calibrations.
+    fn archive(&mut self) -> &mut impl Archive;
+}
