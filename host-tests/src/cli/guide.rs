@@ -174,7 +174,7 @@ mod tests {
     fn headings_tables_and_code_stay_as_they_are() {
         let text =
             "# A heading that is long\n\n| a table | that is wide |\n\n```sh\ncode [x](y)  that is long\n\n\n```\n";
-        let expected = "# A heading that is long\n\n| a table | that is wide |\n\n    code [x](y)  that is long\n\n";
+        let expected = "# A heading that is long\n\n| a table | that is wide |\n\n    code [x](y)  that is long\n\n\n";
         assert_eq!(rendered(text, 10), expected);
     }
 
