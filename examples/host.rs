@@ -1,6 +1,10 @@
 //! The core on a log: `cargo run --release -p host-tests --example host -- LOG.csv`
 use anyhow::{Context, Result};
-use host_tests::{calibration::raw_sample, log::LogReader, quantity::sigmas, quantity::values, unit::UnitConfig};
+use host_tests::base::quantity::sigmas;
+use host_tests::base::quantity::values;
+use host_tests::calibration::raw_sample;
+use host_tests::files::unit_file::UnitConfig;
+use host_tests::log::LogReader;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::estimator::Estimate;
 use rins_selfcal::model::error_model::PARAMETER_INFO;

@@ -1,9 +1,10 @@
 //! Time per sample of the virtual RINS, at rest and turning, and per row of a log written and read: `cargo bench --bench plant_speed`.
 
+use host_tests::files::unit_file::Noise;
 use host_tests::log::{LogError, LogReader, LogWriter};
-use host_tests::presets::real;
-use host_tests::unit::Noise;
-use host_tests::virtual_rins::{Effects, VirtualRins, VirtualUnit};
+use host_tests::virtual_unit::presets::real;
+use host_tests::virtual_unit::unit::{Effects, VirtualUnit};
+use host_tests::virtual_unit::virtual_rins::VirtualRins;
 use std::hint::black_box;
 use std::path::Path;
 use std::time::Instant;

@@ -3,10 +3,10 @@
 //! Bounds of errors are 4.5 standard deviations: one of 28 parameters is beyond by chance in 2 of 10 000 runs. Seeds are
 //! fixed.
 
+use host_tests::base::quantity::values;
 use host_tests::log::{LogReader, LogWriter};
-use host_tests::plant::Reading;
-use host_tests::quantity::values;
-use host_tests::statistics::chi_square_mean_bounds;
+use host_tests::study::statistics::chi_square_mean_bounds;
+use host_tests::virtual_unit::plant::Reading;
 use rins_selfcal::model::error_model::PARAMETER_INFO;
 use rins_selfcal::model::options::{OPTIONAL_INFO, OPTIONAL_STATES};
 use serde_json::Value;

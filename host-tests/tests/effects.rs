@@ -4,11 +4,11 @@
 //! bounds are five sigma of as many independent ones in four, sqrt(2 / (7 runs)).
 
 use host_tests::calibration::Precision;
-use host_tests::encoder::Harmonic;
-use host_tests::monte_carlo::{ErrorSource, MethodStatistics, MonteCarlo};
-use host_tests::presets::{self, UnitErrors};
-use host_tests::unit::UnitConfig;
-use host_tests::virtual_rins::Effects;
+use host_tests::files::unit_file::UnitConfig;
+use host_tests::study::monte_carlo::{ErrorSource, MethodStatistics, MonteCarlo};
+use host_tests::virtual_unit::encoder::Harmonic;
+use host_tests::virtual_unit::presets::{self, UnitErrors};
+use host_tests::virtual_unit::unit::Effects;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::model::error_model::PARAMETERS;
 use rins_selfcal::model::options::Options;

@@ -1,6 +1,6 @@
 //! No fault ends with a moving axis, a lost calibration, a hang, or a wrong answer that is accepted.
 
-use host_tests::fault_table::{Failing, Phase, fate, good_calibration};
+use host_tests::study::fault_table::{Failing, Phase, fate, good_calibration};
 use rins_selfcal::run::state::State;
 
 /// Under control an axis stops from 20 deg/s in a third of a second, by its shorted winding in less than one. To notice comes

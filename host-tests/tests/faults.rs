@@ -1,14 +1,14 @@
 //! The one promise, in small: faults of every kind, and no wrong answer accepted; clean runs, and hardly one rejected.
 
+use host_tests::calibration::virtual_run::VirtualRun;
 use host_tests::calibration::{Precision, Setup};
-use host_tests::fault_campaign::{Campaign, Faults, Outcome, Summary};
-use host_tests::faults::{Fault, FaultKind, readings};
-use host_tests::monte_carlo::{ErrorSource, MonteCarlo};
-use host_tests::presets::{self, RandomErrors};
-use host_tests::statistics::ErrorStatistics;
-use host_tests::unit::UnitConfig;
-use host_tests::virtual_rins::VirtualUnit;
-use host_tests::virtual_run::VirtualRun;
+use host_tests::files::unit_file::UnitConfig;
+use host_tests::study::fault_campaign::{Campaign, Faults, Outcome, Summary};
+use host_tests::study::faults::{Fault, FaultKind, readings};
+use host_tests::study::monte_carlo::{ErrorSource, MonteCarlo};
+use host_tests::study::statistics::ErrorStatistics;
+use host_tests::virtual_unit::presets::{self, RandomErrors};
+use host_tests::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::units::{ARCSEC, MICRO_G, PPM};
 use rins_selfcal::estimator::constancy::{Change, Suspicion};

@@ -1,9 +1,9 @@
 //! The core's gimbal control on simulated motors: what it does, and what it does when something fails.
 
 use host_tests::bench::Trouble;
-use host_tests::gimbal_plant::GimbalPlant;
-use host_tests::motor::Mechanics;
-use host_tests::servo_bench::{MoveFigures, ServoBench};
+use host_tests::bench::gimbal_plant::GimbalPlant;
+use host_tests::bench::servo_bench::{MoveFigures, ServoBench};
+use host_tests::virtual_unit::motor::Mechanics;
 use rins_selfcal::base::linear::Real;
 use rins_selfcal::base::profile::Point;
 use rins_selfcal::base::units::{ARCSEC, DEG};

@@ -1,10 +1,10 @@
 //! `rins inspect`: what it says of logs whose columns, units and stamps are others', and that the mapping it proposes works.
 
-use host_tests::plant::Reading;
-use host_tests::presets::real;
-use host_tests::unit::Noise;
-use host_tests::virtual_rins::VirtualUnit;
-use host_tests::virtual_run::VirtualRun;
+use host_tests::calibration::virtual_run::VirtualRun;
+use host_tests::files::unit_file::Noise;
+use host_tests::virtual_unit::plant::Reading;
+use host_tests::virtual_unit::presets::real;
+use host_tests::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::units::{DEG, DEG_H};
 use rins_selfcal::scheme::Scheme;
 use serde_json::{Value, json};
@@ -118,7 +118,7 @@ fn the_mapping_that_is_proposed_for_a_foreign_log_works() {
     assert_eq!(seen["nearest_scheme"]["name"], "fast-90");
     // The calibration by it is right: 4.5 sigma.
     let truth = scratch("truth.json");
-    let parameters = host_tests::truth::Truth::new(&run_of.unit.errors);
+    let parameters = host_tests::files::truth::Truth::new(&run_of.unit.errors);
     fs::write(&truth, serde_json::to_string(&parameters).unwrap()).unwrap();
     run(0, &["replay", &log, "--mapping", &map, "--config", &unit, "--json", &result]);
     let worst = worst_error(&read(&result), &read(&truth));

@@ -1,10 +1,11 @@
 //! The link of an instrument in this process: commands in every state, damaged and hostile bytes.
 
-use host_tests::drive::move_durations_s;
-use host_tests::line::Line;
-use host_tests::power_up::{Memory, Switched, self_calibrate, shared};
-use host_tests::presets;
-use host_tests::virtual_rins::{DrivenRins, VirtualUnit};
+use host_tests::bench::line::Line;
+use host_tests::bench::power_up::{Memory, Switched, self_calibrate, shared};
+use host_tests::virtual_unit::drive::move_durations_s;
+use host_tests::virtual_unit::driven::DrivenRins;
+use host_tests::virtual_unit::presets;
+use host_tests::virtual_unit::unit::VirtualUnit;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use rins_selfcal::base::method::Method;

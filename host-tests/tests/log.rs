@@ -1,11 +1,11 @@
 //! Logs and configuration files: what is right passes, and what is wrong is named in one line.
 
+use host_tests::files::scheme_file::{read_scheme, scheme_named, write_scheme};
+use host_tests::files::truth::Truth;
+use host_tests::files::unit_file::{Noise, UnitConfig};
 use host_tests::log::{COLUMNS, LogPlayer, LogReader, LogWriter};
-use host_tests::plant::Reading;
-use host_tests::presets::{errors_named, noise_named, real};
-use host_tests::scheme_file::{read_scheme, scheme_named, write_scheme};
-use host_tests::truth::Truth;
-use host_tests::unit::{Noise, UnitConfig};
+use host_tests::virtual_unit::plant::Reading;
+use host_tests::virtual_unit::presets::{errors_named, noise_named, real};
 use rins_selfcal::scheme::Scheme;
 use std::path::{Path, PathBuf};
 
@@ -291,7 +291,7 @@ fn wrong_schemes_are_named() {
     );
     assert_eq!(
         refused("still.toml", &format!("first_stop_s = 5\n\nlegs = [{leg}, {leg}]\n")),
-        "still.toml:3: legs: leg 2 has an angle that is not finite, or moves nothing"
+        "still.toml:3: legs: leg 2 has an angle that is not finite, or moves neither axis"
     );
     let many = vec![leg; 49].join(",");
     assert_eq!(

@@ -1,7 +1,7 @@
 //! Logs of other columns, units and formats: a mapping makes the same readings of them, and what is wrong is named.
 
 use host_tests::log::{COLUMNS, LogReader, LogWriter, Mapping};
-use host_tests::plant::Reading;
+use host_tests::virtual_unit::plant::Reading;
 use rins_selfcal::base::units::{ARCSEC, DEG, DEG_H};
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write as _;

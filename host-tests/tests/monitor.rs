@@ -2,15 +2,15 @@
 //! firmware in the emulator.
 
 use host_tests::bench::Bench;
-use host_tests::chips::bridge;
-use host_tests::drive::move_durations_s;
-use host_tests::emulator::image::{Board, build};
-use host_tests::emulator::{Run, Setup, run};
-use host_tests::line::Terminal;
-use host_tests::plant::{Paced, Plant, Tick};
-use host_tests::power_up::{Memory, self_calibrate, shared};
-use host_tests::presets;
-use host_tests::virtual_rins::{DrivenRins, VirtualUnit};
+use host_tests::bench::emulator::image::{Board, build};
+use host_tests::bench::emulator::{Run, Setup, run};
+use host_tests::bench::line::Terminal;
+use host_tests::bench::power_up::{Memory, self_calibrate, shared};
+use host_tests::virtual_unit::drive::move_durations_s;
+use host_tests::virtual_unit::driven::DrivenRins;
+use host_tests::virtual_unit::plant::{Output, Paced, Plant, Tick};
+use host_tests::virtual_unit::presets;
+use host_tests::virtual_unit::unit::VirtualUnit;
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::pty::openpty;
 use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
@@ -25,7 +25,7 @@ use rins_selfcal::run::telemetry::Message;
 use rins_selfcal::scheme::Scheme;
 use std::fs::File;
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -35,7 +35,7 @@ use std::time::Duration;
 struct Unit(DrivenRins, Arc<AtomicBool>);
 
 impl Plant for Unit {
-    fn advance(&mut self, outputs: [bridge::Output; 2]) -> Option<Tick> {
+    fn advance(&mut self, outputs: [Output; 2]) -> Option<Tick> {
         if self.1.load(Ordering::Relaxed) { None } else { self.0.advance(outputs) }
     }
 }
@@ -61,7 +61,7 @@ fn instrument(line: File, off: &Arc<AtomicBool>) -> Memory {
     memory
 }
 
-fn monitor(port: &Path, options: &[&str]) -> Output {
+fn monitor(port: &Path, options: &[&str]) -> std::process::Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_rins"));
     // An emulator on a busy machine is slow.
     command.arg("monitor").arg("--port").arg(port).args(["--wait", "60"]).args(options).output().expect("it runs")

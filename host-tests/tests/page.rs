@@ -1,8 +1,8 @@
 //! The pages as a browser sees them.
 
-use host_tests::apt::ensure_installed;
-use host_tests::bai;
-use host_tests::quantity::{fixed, significant};
+use host_tests::base::apt::ensure_installed;
+use host_tests::base::bai;
+use host_tests::base::quantity::{fixed, significant};
 use rins_selfcal::estimator::observability::INSTALLATION_STATES;
 use rins_selfcal::model::error_model::PARAMETER_INFO;
 use rins_selfcal::verdict::CHANNEL_NAMES;

@@ -1,9 +1,9 @@
 //! The library of schemes and the planner, from outside: what they promise and what they refuse.
 
 use host_tests::calibration::{Precision, Setup};
-use host_tests::prediction::Prediction;
-use host_tests::scheme_file::{read_scheme, write_scheme};
-use host_tests::unit::UnitConfig;
+use host_tests::files::scheme_file::{read_scheme, write_scheme};
+use host_tests::files::unit_file::UnitConfig;
+use host_tests::plan::prediction::Prediction;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::units::DEG;
 use rins_selfcal::scheme::Scheme;

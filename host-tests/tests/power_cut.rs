@@ -3,13 +3,14 @@
 
 use anyhow::Result;
 use host_tests::bench::Bench;
-use host_tests::chips::bridge::Output;
-use host_tests::drive::move_durations_s;
-use host_tests::emulator::image::{Board, Image, build};
-use host_tests::emulator::{Setup, run};
-use host_tests::history::{History, MemoryKind};
-use host_tests::plant::{Plant, Tick};
-use host_tests::virtual_rins::{DrivenRins, VirtualUnit};
+use host_tests::bench::emulator::image::{Board, Image, build};
+use host_tests::bench::emulator::{Setup, run};
+use host_tests::monitor::history::{History, MemoryKind};
+use host_tests::virtual_unit::drive::move_durations_s;
+use host_tests::virtual_unit::driven::DrivenRins;
+use host_tests::virtual_unit::plant::Output;
+use host_tests::virtual_unit::plant::{Plant, Tick};
+use host_tests::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::run::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::run::calibrator::CalibratorConfig;

@@ -1,11 +1,11 @@
 //! A wrong setting is named, with the right number; and nothing else is taken for one.
 
+use host_tests::calibration::virtual_run::VirtualRun;
 use host_tests::calibration::{Precision, Setup};
-use host_tests::faults::{Fault, FaultKind, readings};
-use host_tests::presets;
-use host_tests::unit::UnitConfig;
-use host_tests::virtual_rins::VirtualUnit;
-use host_tests::virtual_run::VirtualRun;
+use host_tests::files::unit_file::UnitConfig;
+use host_tests::study::faults::{Fault, FaultKind, readings};
+use host_tests::virtual_unit::presets;
+use host_tests::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::units::{ARCSEC, DEG};
 use rins_selfcal::scheme::Scheme;

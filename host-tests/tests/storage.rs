@@ -2,7 +2,7 @@
 //! versions. Each exhaustive test prints its number of cases.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
-use host_tests::memory::{MemoryFault, Power, Stuck, Torn, VirtualEeprom, VirtualFlash};
+use host_tests::bench::memory::{MemoryFault, Power, Stuck, Torn, VirtualEeprom, VirtualFlash};
 use rayon::prelude::*;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::site::Site;

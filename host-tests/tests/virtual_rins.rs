@@ -2,16 +2,17 @@
 //!
 //! Statistical bounds are five standard deviations of the statistic, derived beside it; seeds are fixed.
 
-use host_tests::drive::{SchemeDrive, move_durations_s};
-use host_tests::encoder::Harmonic;
-use host_tests::kinematics::{Motion, RigidTruth};
+use host_tests::files::truth::Truth;
+use host_tests::files::unit_file::{Noise, UnitConfig};
 use host_tests::log::{LogReader, LogRow};
-use host_tests::plant::Reading;
-use host_tests::presets::{RandomErrors, real};
-use host_tests::truth::Truth;
-use host_tests::unit::{Noise, UnitConfig};
-use host_tests::vec3::{Vec3, add_scaled};
-use host_tests::virtual_rins::{Effects, VirtualRins, VirtualUnit};
+use host_tests::virtual_unit::drive::{SchemeDrive, move_durations_s};
+use host_tests::virtual_unit::encoder::Harmonic;
+use host_tests::virtual_unit::kinematics::{Motion, RigidTruth};
+use host_tests::virtual_unit::plant::Reading;
+use host_tests::virtual_unit::presets::{RandomErrors, real};
+use host_tests::virtual_unit::unit::{Effects, VirtualUnit};
+use host_tests::virtual_unit::vec3::{Vec3, add_scaled};
+use host_tests::virtual_unit::virtual_rins::VirtualRins;
 use rins_selfcal::base::angle::Angle;
 use rins_selfcal::base::linear::Vector3;
 use rins_selfcal::base::site::Site;

@@ -30,6 +30,8 @@ mod source;
 mod target;
 mod targets;
 
+#[cfg(not(fuzzing))]
+use target::Target;
 use targets::adis16495::Burst;
 use targets::assignment::Assignments;
 use targets::biss::Biss;
@@ -43,13 +45,14 @@ use targets::store_recovery::Recovery;
 /// Judges the inputs of the fuzzer, or, in `cargo test`, those of a moment. cargo-bolero finds the test by `check`.
 macro_rules! fuzz {
     ($target:expr) => {{
+        #[cfg(fuzzing)]
         let fuzzer = bolero::check!();
         let target = $target;
+        let judge = |bytes: &[u8]| judge::both_readings(&target, bytes).unwrap_or_else(|broken| panic!("{broken}"));
+        #[cfg(fuzzing)]
+        fuzzer.for_each(judge);
         #[cfg(not(fuzzing))]
-        let fuzzer = moment::in_place_of(fuzzer, &target);
-        fuzzer.for_each(|bytes: &[u8]| {
-            judge::both_readings(&target, bytes).unwrap_or_else(|broken| panic!("{broken}"));
-        });
+        (0..target.moment()).for_each(|number| judge(&moment::bytes(number)));
     }};
 }
 

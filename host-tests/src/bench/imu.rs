@@ -1,9 +1,9 @@
 //! The IMU of a bench, and what of it comes over a serial line.
 
-use super::{Chip, Damage};
-use crate::chips::adis16495::{Adis16495Chip, Model, flag};
-use crate::chips::kvh1750::{Kvh1750Chip, arrival_us};
-use crate::plant::Reading;
+use super::bus::{Chip, Damage};
+use super::chips::adis16495::{Adis16495Chip, Model, flag};
+use super::chips::kvh1750::{Kvh1750Chip, arrival_us};
+use crate::virtual_unit::plant::Reading;
 use std::collections::VecDeque;
 use std::fmt;
 

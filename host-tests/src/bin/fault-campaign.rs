@@ -2,8 +2,8 @@
 
 use clap::Parser;
 use host_tests::calibration::Precision;
-use host_tests::fault_campaign::{Campaign, Faults, Summary};
-use host_tests::faults::FaultKind;
+use host_tests::study::fault_campaign::{Campaign, Faults, Summary};
+use host_tests::study::faults::FaultKind;
 use indicatif::ProgressBar;
 use std::time::Instant;
 

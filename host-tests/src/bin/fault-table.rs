@@ -1,7 +1,7 @@
 //! Prints what the instrument does when something fails, at several phases of a run.
 
 use clap::Parser;
-use host_tests::fault_table::{Failing, Fate, Phase, fate, good_calibration};
+use host_tests::study::fault_table::{Failing, Fate, Phase, fate, good_calibration};
 
 /// Lets each fault come up at each phase of a run: what the firmware does, and what the user is told
 #[derive(Parser)]

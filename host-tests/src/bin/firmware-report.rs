@@ -5,13 +5,14 @@
 
 use anyhow::Result;
 use clap::Parser;
+use host_tests::bench::emulator::image::{Board, Image, Variant, build};
+use host_tests::bench::emulator::{Run, WORKS};
+use host_tests::bench::firmware_sizes::{self, Sizes, SizesByImage};
+use host_tests::bench::power_up::{Switched, in_emulator};
 use host_tests::bench::{Bench, Imu};
-use host_tests::drive::move_durations_s;
-use host_tests::emulator::image::{Board, Image, Variant, build};
-use host_tests::emulator::{Run, WORKS};
-use host_tests::firmware_sizes::{self, Sizes, SizesByImage};
-use host_tests::power_up::{Switched, in_emulator};
-use host_tests::virtual_rins::{DrivenRins, VirtualUnit};
+use host_tests::virtual_unit::drive::move_durations_s;
+use host_tests::virtual_unit::driven::DrivenRins;
+use host_tests::virtual_unit::unit::VirtualUnit;
 use object::{Object, ObjectSymbol};
 use rins_selfcal::base::method::Method;
 use rins_selfcal::drivers::kvh1750::MESSAGE_BYTES;

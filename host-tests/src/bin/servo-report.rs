@@ -1,8 +1,8 @@
 //! Prints how the servo moves and holds an axis, of which it knows more or less.
 
 use comfy_table::{Table, presets};
-use host_tests::motor::Mechanics;
-use host_tests::servo_bench::{MoveFigures, ServoBench};
+use host_tests::bench::servo_bench::{MoveFigures, ServoBench};
+use host_tests::virtual_unit::motor::Mechanics;
 use rins_selfcal::base::profile::Point;
 use rins_selfcal::base::units::{ARCSEC, DEG};
 use rins_selfcal::gimbal::servo::MotorAndLoad;

@@ -6,8 +6,8 @@ use super::output::{note, sayln};
 use super::{files, progress, replay};
 use crate::calibration::raw_sample;
 use crate::log::{LogReader, LogWriter};
-use crate::plant::Reading;
-use crate::saved::Saved;
+use crate::result::saved::Saved;
+use crate::virtual_unit::plant::Reading;
 use rins_selfcal::base::linear::Vector3;
 use rins_selfcal::model::error_model::Calibration;
 

@@ -3,10 +3,10 @@
 use super::Ending;
 use super::arguments::CompareArguments;
 use super::output::{say, sayln};
-use crate::comparison::Comparison;
-use crate::quantity::{fixed, rounded, significant};
-use crate::saved::Saved;
-use crate::table::by_parameter;
+use crate::base::quantity::{fixed, rounded, significant};
+use crate::result::comparison::Comparison;
+use crate::result::saved::Saved;
+use crate::result::table::by_parameter;
 
 pub fn run(arguments: &CompareArguments) -> anyhow::Result<Ending> {
     let (first, second) = (Saved::read(&arguments.first)?, Saved::read(&arguments.second)?);

@@ -2,8 +2,8 @@
 
 use super::output::{say, sayln};
 use super::{Ending, files};
-use crate::history::{History, MemoryKind};
-use crate::report::write_json;
+use crate::files::json_file::write_json;
+use crate::monitor::history::{History, MemoryKind};
 use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 

@@ -4,14 +4,14 @@ use super::Ending;
 use super::arguments::InspectArguments;
 use super::output::{say, sayln};
 use super::{files, progress};
+use crate::base::quantity::{fixed, significant, states};
+use crate::files::json_file::write_json;
+use crate::files::scheme_file::write_scheme;
+use crate::files::unit_file::{Noise, UnitConfig};
 use crate::inspect::{Inspection, Request, Sampling, SegmentSeen};
 use crate::log::Mapping;
-use crate::prediction::Observed;
-use crate::quantity::{fixed, significant, states};
-use crate::report::write_json;
-use crate::scheme_file::write_scheme;
-use crate::table;
-use crate::unit::{Noise, UnitConfig};
+use crate::plan::prediction::SampleAndStatus;
+use crate::result::table;
 use anyhow::{Context, bail};
 use rins_selfcal::base::units::{DEG_H, DEG_SQRT_H, MICRO_G};
 use rins_selfcal::segment::SegmentKind;
@@ -215,7 +215,7 @@ fn toml_of(noise: &Noise) -> String {
     toml.lines().map(|line| format!("    {line}\n")).collect()
 }
 
-fn observable(observed: &Observed) -> String {
+fn observable(observed: &SampleAndStatus) -> String {
     let hidden = if observed.unobserved.is_empty() {
         String::new()
     } else {

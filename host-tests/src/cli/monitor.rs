@@ -2,10 +2,11 @@
 
 use super::output::{is_quiet, must_sayln};
 use super::{Ending, files, history};
-use crate::history::History;
+use crate::files::json_file::write_json;
+use crate::files::toml_file::TomlFile;
+use crate::monitor::history::History;
 use crate::monitor::{Client, Event, View, lines, open};
-use crate::report::{StoredReport, write_json};
-use crate::toml_file::TomlFile;
+use crate::result::report::StoredReport;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use console::{Key, Term};

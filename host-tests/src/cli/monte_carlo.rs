@@ -3,13 +3,14 @@
 use super::arguments::{self, MethodsArgument, MonteCarloArguments};
 use super::output::{say, sayln};
 use super::{Ending, files, progress};
-use crate::bai::TABLE_1_ERRORS;
+use crate::base::bai::TABLE_1_ERRORS;
+use crate::base::quantity::{fixed, rounded, significant, states};
 use crate::calibration::method_name;
-use crate::monte_carlo::{CONFIDENCE, FitStatistics, MethodStatistics, MonteCarlo, RunResult};
-use crate::quantity::{fixed, rounded, significant, states};
-use crate::report::{Named, SOFTWARE, Software, write_json};
-use crate::statistics::{ErrorStatistics, TOLERANCE};
-use crate::table;
+use crate::files::json_file::write_json;
+use crate::result::report::{Named, SOFTWARE, Software};
+use crate::result::table;
+use crate::study::monte_carlo::{CONFIDENCE, FitStatistics, MethodStatistics, MonteCarlo, RunResult};
+use crate::study::statistics::{ErrorStatistics, TOLERANCE};
 use rins_selfcal::base::method::Method;
 use rins_selfcal::model::error_model::{PARAMETERS, ParameterInfo};
 use rins_selfcal::scheme::Scheme;
@@ -212,7 +213,7 @@ pub struct Report<'a> {
     scheme: &'a str,
     periods: u8,
     errors: &'a str,
-    noise: crate::unit::Noise,
+    noise: crate::files::unit_file::Noise,
     rate_hz: f64,
     precision: crate::calibration::Precision,
     seed: u64,

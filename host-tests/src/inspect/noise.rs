@@ -3,8 +3,8 @@
 use super::allan::{AllanDeviation, AllanPoint, NoiseFigures, figures};
 use super::passage::Passage;
 use crate::calibration::{HOST_SEGMENTS, Setup};
+use crate::files::unit_file::Noise;
 use crate::log::{LogError, LogReader};
-use crate::unit::Noise;
 use rins_selfcal::base::sample::CHANNELS;
 use rins_selfcal::base::units::{DEG_SQRT_H, MICRO_G};
 use rins_selfcal::estimator::{BASIC_STATES, Estimator, EstimatorConfig, Solution};

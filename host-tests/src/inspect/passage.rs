@@ -3,7 +3,7 @@
 
 use crate::calibration::{HOST_SEGMENTS, raw_sample};
 use crate::log::{LogError, LogReader, Moment};
-use crate::plant::Reading;
+use crate::virtual_unit::plant::Reading;
 use rins_selfcal::base::angle::{Angle, ticks_to_rad};
 use rins_selfcal::base::sample::RawSample;
 use rins_selfcal::segment::intake::{Admission, Intake, IntakeCounts};

@@ -4,10 +4,11 @@
 //! interval is added or taken off. Where the encoders are read at the start or end, the angles at the middle are
 //! interpolated between two rows; the first or last row keeps its own.
 
+use super::columns::Fields;
 use super::error::{Fault, LATEST_S, LogError};
-use super::layout::{Encoder, Fields, Layout, Triad};
+use super::layout::{Encoder, Layout, Triad};
 use super::mapping::Moment;
-use crate::plant::Reading;
+use crate::virtual_unit::plant::Reading;
 use std::f64::consts::{PI, TAU};
 use std::path::{Path, PathBuf};
 

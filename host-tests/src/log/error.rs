@@ -1,6 +1,6 @@
 //! What is wrong with a log, and where.
 
-use crate::toml_file::TomlFileError;
+use crate::files::toml_file::TomlFileError;
 use std::io;
 use std::path::{Path, PathBuf};
 

@@ -1,54 +1,17 @@
 //! A mapping with every number checked: which columns to read, and what to make of them.
 
-use super::mapping::{Column, EncoderTable, Mapping, Moment, TriadTable, Wrong};
+use super::columns::{FIELDS, TEMPERATURE};
+use super::error::LogError;
+use super::mapping::{Column, EncoderTable, Format, Mapping, Moment, TriadTable, Wrong};
 use super::unit_names::{ACCEL_UNITS, ANGLE_UNITS, GYRO_UNITS, TEMPERATURE_UNITS, TIME_UNITS, Unit, named};
-use serde::{Deserialize, Serialize};
+use crate::files::toml_file::TomlFile;
 use std::f64::consts::TAU;
 use std::path::Path;
 
-/// Fields of a row: time, gyros x y z, accelerometers x y z, outer, inner, temperature.
-pub const FIELDS: usize = 10;
-/// A row as it is in the file; NaN where there is no such column.
-pub type Fields = [f64; FIELDS];
-
-/// Position of the temperature in [`Fields`].
-pub(super) const TEMPERATURE: usize = 9;
 /// 0 deg C, K.
 const ZERO_C_K: f64 = 273.15;
 /// Most columns of a matrix.
 const MOST_COLUMNS: usize = 4096;
-
-/// Kind of a file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Format {
-    /// Lines of numbers.
-    Text,
-    /// Raw little-endian double precision numbers, row by row.
-    F64,
-    /// Raw little-endian single precision numbers, row by row.
-    F32,
-    /// Apache Parquet.
-    Parquet,
-}
-
-impl Format {
-    /// By the name of a file, without `.gz`.
-    pub fn of(path: &Path) -> Self {
-        let name = path.file_name().map(|name| name.to_string_lossy().to_lowercase()).unwrap_or_default();
-        match name.strip_suffix(".gz").unwrap_or(&name).rsplit_once('.').map(|(_, ending)| ending) {
-            Some("f64") => Self::F64,
-            Some("f32") => Self::F32,
-            Some("parquet" | "pq") => Self::Parquet,
-            _ => Self::Text,
-        }
-    }
-
-    /// Whether it is a raw matrix.
-    pub fn is_matrix(self) -> bool {
-        matches!(self, Self::F64 | Self::F32)
-    }
-}
 
 /// A field's column.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -135,7 +98,27 @@ impl Layout {
 }
 
 impl Mapping {
-    pub(super) fn check(self, format: Format) -> Result<Layout, Wrong> {
+    /// Reads a file, for a log of this name.
+    ///
+    /// # Errors
+    /// One line that names file, line and key.
+    pub fn read(path: &Path, log: &Path) -> Result<Layout, LogError> {
+        let file = TomlFile::read(path)?;
+        let mapping: Self = file.parse()?;
+        let layout = mapping.layout(log);
+        layout.map_err(|(table, key, what)| file.wrong_value(table, key, &what).into())
+    }
+
+    /// For a log of this name.
+    ///
+    /// # Errors
+    /// What is wrong.
+    pub fn layout(&self, log: &Path) -> Result<Layout, Wrong> {
+        let format = self.format.unwrap_or_else(|| Format::of(log));
+        self.clone().or(if format.is_matrix() { Self::psins() } else { Self::standard() }).check(format)
+    }
+
+    fn check(self, format: Format) -> Result<Layout, Wrong> {
         let stamp = self.time.stamp.unwrap_or_default();
         let time = self.unit("time", &TIME_UNITS, self.time.unit.as_deref())?;
         let temperature = self.unit("temperature", &TEMPERATURE_UNITS, self.temperature.unit.as_deref())?;

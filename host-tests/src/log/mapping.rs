@@ -39,13 +39,43 @@
 //! unit = "C"                      # C, K
 //! ```
 
-use super::layout::{Format, Layout};
-use super::{COLUMNS, LogError, TEMPERATURE_COLUMN};
-use crate::toml_file::TomlFile;
+use super::columns::{COLUMNS, TEMPERATURE_COLUMN};
 use serde::de::{Error, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 use std::fmt;
 use std::path::Path;
+
+/// Kind of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Format {
+    /// Lines of numbers.
+    Text,
+    /// Raw little-endian double precision numbers, row by row.
+    F64,
+    /// Raw little-endian single precision numbers, row by row.
+    F32,
+    /// Apache Parquet.
+    Parquet,
+}
+
+impl Format {
+    /// By the name of a file, without `.gz`.
+    pub fn of(path: &Path) -> Self {
+        let name = path.file_name().map(|name| name.to_string_lossy().to_lowercase()).unwrap_or_default();
+        match name.strip_suffix(".gz").unwrap_or(&name).rsplit_once('.').map(|(_, ending)| ending) {
+            Some("f64") => Self::F64,
+            Some("f32") => Self::F32,
+            Some("parquet" | "pq") => Self::Parquet,
+            _ => Self::Text,
+        }
+    }
+
+    /// Whether it is a raw matrix.
+    pub fn is_matrix(self) -> bool {
+        matches!(self, Self::F64 | Self::F32)
+    }
+}
 
 /// A column by name, or by number from 1.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -254,34 +284,14 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 pub type Wrong = (&'static str, &'static str, String);
 
 impl Mapping {
-    /// Reads a file, for a log of this name.
-    ///
-    /// # Errors
-    /// One line that names file, line and key.
-    pub fn read(path: &Path, log: &Path) -> Result<Layout, LogError> {
-        let file = TomlFile::read(path)?;
-        let mapping: Self = file.parse()?;
-        let layout = mapping.layout(log);
-        layout.map_err(|(table, key, what)| file.wrong_value(table, key, &what).into())
-    }
-
-    /// For a log of this name.
-    ///
-    /// # Errors
-    /// What is wrong.
-    pub fn layout(&self, log: &Path) -> Result<Layout, Wrong> {
-        let format = self.format.unwrap_or_else(|| Format::of(log));
-        self.clone().or(if format.is_matrix() { Self::psins() } else { Self::standard() }).check(format)
-    }
-
     /// Of a standard log.
-    fn standard() -> Self {
+    pub(super) fn standard() -> Self {
         let [time, gx, gy, gz, ax, ay, az, outer, inner] = COLUMNS.map(|name| Column::Name(name.into()));
         Self::of([time, outer, inner], [gx, gy, gz], [ax, ay, az], ["rad/s", "m/s^2"], Moment::Middle)
     }
 
     /// PSINS: increments of angle and velocity over the interval that ends at the stamp, `wm vm t`, and the encoders.
-    fn psins() -> Self {
+    pub(super) fn psins() -> Self {
         let triad = |first: usize| std::array::from_fn(|axis| Column::Number(first + axis));
         let others = [7, 8, 9].map(Column::Number);
         Self::of(others, triad(1), triad(4), ["rad", "m/s"], Moment::End)
@@ -306,7 +316,7 @@ impl Mapping {
     }
 
     /// With what is left out taken from another one. Whether there is a time column, a given rate decides.
-    fn or(mut self, other: Self) -> Self {
+    pub(super) fn or(mut self, other: Self) -> Self {
         let column = if self.time.rate_hz.is_none() { other.time.column } else { None };
         self.time.column = self.time.column.or(column);
         self.time.stamp = self.time.stamp.or(other.time.stamp);

@@ -1,9 +1,10 @@
 //! Raw little-endian matrices, row by row.
 
+use super::columns::{FIELDS, Fields};
 use super::error::{Fault, LogError};
-use super::layout::{FIELDS, Fields, Format, Layout};
-use super::mapping::Column;
-use super::reader::{RawRows, open_input};
+use super::layout::Layout;
+use super::mapping::{Column, Format};
+use super::rows::{RawRows, open_input};
 use std::io::{BufRead, ErrorKind};
 use std::path::{Path, PathBuf};
 

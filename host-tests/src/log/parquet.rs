@@ -1,9 +1,10 @@
 //! Apache Parquet: columns of numbers, read in batches.
 
+use super::columns::{FIELDS, Fields};
 use super::error::{Fault, LogError};
-use super::layout::{FIELDS, Fields, Layout, Wanted};
+use super::layout::{Layout, Wanted};
 use super::mapping::Column;
-use super::reader::{RawRows, open_file};
+use super::rows::{RawRows, open_file};
 use parquet::basic::Type as PhysicalType;
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;

@@ -1,8 +1,8 @@
 //! Writes a standard log as Parquet.
 
+use super::columns::{COLUMNS, TEMPERATURE_COLUMN};
 use super::error::{Fault, LogError};
-use super::{COLUMNS, TEMPERATURE_COLUMN};
-use crate::plant::Reading;
+use crate::virtual_unit::plant::Reading;
 use parquet::basic::Compression;
 use parquet::data_type::DoubleType;
 use parquet::errors::ParquetError;

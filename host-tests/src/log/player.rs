@@ -1,7 +1,8 @@
 //! A log in place of an instrument.
 
-use super::{LogError, LogReader};
-use crate::plant::Reading;
+use super::error::LogError;
+use super::reader::LogReader;
+use crate::virtual_unit::plant::Reading;
 
 /// A log in place of an instrument. It ignores commands, and ends at the log's end or at its first wrong row.
 pub struct LogPlayer {

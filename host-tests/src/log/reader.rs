@@ -1,34 +1,20 @@
 //! Streams readings.
 
+use super::columns::{FIELDS, Fields, TEMPERATURE};
 use super::convert::Conversion;
 use super::error::{Fault, LogError};
-use super::layout::{Fields, Format, Layout, TEMPERATURE};
+use super::layout::Layout;
+use super::mapping::Format;
 use super::matrix::MatrixRows;
 use super::parquet::ParquetRows;
+use super::rows::RawRows;
 use super::text::TextRows;
-use crate::plant::Reading;
-use flate2::bufread::MultiGzDecoder;
+use crate::virtual_unit::plant::Reading;
 use std::collections::VecDeque;
-use std::fs::File;
-use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 /// Rows from which the sample interval is estimated.
 const HEAD_ROWS: usize = 4096;
-
-/// Rows of numbers, whatever the file.
-pub trait RawRows {
-    /// Takes the next row; its line, or, of a binary file, its number, from 1. `None` at the end.
-    ///
-    /// # Errors
-    /// Where and what.
-    fn next_row(&mut self, fields: &mut Fields) -> Result<Option<u64>, LogError>;
-
-    /// Lines before the first row.
-    fn header_lines(&self) -> u64 {
-        0
-    }
-}
 
 impl Layout {
     /// The rows of a log as they are in the file.
@@ -80,7 +66,7 @@ impl LogReader {
     pub fn open_as(path: &Path, layout: &Layout) -> Result<Self, LogError> {
         let mut rows = layout.open_raw(path)?;
         let mut head = VecDeque::with_capacity(HEAD_ROWS);
-        let mut fields = [f64::NAN; super::FIELDS];
+        let mut fields = [f64::NAN; FIELDS];
         while head.len() < HEAD_ROWS {
             match rows.next_row(&mut fields)? {
                 Some(line) => head.push_back((line, fields)),
@@ -112,7 +98,7 @@ impl LogReader {
         let (line, fields) = match self.head.pop_front() {
             Some(row) => row,
             None => {
-                let mut fields = [f64::NAN; super::FIELDS];
+                let mut fields = [f64::NAN; FIELDS];
                 let Some(line) = self.rows.next_row(&mut fields)? else { return Ok(None) };
                 (line, fields)
             }
@@ -161,22 +147,4 @@ impl Iterator for LogReader {
     fn next(&mut self) -> Option<Self::Item> {
         self.next_aligned().transpose()
     }
-}
-
-/// Opens a file, and, where it may be, decompresses it: told by its contents.
-pub(super) fn open_input(path: &Path, may_be_compressed: bool) -> Result<Box<dyn BufRead>, LogError> {
-    let mut input = BufReader::with_capacity(1 << 16, open_file(path)?);
-    let magic = input.fill_buf().map_err(LogError::io(path))?.starts_with(&[0x1f, 0x8b]);
-    if may_be_compressed && magic {
-        return Ok(Box::new(BufReader::with_capacity(1 << 16, MultiGzDecoder::new(input))));
-    }
-    Ok(Box::new(input))
-}
-
-pub(super) fn open_file(path: &Path) -> Result<File, LogError> {
-    let file = File::open(path).map_err(LogError::io(path))?;
-    if file.metadata().map_err(LogError::io(path))?.is_dir() {
-        return Err(LogError::Directory { path: path.into() });
-    }
-    Ok(file)
 }

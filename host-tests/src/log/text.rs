@@ -1,9 +1,10 @@
 //! Lines of numbers, separated by commas, semicolons or tabs.
 
+use super::columns::{FIELDS, Fields};
 use super::error::{Fault, LogError};
-use super::layout::{FIELDS, Fields, Layout, Wanted};
+use super::layout::{Layout, Wanted};
 use super::mapping::Column;
-use super::reader::{RawRows, open_input};
+use super::rows::{RawRows, open_input};
 use std::io::BufRead;
 use std::path::{Path, PathBuf};
 

@@ -1,8 +1,10 @@
 //! Writes a standard log: CSV, plain or compressed, or Parquet.
 
+use super::columns::{COLUMNS, TEMPERATURE_COLUMN};
+use super::error::LogError;
+use super::mapping::Format;
 use super::parquet_writer::ParquetOutput;
-use super::{COLUMNS, Format, LogError, TEMPERATURE_COLUMN};
-use crate::plant::Reading;
+use crate::virtual_unit::plant::Reading;
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use std::fmt::Write as _;

@@ -1,7 +1,7 @@
 //! What is known of an instrument, as text: a screen, or a line for each event.
 
 use super::client::Event;
-use crate::quantity;
+use crate::base::quantity;
 use rins_selfcal::base::restart::Restart;
 use rins_selfcal::base::units::DEG;
 use rins_selfcal::estimator::Estimate;

@@ -1,10 +1,10 @@
 //! The figures of the page, each an SVG in the page's own ink, so that it is legible on light and dark.
 
 use super::canvas::{Drawn, Figure, Line, Scale, figure, shade, shade_signed};
+use crate::base::quantity;
 use crate::calibration::Outcome;
-use crate::quantity;
-use crate::signals::Signals;
-use crate::truth::ParameterTable;
+use crate::files::truth::ParameterTable;
+use crate::result::signals::Signals;
 use rins_selfcal::base::site::Site;
 use rins_selfcal::base::units::DEG;
 use rins_selfcal::estimator::observability::{INSTALLATION_STATES, along_scheme};

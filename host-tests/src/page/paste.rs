@@ -1,6 +1,6 @@
 //! The correction as source text in several languages.
 
-use crate::report::CorrectionReport;
+use crate::result::report::CorrectionReport;
 use std::fmt::Write;
 
 /// How a language writes the correction.

@@ -2,11 +2,11 @@
 
 use super::figures;
 use super::frame::{Section, document, shown};
-use crate::bai::{FULL_RANK_S, TABLE_1, TABLE_1_ERRORS, TABLE_3, TABLE_3_DIFFERENCES, Twelve};
-use crate::prediction::{RankAt, duration_s};
-use crate::quantity::{self, fixed, significant};
-use crate::replication::{Foresight, Replication, Series, Study};
-use crate::table::{GROUPS, Group, number_or_none};
+use crate::base::bai::{FULL_RANK_S, TABLE_1, TABLE_1_ERRORS, TABLE_3, TABLE_3_DIFFERENCES, Twelve};
+use crate::base::quantity::{self, fixed, significant};
+use crate::plan::prediction::{RankAt, duration_s};
+use crate::result::table::{GROUPS, Group, number_or_none};
+use crate::study::replication::{Foresight, Replication, Series, Study};
 use anyhow::Context;
 use maud::{Markup, html};
 use rins_selfcal::base::method::Method;

@@ -21,9 +21,9 @@
 
 use super::information::Forecast;
 use super::objective::{Criterion, Objective};
-use super::{PlanRequest, Travel};
+use super::request::{PlanRequest, Travel};
+use crate::base::quantity::states;
 use crate::calibration::Setup;
-use crate::quantity::states;
 use rayon::prelude::*;
 use rins_selfcal::base::linear::Matrix;
 use rins_selfcal::base::units::DEG;
@@ -194,8 +194,8 @@ fn angles(travel: &Travel, reach_rad: f64, step_rad: f64) -> Vec<f64> {
 mod tests {
     use super::*;
     use crate::calibration::Precision;
-    use crate::prediction::{duration_s, predicted_sigmas_si};
-    use crate::unit::UnitConfig;
+    use crate::files::unit_file::UnitConfig;
+    use crate::plan::prediction::{duration_s, predicted_sigmas_si};
     use rins_selfcal::base::method::Method;
     use rins_selfcal::base::units::ARCSEC;
     use rins_selfcal::estimator::observability::INSTALLATION_STATES;

@@ -10,7 +10,7 @@
 //! covariance, to the lengths of the windows: the core counts in blocks of 0.1 s, here a stop loses what it does on average.
 
 use crate::calibration::Setup;
-use crate::virtual_run::SETTLING_S;
+use crate::calibration::virtual_run::SETTLING_S;
 use rins_selfcal::base::linear::{ComplexField, Matrix, Vector};
 use rins_selfcal::base::site::EARTH_RATE_RAD_S;
 use rins_selfcal::estimator::rehearsal::{BLOCK_LOSS_S, Stand, Turning, move_segment, stop_segment, usable_s};
@@ -169,7 +169,7 @@ pub struct LegModel {
     rest: Prediction<f64>,
 }
 
-/// Predicts the information of schemes for one unit: without errors, level and facing north, as [`crate::prediction`] does.
+/// Predicts the information of schemes for one unit: without errors, level and facing north, as [`crate::plan::prediction`] does.
 #[derive(Clone, Debug)]
 pub struct Forecast<const STATES: usize = BASIC_STATES> {
     model: MeasurementModel<f64>,
@@ -309,9 +309,9 @@ fn rounded(mut prediction: Prediction<f64>, by_attitude: f64) -> Prediction<f64>
 mod tests {
     use super::*;
     use crate::calibration::Precision;
-    use crate::prediction::predicted_sigmas_si;
-    use crate::unit::UnitConfig;
-    use crate::virtual_rins::VirtualUnit;
+    use crate::files::unit_file::UnitConfig;
+    use crate::plan::prediction::predicted_sigmas_si;
+    use crate::virtual_unit::unit::VirtualUnit;
     use rins_selfcal::base::method::Method;
     use rins_selfcal::base::units::{DEG_H, MICRO_G};
     use rins_selfcal::estimator::FULL_STATES;

@@ -1,7 +1,7 @@
 //! Which parameters matter, and how their sigmas make one number.
 
 use super::information::Information;
-use crate::quantity::{HEADING, states};
+use crate::base::quantity::{HEADING, states};
 use rins_selfcal::base::linear::{ComplexField, Matrix, Vector};
 use rins_selfcal::estimator::OBSERVED_RATIO;
 use rins_selfcal::estimator::observability::INSTALLATION_STATES;

@@ -6,10 +6,10 @@
 //! loop is a dozen lines, which argmin's annealer could replace at the price of its own random numbers; the steps, which
 //! are the rest of this file, belong to schemes alone.
 
-use super::Travel;
 use super::information::{Forecast, LegModel};
 use super::objective::Objective;
-use crate::virtual_run::{SETTLING_S, Stream, derived_seed};
+use super::request::Travel;
+use crate::calibration::virtual_run::{SETTLING_S, Stream, derived_seed};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;

@@ -1,8 +1,9 @@
 //! Messages, commands and answers as they are, for damage to begin with.
 
 use super::bytes_of;
-use host_tests::power_up::{Switched, in_process, shared};
-use host_tests::virtual_rins::{DrivenRins, VirtualUnit};
+use host_tests::bench::power_up::{Switched, in_process, shared};
+use host_tests::virtual_unit::driven::DrivenRins;
+use host_tests::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::link::{
@@ -60,7 +61,7 @@ pub fn config() -> SelfCalibrationConfig {
 pub fn record(number: u32) -> StoredCalibration {
     let scheme = config().scheme.name;
     StoredCalibration {
-        errors: host_tests::presets::real(u64::from(number)),
+        errors: host_tests::virtual_unit::presets::real(u64::from(number)),
         sigmas: [1e-6; PARAMETERS],
         method: Method::Joint,
         scheme,

@@ -4,7 +4,7 @@ use super::samples::record;
 use super::{bytes_of, stable_bytes};
 use crate::source::Source;
 use crate::target::{Claim, Outcome, Target};
-use host_tests::memory::VirtualEeprom;
+use host_tests::bench::memory::VirtualEeprom;
 use rins_selfcal::keep::medium::Eeprom;
 use rins_selfcal::keep::record::{SLOT_BYTES, decode};
 use rins_selfcal::keep::store::{CalibrationStore, Loaded, StoreError};

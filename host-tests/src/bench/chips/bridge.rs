@@ -1,0 +1,48 @@
+//! A motor bridge with PWM and direction: what its outputs do.
+
+use crate::virtual_unit::plant::Output;
+
+/// The bridge, as its pins are.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BridgeChip {
+    /// Duty of the PWM, of [`DUTY_STEPS`].
+    pub duty: u16,
+    /// The direction pin is high.
+    pub forward: bool,
+    /// The enable pin is high.
+    pub enabled: bool,
+    /// It has found an overcurrent: outputs open and the fault line low until the enable pin goes low.
+    pub overcurrent: bool,
+    /// Times that the direction changed while the PWM was on.
+    pub hard_turns: u32,
+}
+
+/// Duties of the PWM from 0 to 1: 20 kHz from a timer of 160 MHz.
+pub const DUTY_STEPS: u16 = 8000;
+
+impl BridgeChip {
+    /// Sets the pins.
+    pub fn set(&mut self, duty: u16, forward: bool, enabled: bool) {
+        if forward != self.forward && self.duty > 0 && self.enabled {
+            self.hard_turns += 1;
+        }
+        self.overcurrent &= enabled;
+        (self.duty, self.forward, self.enabled) = (duty, forward, enabled);
+    }
+
+    /// What the outputs do.
+    pub fn output(&self) -> Output {
+        let part = f64::from(self.duty.min(DUTY_STEPS)) / f64::from(DUTY_STEPS);
+        match (self.enabled && !self.overcurrent, self.duty, self.forward) {
+            (false, ..) => Output::Open,
+            (true, 0, _) => Output::Shorted,
+            (true, _, true) => Output::Driven(part),
+            (true, _, false) => Output::Driven(-part),
+        }
+    }
+
+    /// Whether the fault line is high.
+    pub fn fault_line(&self) -> bool {
+        !self.overcurrent
+    }
+}

@@ -1,0 +1,476 @@
+//! The instrument's devices around a [`Plant`]: an IMU, two BiSS-C encoders of 26 bits and two motor bridges, and what may fail
+//! of them.
+//!
+//! Time goes by in control periods. The IMU samples as often as the plant does, whatever its decimation has been set to.
+
+use super::bus::{Chip, Damage, PERIOD_BYTES, input};
+use super::chips::biss::BissChip;
+use super::chips::bridge::{BridgeChip, DUTY_STEPS};
+use super::chips::exchange;
+use super::imu::{Imu, ImuChip, Received};
+use crate::virtual_unit::plant::Output;
+use crate::virtual_unit::plant::{Plant, Tick};
+use embedded_hal::delay::DelayNs;
+use embedded_hal::digital::{self, InputPin, OutputPin};
+use embedded_hal::pwm::{self, SetDutyCycle};
+use embedded_hal::spi::{self, Operation, SpiDevice};
+use rins_selfcal::acquisition::queue::SampleProducer;
+use rins_selfcal::acquisition::{Acquisition, GimbalView, Streaming};
+use rins_selfcal::base::linear::Real;
+use rins_selfcal::drivers::adis16495::{Adis16495, Adis16495Settings, BURST_BYTES, Clock};
+use rins_selfcal::drivers::biss::{BissEncoder, CAPTURE_BYTES, Mounting, Resolution};
+use rins_selfcal::drivers::bridge::Bridge;
+use rins_selfcal::drivers::kvh1750::{self, Kvh1750};
+use rins_selfcal::gimbal::Gimbal;
+use rins_selfcal::gimbal::control::Control;
+use rins_selfcal::gimbal::servo::PERIOD_US;
+use std::cell::RefCell;
+use std::convert::Infallible;
+use std::rc::Rc;
+
+/// What fails of an encoder or a bridge.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Trouble {
+    /// The encoder does not answer.
+    EncoderSilent,
+    /// Every so many frames of the encoder one is damaged.
+    EncoderCrc(u32),
+    /// The encoder reports an error.
+    EncoderAlarm,
+    /// The encoder repeats its last angle, in good frames.
+    EncoderFrozen,
+    /// The encoder is off by this much, deg.
+    EncoderSlip(f64),
+    /// The encoder counts the other way.
+    EncoderReversed,
+    /// The bridge gives this part of its duty.
+    Weak(f64),
+    /// The motor turns the other way.
+    MotorReversed,
+    /// The bridge keeps its last duty, while it is not switched off.
+    BridgeStuck,
+    /// The bridge gives all it has, whatever it is told, while it is not switched off.
+    BridgeFull,
+    /// The bridge finds too much current.
+    Overcurrent,
+    /// The bridge is dead and does not say so.
+    BridgeDead,
+}
+
+/// The devices of one axis.
+struct AxisChips {
+    encoder: BissChip,
+    bridge: BridgeChip,
+    trouble: Option<Trouble>,
+    /// What the encoder sees, rad.
+    seen_rad: f64,
+    /// Where it froze, rad.
+    frozen_rad: f64,
+    frames: u32,
+    output: Output,
+}
+
+impl AxisChips {
+    fn new() -> Self {
+        Self {
+            encoder: BissChip::new(26),
+            bridge: BridgeChip::default(),
+            trouble: None,
+            seen_rad: 0.0,
+            frozen_rad: 0.0,
+            frames: 0,
+            output: Output::Open,
+        }
+    }
+
+    fn set_trouble(&mut self, trouble: Option<Trouble>) {
+        self.trouble = trouble;
+        self.frozen_rad = self.seen_rad;
+        self.encoder.dead = trouble == Some(Trouble::EncoderSilent);
+        self.encoder.error = trouble == Some(Trouble::EncoderAlarm);
+    }
+
+    fn clock_encoder(&mut self, frame: &mut [u8]) {
+        self.frames = self.frames.wrapping_add(1);
+        let angle_rad = match self.trouble {
+            Some(Trouble::EncoderFrozen) => self.frozen_rad,
+            Some(Trouble::EncoderSlip(slip_deg)) => self.seen_rad + slip_deg.to_radians(),
+            Some(Trouble::EncoderReversed) => -self.seen_rad,
+            _ => self.seen_rad,
+        };
+        self.encoder.clock(angle_rad, frame);
+        if let Some(Trouble::EncoderCrc(every)) = self.trouble
+            && self.frames.is_multiple_of(every)
+        {
+            frame[4] ^= 1;
+        }
+    }
+
+    /// What the winding gets in the period to come.
+    fn drive(&mut self) -> Output {
+        self.bridge.overcurrent |= self.trouble == Some(Trouble::Overcurrent) && self.bridge.enabled;
+        let told = self.bridge.output();
+        let on = told != Output::Open;
+        self.output = match (self.trouble, told) {
+            (Some(Trouble::BridgeStuck), _) if on => self.output,
+            (Some(Trouble::BridgeFull), _) if on => Output::Driven(1.0),
+            (Some(Trouble::BridgeDead), _) => Output::Open,
+            (Some(Trouble::Weak(part)), Output::Driven(duty)) => Output::Driven(part * duty),
+            (Some(Trouble::MotorReversed), Output::Driven(duty)) => Output::Driven(-duty),
+            _ => told,
+        };
+        self.output
+    }
+}
+
+/// The chips and the plant they measure and drive.
+pub struct Bench<P> {
+    plant: P,
+    periods: u64,
+    data_ready: bool,
+    samples: u32,
+    imu: ImuChip,
+    axes: [AxisChips; 2],
+    damage: Option<Damage>,
+    switched_off: u32,
+}
+
+impl<P: Plant> Bench<P> {
+    /// The bench around `plant`, with an ADIS16495; the bridges are off.
+    pub fn new(plant: P) -> Self {
+        Self::with_imu(plant, Imu::Adis16495)
+    }
+
+    /// The same with this IMU.
+    pub fn with_imu(plant: P, imu: Imu) -> Self {
+        Self {
+            plant,
+            periods: 0,
+            data_ready: false,
+            samples: 0,
+            imu: ImuChip::new(imu),
+            axes: [AxisChips::new(), AxisChips::new()],
+            damage: None,
+            switched_off: 0,
+        }
+    }
+
+    /// Lets `damage` spoil all measurements from here on; setting up the IMU is left alone.
+    pub fn damage(&mut self, damage: impl FnMut(Chip, &mut [u8]) + 'static) {
+        self.damage = Some(Box::new(damage));
+    }
+
+    /// How often the motors were switched off beside the control.
+    pub fn switched_off(&self) -> u32 {
+        self.switched_off
+    }
+
+    /// Lets something fail of an axis, or mends it.
+    pub fn set_trouble(&mut self, axis: usize, trouble: Option<Trouble>) {
+        self.axes[axis].set_trouble(trouble);
+    }
+
+    /// Samples the IMU has given.
+    pub fn samples(&self) -> u32 {
+        self.samples
+    }
+
+    /// Time, us.
+    pub fn now_us(&self) -> u64 {
+        self.periods * PERIOD_US
+    }
+
+    /// What the windings of the outer and the inner motor got in the last period.
+    pub fn outputs(&self) -> [Output; 2] {
+        self.axes.each_ref().map(|axis| axis.output)
+    }
+
+    /// Times that a direction changed while its PWM was on.
+    pub fn hard_turns(&self) -> u32 {
+        self.axes.iter().map(|axis| axis.bridge.hard_turns).sum()
+    }
+
+    /// Which IMU it has.
+    pub fn imu(&self) -> Imu {
+        self.imu.kind()
+    }
+
+    /// Lets a gyro of the IMU fail.
+    pub fn fail_gyro(&mut self) {
+        self.imu.fail_gyro();
+    }
+
+    /// Lets those bytes get lost on the serial line of the IMU for whose number, counted from 0, `loses` is true.
+    ///
+    /// # Panics
+    /// The IMU has no serial line.
+    pub fn lose(&mut self, loses: impl FnMut(u64) -> bool + 'static) {
+        self.imu.line_mut().expect("an IMU with a serial line").loses = Some(Box::new(loses));
+    }
+
+    /// The plant.
+    pub fn plant(&self) -> &P {
+        &self.plant
+    }
+
+    /// The plant.
+    pub fn plant_mut(&mut self) -> &mut P {
+        &mut self.plant
+    }
+
+    /// Gives the plant back.
+    pub fn into_plant(self) -> P {
+        self.plant
+    }
+
+    /// Lets a control period go by; whether the instrument is still switched on.
+    pub fn period(&mut self) -> bool {
+        let outputs = self.axes.each_mut().map(AxisChips::drive);
+        let Some(Tick { encoders_rad, reading }) = self.plant.advance(outputs) else { return false };
+        self.periods += 1;
+        for (axis, seen_rad) in self.axes.iter_mut().zip(encoders_rad) {
+            axis.seen_rad = seen_rad;
+        }
+        self.data_ready = reading.is_some() && self.imu() == Imu::Adis16495;
+        if let Some(reading) = reading {
+            self.imu.sample(&reading, self.periods * PERIOD_US, self.damage.as_mut());
+            self.samples = self.samples.wrapping_add(1);
+        }
+        true
+    }
+
+    /// Whether the data-ready line had an edge in the last period.
+    pub fn data_ready(&self) -> bool {
+        self.data_ready
+    }
+
+    /// The next byte that has come over the serial line of the IMU, if it has one.
+    pub fn receive(&mut self) -> Option<Received> {
+        let now_us = self.now_us();
+        self.imu.line_mut()?.receive(now_us)
+    }
+
+    /// One transfer: `frame` holds what the master sends, and after it what the chip does.
+    pub fn transfer(&mut self, chip: Chip, frame: &mut [u8]) {
+        let is_spared = chip == Chip::Imu && frame.len() != BURST_BYTES;
+        match chip {
+            Chip::Imu => self.imu.transfer(frame, self.periods * PERIOD_US),
+            Chip::OuterEncoder => self.axes[0].clock_encoder(frame),
+            Chip::InnerEncoder => self.axes[1].clock_encoder(frame),
+            Chip::Period => return self.exchange(frame),
+            Chip::MotorsOff => return self.switch_off(),
+        }
+        if let Some(damage) = self.damage.as_mut().filter(|_| !is_spared) {
+            damage(chip, frame);
+        }
+    }
+
+    fn switch_off(&mut self) {
+        self.switched_off += 1;
+        self.axes.iter_mut().for_each(|axis| axis.bridge.set(0, axis.bridge.forward, false));
+    }
+
+    fn exchange(&mut self, frame: &mut [u8]) {
+        let Ok(frame) = <&mut [u8; PERIOD_BYTES]>::try_from(frame) else { return };
+        for (axis, pins) in self.axes.iter_mut().zip(frame.as_chunks::<3>().0) {
+            let [low, high, pins] = *pins;
+            axis.bridge.set(u16::from_le_bytes([low, high]), pins & 1 != 0, pins & 2 != 0);
+        }
+        let (inputs, captures) = frame.split_first_mut().expect("its length is known");
+        *inputs = self.inputs();
+        for (chip, capture) in
+            [Chip::OuterEncoder, Chip::InnerEncoder].into_iter().zip(captures.chunks_mut(CAPTURE_BYTES))
+        {
+            self.transfer(chip, capture);
+        }
+    }
+
+    fn inputs(&mut self) -> u8 {
+        if !self.period() {
+            return 0;
+        }
+        let faults = self.axes.iter().zip(input::FAULT).filter(|(axis, _)| axis.bridge.fault_line());
+        let now_us = self.periods * PERIOD_US;
+        let asks = self.data_ready || self.imu.line_mut().is_some_and(|line| line.waits(now_us));
+        let asks = if asks { input::IMU } else { 0 };
+        faults.fold(input::POWERED | asks, |bits, (_, bit)| bits | bit)
+    }
+}
+
+/// A bench that several drivers share.
+pub type SharedBench<P> = Rc<RefCell<Bench<P>>>;
+
+/// One chip of a shared bench as a driver sees it.
+pub struct BenchSpi<P> {
+    bench: SharedBench<P>,
+    chip: Chip,
+}
+
+impl<P: Plant> BenchSpi<P> {
+    /// The bus to `chip`.
+    pub fn new(bench: &SharedBench<P>, chip: Chip) -> Self {
+        Self { bench: Rc::clone(bench), chip }
+    }
+}
+
+impl<P> spi::ErrorType for BenchSpi<P> {
+    type Error = Infallible;
+}
+
+impl<P: Plant> SpiDevice for BenchSpi<P> {
+    fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
+        exchange(operations, |bytes| self.bench.borrow_mut().transfer(self.chip, bytes));
+        Ok(())
+    }
+}
+
+/// Which pin of a bridge.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Role {
+    Pwm,
+    Direction,
+    Enable,
+    Fault,
+}
+
+/// A pin of a bridge on a shared bench.
+pub struct BenchPin<P> {
+    bench: SharedBench<P>,
+    axis: usize,
+    role: Role,
+}
+
+impl<P: Plant> BenchPin<P> {
+    fn change(&mut self, change: impl FnOnce(&mut BridgeChip)) {
+        let mut pins = self.bench.borrow().axes[self.axis].bridge;
+        change(&mut pins);
+        self.bench.borrow_mut().axes[self.axis].bridge.set(pins.duty, pins.forward, pins.enabled);
+    }
+
+    fn set(&mut self, high: bool) {
+        let role = self.role;
+        self.change(|pins| match role {
+            Role::Direction => pins.forward = high,
+            Role::Enable => pins.enabled = high,
+            Role::Pwm | Role::Fault => {}
+        });
+    }
+}
+
+impl<P> pwm::ErrorType for BenchPin<P> {
+    type Error = Infallible;
+}
+
+impl<P: Plant> SetDutyCycle for BenchPin<P> {
+    fn max_duty_cycle(&self) -> u16 {
+        DUTY_STEPS
+    }
+    fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
+        self.change(|pins| pins.duty = duty);
+        Ok(())
+    }
+}
+
+impl<P> digital::ErrorType for BenchPin<P> {
+    type Error = Infallible;
+}
+
+impl<P: Plant> OutputPin for BenchPin<P> {
+    fn set_low(&mut self) -> Result<(), Infallible> {
+        self.set(false);
+        Ok(())
+    }
+    fn set_high(&mut self) -> Result<(), Infallible> {
+        self.set(true);
+        Ok(())
+    }
+}
+
+impl<P: Plant> InputPin for BenchPin<P> {
+    fn is_high(&mut self) -> Result<bool, Infallible> {
+        Ok(self.bench.borrow().axes[self.axis].bridge.fault_line())
+    }
+    fn is_low(&mut self) -> Result<bool, Infallible> {
+        self.is_high().map(|high| !high)
+    }
+}
+
+/// Nothing on the bench takes time.
+struct NoDelay;
+
+impl DelayNs for NoDelay {
+    fn delay_ns(&mut self, _ns: u32) {}
+}
+
+/// What the IMU's interrupt has on the board, for the IMU that the bench has.
+pub enum BenchImu<'q, T: Real, P> {
+    /// Of an ADIS16495.
+    Adis16495(BenchAcquisition<'q, T, P>),
+    /// Of a KVH 1750.
+    Kvh1750(Streaming<'q, T>),
+}
+
+impl<'q, T: Real, P: Plant> BenchImu<'q, T, P> {
+    /// On a bench whose plant samples `rate_hz` times a second.
+    pub fn new(bench: &SharedBench<P>, rate_hz: f64, producer: SampleProducer<'q, T>) -> Self {
+        let imu = bench.borrow().imu();
+        match imu {
+            Imu::Adis16495 => Self::Adis16495(acquisition(bench, rate_hz, producer)),
+            Imu::Kvh1750 => {
+                let settings = kvh1750::Kvh1750Settings { rate_hz, ..kvh1750::Kvh1750Settings::default() };
+                Self::Kvh1750(Streaming::new(Kvh1750::new(&settings), producer))
+            }
+        }
+    }
+
+    /// What the interrupt does at the end of a control period.
+    pub fn on_period(&mut self, bench: &SharedBench<P>, view_at: impl Fn(u64) -> GimbalView) {
+        let (now_us, data_ready) = (bench.borrow().now_us(), bench.borrow().data_ready());
+        // Samples that are lost have been counted.
+        match self {
+            Self::Adis16495(acquisition) => {
+                let _ = data_ready.then(|| acquisition.on_data_ready(now_us, view_at));
+            }
+            Self::Kvh1750(streaming) => {
+                for (byte, came_us) in std::iter::from_fn(|| bench.borrow_mut().receive()) {
+                    let _ = streaming.on_byte(byte, came_us, &view_at);
+                }
+            }
+        }
+    }
+}
+
+/// The acquisition of a bench: what the data-ready interrupt runs on the board.
+pub type BenchAcquisition<'q, T, P> = Acquisition<'q, T, BenchSpi<P>>;
+/// A bridge of a bench.
+pub type BenchBridge<P> = Bridge<BenchPin<P>, BenchPin<P>, BenchPin<P>, BenchPin<P>>;
+/// The control of a bench: what the control interrupt runs on the board.
+pub type BenchControl<T, P> = Control<T, BenchSpi<P>, BenchBridge<P>>;
+
+/// The acquisition of a bench whose plant samples `rate_hz` times a second.
+///
+/// # Panics
+/// The IMU does not start.
+pub fn acquisition<'q, T: Real, P: Plant>(
+    bench: &SharedBench<P>,
+    rate_hz: f64,
+    producer: SampleProducer<'q, T>,
+) -> BenchAcquisition<'q, T, P> {
+    let decimation = (4000.0 / rate_hz).round() as u16;
+    let settings =
+        Adis16495Settings { clock: Clock::External { rate_hz: 4000 }, decimation, ..Adis16495Settings::default() };
+    let imu = Adis16495::start(BenchSpi::new(bench, Chip::Imu), &mut NoDelay, &settings).expect("a sound IMU");
+    Acquisition::new(imu, producer)
+}
+
+/// The control of a bench, put together as on the board.
+pub fn control<T: Real, P: Plant>(bench: &SharedBench<P>, gimbal: Gimbal<T>) -> BenchControl<T, P> {
+    let encoder = |chip| BissEncoder::new(BenchSpi::new(bench, chip), Resolution::Bits26, Mounting::STRAIGHT);
+    let pin = |axis, role| BenchPin { bench: Rc::clone(bench), axis, role };
+    let bridge = |axis| {
+        let [pwm, direction, enable, fault] =
+            [Role::Pwm, Role::Direction, Role::Enable, Role::Fault].map(|role| pin(axis, role));
+        Bridge::with_pins(pwm, direction, enable, fault)
+    };
+    Control::new([Chip::OuterEncoder, Chip::InnerEncoder].map(encoder), [0, 1].map(bridge), gimbal)
+}

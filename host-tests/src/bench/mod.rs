@@ -1,0 +1,17 @@
+//! The instrument's devices, and all that runs on them: the core in this process, or the firmware in the emulator.
+
+mod bus;
+pub mod chips;
+mod devices;
+pub mod emulator;
+pub mod firmware_sizes;
+pub mod gimbal_plant;
+mod imu;
+pub mod line;
+pub mod memory;
+pub mod power_up;
+pub mod servo_bench;
+
+pub use bus::*;
+pub use devices::*;
+pub use imu::{Imu, Received};

@@ -1,0 +1,391 @@
+//! One calibration on the host: the core's chain in either precision, and its outcome, widened to `f64`.
+
+use crate::base::quantity::{STATES, states};
+use crate::files::unit_file::{Noise, UnitConfig};
+use crate::virtual_unit::plant::Reading;
+use rins_selfcal::base::angle::Angle;
+use rins_selfcal::base::linear::{Matrix, Real, Vector3, real};
+use rins_selfcal::base::loss::LossCounts;
+use rins_selfcal::base::method::Method;
+use rins_selfcal::base::sample::RawSample;
+use rins_selfcal::base::site::Site;
+use rins_selfcal::base::units::DEG;
+use rins_selfcal::estimator::{
+    BASIC_STATES, Estimate, Estimator, FULL_STATES, HeadingSource, SegmentInnovations, Solution,
+};
+use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETERS, ParameterInfo, block};
+use rins_selfcal::model::measurement::ENCODER_ERRORS;
+use rins_selfcal::model::options::{OPTIONAL_INFO, Options};
+use rins_selfcal::run::abort::Abort;
+use rins_selfcal::run::calibrator::{Calibrator, CalibratorConfig, Progress};
+use rins_selfcal::run::telemetry::Message;
+use rins_selfcal::scheme::Scheme;
+use rins_selfcal::segment::SegmentKind;
+use rins_selfcal::segment::intake::IntakeCounts;
+use rins_selfcal::verdict::{Verdict, VerdictLimits};
+use serde::Serialize;
+
+/// Segments that fit on the host: any log that a day of calibration can give.
+pub const HOST_SEGMENTS: usize = 1024;
+
+/// Scalar of the core.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, clap::ValueEnum)]
+#[serde(rename_all = "lowercase")]
+pub enum Precision {
+    /// Double precision.
+    #[default]
+    F64,
+    /// Single precision.
+    F32,
+}
+
+/// Name of a method on the command line and in files.
+pub fn method_name(method: Method) -> &'static str {
+    match method {
+        Method::Joint => "joint",
+        Method::TwoStage => "two-stage",
+    }
+}
+
+/// Which parameters a method estimates; the two-stage method takes biases, scale-factor errors and non-perpendicularity
+/// as zero.
+pub fn is_estimated(method: Method, parameter: usize) -> bool {
+    method == Method::Joint || !(block::ACCEL_BIAS..block::ATTITUDE).contains(&parameter)
+}
+
+/// Everything that a calibration must know.
+#[derive(Clone, Debug)]
+pub struct Setup {
+    /// Joint or two-stage.
+    pub method: Method,
+    /// Scalar of the core.
+    pub precision: Precision,
+    /// Sample rate, Hz.
+    pub rate_hz: f64,
+    /// Where the unit stands.
+    pub site: Site,
+    /// Its noise.
+    pub noise: Noise,
+    /// Where the heading comes from.
+    pub heading: HeadingSource,
+    /// Optional states and noise of the joint method.
+    pub options: Options,
+    /// Moves of period one, where there are several and the scheme is known.
+    pub period_moves: Option<u16>,
+    /// Name of the scheme, where it is known.
+    pub scheme: Option<String>,
+}
+
+impl Setup {
+    /// For the unit that a file describes; the scheme is unknown.
+    pub fn new(unit: &UnitConfig, rate_hz: f64, method: Method, precision: Precision) -> Self {
+        let configured = |heading_deg: f64| HeadingSource::Configured {
+            heading_rad: heading_deg * DEG,
+            sigma_rad: unit.initial.heading_sigma_deg * DEG,
+        };
+        Self {
+            method,
+            precision,
+            rate_hz,
+            site: unit.site(),
+            noise: unit.noise,
+            heading: unit.initial.heading_deg.map_or(HeadingSource::Gyrocompass, configured),
+            options: Options::default(),
+            period_moves: None,
+            scheme: None,
+        }
+    }
+
+    /// With a known scheme.
+    #[must_use]
+    pub fn on_scheme(self, scheme: &Scheme) -> Self {
+        let period_moves = (scheme.periods > 1).then_some(scheme.legs.len() as u16);
+        Self { period_moves, scheme: Some(scheme.name.as_str().into()), ..self }
+    }
+
+    /// What the core must know.
+    pub fn config(&self) -> CalibratorConfig {
+        let mut config = CalibratorConfig::new(self.method, self.site, self.noise.psd(), self.rate_hz);
+        config.estimator.heading = self.heading;
+        config.estimator.period_moves = self.period_moves;
+        config.estimator.options = self.options;
+        config
+    }
+
+    /// Sigmas of all states before any data, SI; zero where one is not estimated.
+    pub fn prior_sigmas(&self) -> [f64; STATES] {
+        let config = self.config().estimator;
+        let optional = if self.method == Method::Joint { config.options.prior_sigmas() } else { Default::default() };
+        let mut sigmas = [0.0; STATES];
+        let both = config.prior_sigmas().into_iter().chain(optional);
+        sigmas.iter_mut().zip(both).for_each(|(sigma, prior)| *sigma = prior);
+        sigmas
+    }
+
+    /// A chain before its first sample.
+    pub fn chain(&self) -> Box<dyn Chain> {
+        match (self.precision, self.options.needs_states()) {
+            (Precision::F64, false) => Box::new(CoreChain::<f64, BASIC_STATES>::new(self)),
+            (Precision::F64, true) => Box::new(CoreChain::<f64, FULL_STATES>::new(self)),
+            (Precision::F32, false) => Box::new(CoreChain::<f32, BASIC_STATES>::new(self)),
+            (Precision::F32, true) => Box::new(CoreChain::<f32, FULL_STATES>::new(self)),
+        }
+    }
+}
+
+/// A reading as the core takes it.
+pub fn raw_sample<T: Real>(reading: &Reading) -> RawSample<T> {
+    RawSample {
+        time_us: reading.time_us,
+        omega_g: Vector3::from(reading.omega_g.map(real)),
+        force_a: Vector3::from(reading.force_a.map(real)),
+        outer: Angle::from_rad(reading.outer_rad),
+        inner: Angle::from_rad(reading.inner_rad),
+        temperature_c: reading.temperature_c,
+    }
+}
+
+/// From readings to the outcome, whatever the scalar.
+pub trait Chain: Send {
+    /// Takes in a reading; the live estimate if it completes a segment.
+    fn step(&mut self, reading: &Reading) -> Option<Progress>;
+
+    /// Closes the last stop, at the end of the readings; the live estimate if there was one.
+    fn finish(&mut self) -> Option<Progress>;
+
+    /// Closes the last stop if that is not done, solves and judges.
+    fn conclude(&mut self) -> Outcome;
+
+    /// Covariance of all states now, SI; zero where one is not estimated.
+    fn covariance(&self) -> Matrix<f64, STATES, STATES>;
+}
+
+struct CoreChain<T: Real, const FILTER_STATES: usize> {
+    setup: Setup,
+    record: Record,
+    calibrator: Box<Calibrator<T, HOST_SEGMENTS, FILTER_STATES>>,
+}
+
+impl<T: Real, const FILTER_STATES: usize> CoreChain<T, FILTER_STATES> {
+    fn new(setup: &Setup) -> Self {
+        Self { setup: setup.clone(), record: Record::default(), calibrator: Box::new(Calibrator::new(&setup.config())) }
+    }
+}
+
+impl<T: Real, const FILTER_STATES: usize> Chain for CoreChain<T, FILTER_STATES> {
+    fn step(&mut self, reading: &Reading) -> Option<Progress> {
+        let progress = self.calibrator.step(&raw_sample(reading));
+        self.record.live.extend(progress);
+        progress
+    }
+
+    fn finish(&mut self) -> Option<Progress> {
+        let progress = self.calibrator.finish();
+        self.record.live.extend(progress);
+        progress
+    }
+
+    fn conclude(&mut self) -> Outcome {
+        for segment in self.calibrator.estimator().segments() {
+            self.record.note_segment(segment.kind());
+        }
+        let record = &mut self.record;
+        let solution = self.calibrator.conclude(&mut |message| record.note(message));
+        record.note(&Message::Judged(self.calibrator.judge(&solution, None, &VerdictLimits::default())));
+        std::mem::take(record).outcome(&self.setup).expect("solved and judged")
+    }
+
+    fn covariance(&self) -> Matrix<f64, STATES, STATES> {
+        covariance(self.calibrator.estimator())
+    }
+}
+
+/// Covariance of an estimator's parameters and optional states now, SI; zero where one is not estimated.
+pub fn covariance<T: Real, const SEGMENTS: usize, const FILTER_STATES: usize>(
+    estimator: &Estimator<T, SEGMENTS, FILTER_STATES>,
+) -> Matrix<f64, STATES, STATES> {
+    let mut covariance = Matrix::<f64, STATES, STATES>::zeros();
+    for state in 0..FILTER_STATES - ENCODER_ERRORS {
+        let of_filter = estimator.filter().covariance_row(ENCODER_ERRORS + state);
+        let row = of_filter.iter().skip(ENCODER_ERRORS).map(|entry| entry.widened());
+        covariance.row_mut(state).iter_mut().zip(row).for_each(|(entry, widened)| *entry = widened);
+    }
+    covariance
+}
+
+/// What came out, and of what.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// What the calibration knew.
+    pub setup: Setup,
+    /// Parameters, sigmas and fit.
+    pub solution: Solution,
+    /// Accepted, or why not.
+    pub verdict: Verdict,
+    /// Whether the instrument could store it; none where there is nothing to store, or no store.
+    pub stored: Option<bool>,
+    /// Covariance of the parameters, SI.
+    pub covariance: Matrix<f64, PARAMETERS, PARAMETERS>,
+    /// Sigmas before any data, SI.
+    pub prior_sigmas: [f64; PARAMETERS],
+    /// What became of the samples.
+    pub counts: IntakeCounts,
+    /// Samples lost between the IMU and the core; unknown of a log.
+    pub losses: Option<LossCounts>,
+    /// Stops found.
+    pub stops: usize,
+    /// Moves found.
+    pub moves: usize,
+    /// The live estimate after every segment.
+    pub live: Vec<Progress>,
+    /// How far every segment is from what all others say.
+    pub innovations: Vec<SegmentInnovations>,
+    /// What a virtual unit's errors were at the end of the last segment, when the estimate holds.
+    pub truth: Option<InstrumentErrors<f64>>,
+}
+
+/// What is kept of the messages of a run.
+#[derive(Clone, Debug, Default)]
+pub struct Record {
+    solution: Option<(Solution, IntakeCounts)>,
+    covariance: Matrix<f64, PARAMETERS, PARAMETERS>,
+    verdict: Option<Verdict>,
+    stored: Option<bool>,
+    aborted: Option<Abort>,
+    losses: Option<LossCounts>,
+    stops: usize,
+    moves: usize,
+    live: Vec<Progress>,
+    innovations: Vec<SegmentInnovations>,
+}
+
+impl Record {
+    /// Takes in a message.
+    pub fn note(&mut self, message: &Message) {
+        match message {
+            Message::Segment(progress) => {
+                self.note_segment(progress.kind);
+                self.live.push(*progress);
+            }
+            Message::Innovations(innovations) => self.innovations.push(*innovations),
+            Message::Solved { solution, counts } => self.solution = Some((*solution, *counts)),
+            Message::Covariance { row, values } => {
+                self.covariance.row_mut(usize::from(*row)).copy_from_slice(values);
+            }
+            Message::Judged(verdict) => self.verdict = Some(verdict.clone()),
+            Message::Saved(stored) => self.stored = Some(*stored),
+            Message::Aborted(abort) => self.aborted = Some(*abort),
+            Message::Queue { losses, .. } => self.losses = Some(*losses),
+            _ => {}
+        }
+    }
+
+    fn note_segment(&mut self, kind: SegmentKind) {
+        match kind {
+            SegmentKind::Stop => self.stops += 1,
+            SegmentKind::Move => self.moves += 1,
+        }
+    }
+
+    /// Why the run was given up, if it was.
+    pub fn aborted(&self) -> Option<Abort> {
+        self.aborted
+    }
+
+    /// The outcome, once there is one.
+    pub fn outcome(self, setup: &Setup) -> Option<Outcome> {
+        let (solution, counts) = self.solution?;
+        Some(Outcome {
+            setup: setup.clone(),
+            solution,
+            verdict: self.verdict?,
+            stored: self.stored,
+            covariance: self.covariance,
+            prior_sigmas: setup.config().estimator.prior_sigmas(),
+            counts,
+            losses: self.losses,
+            stops: self.stops,
+            moves: self.moves,
+            live: self.live,
+            innovations: self.innovations,
+            truth: None,
+        })
+    }
+}
+
+impl Outcome {
+    /// The estimate.
+    pub fn estimate(&self) -> &Estimate {
+        &self.solution.estimate
+    }
+
+    /// Whether the method estimates a parameter.
+    pub fn is_estimated(&self, parameter: usize) -> bool {
+        is_estimated(self.setup.method, parameter)
+    }
+
+    /// Sigmas of all states, report units.
+    pub fn state_sigmas(&self) -> [f64; STATES] {
+        let found = self.estimate().sigmas.into_iter().chain(self.solution.optional.sigmas);
+        let mut sigmas = [0.0; STATES];
+        for (sigma, (found, info)) in sigmas.iter_mut().zip(found.zip(states())) {
+            *sigma = found / info.unit_si;
+        }
+        sigmas
+    }
+
+    /// Optional states that were estimated: name and unit, value and sigma in report units.
+    pub fn optional_states(&self) -> impl Iterator<Item = (&'static ParameterInfo, f64, f64)> {
+        let optional = &self.solution.optional;
+        let states = OPTIONAL_INFO.iter().zip(optional.values.iter().zip(&optional.sigmas));
+        let estimated = states.filter(|(_, (_, sigma))| **sigma > 0.0);
+        estimated.map(|(info, (value, sigma))| (info, value / info.unit_si, sigma / info.unit_si))
+    }
+
+    /// Every doubt in words.
+    pub fn reasons(&self) -> Vec<String> {
+        let mut reasons: Vec<String> = self.verdict.reasons.iter().map(ToString::to_string).collect();
+        if self.verdict.more > 0 {
+            reasons.push(format!("and {} more", self.verdict.more));
+        }
+        reasons
+    }
+
+    /// Whether the result is accepted, and in the store where there is one.
+    pub fn is_in_use(&self) -> bool {
+        self.verdict.accepted() && self.stored != Some(false)
+    }
+
+    /// "accepted" or "rejected".
+    pub fn verdict_name(&self) -> &'static str {
+        if self.verdict.accepted() { "accepted" } else { "rejected" }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibration::virtual_run::VirtualRun;
+    use crate::result::table;
+    use crate::virtual_unit::unit::VirtualUnit;
+
+    #[test]
+    fn a_result_that_could_not_be_stored_is_not_in_use() {
+        let scheme = Scheme::bai(1.0, 1);
+        let setup = Setup::new(&UnitConfig::default(), 50.0, Method::Joint, Precision::F64).on_scheme(&scheme);
+        let unit = VirtualUnit { rate_hz: 50.0, ..VirtualUnit::default() };
+        let outcome = VirtualRun { unit, scheme, seed: 1 }.calibrate(std::slice::from_ref(&setup)).remove(0);
+        let ended = |saved: Option<bool>| {
+            let mut record = Record::default();
+            record.note(&Message::Solved { solution: outcome.solution, counts: outcome.counts });
+            record.note(&Message::Judged(Verdict::default()));
+            saved.into_iter().for_each(|saved| record.note(&Message::Saved(saved)));
+            record.outcome(&setup).expect("solved and judged")
+        };
+        assert!(ended(None).is_in_use() && ended(Some(true)).is_in_use());
+        let lost = ended(Some(false));
+        assert!(!lost.is_in_use());
+        assert!(table::verdict(&lost).contains("\naccepted, but not stored: "), "{}", table::verdict(&lost));
+        assert!(!table::verdict(&ended(Some(true))).contains("not stored"));
+    }
+}

@@ -1,0 +1,8 @@
+//! Readings through the core's chain: of a virtual unit or of a log.
+
+mod chain;
+pub mod refusal;
+pub mod replay;
+pub mod virtual_run;
+
+pub use chain::*;

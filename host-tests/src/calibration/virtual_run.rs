@@ -1,0 +1,134 @@
+//! A virtual unit on a scheme: what simulation, prediction and statistics run.
+
+use super::{Outcome, Setup};
+use crate::virtual_unit::drive::SchemeDrive;
+use crate::virtual_unit::plant::Reading;
+use crate::virtual_unit::unit::VirtualUnit;
+use crate::virtual_unit::virtual_rins::VirtualRins;
+use rins_selfcal::scheme::Scheme;
+
+/// Standing time after each arrival before the stop counts, s: the sequencer's.
+pub const SETTLING_S: f64 = rins_selfcal::scheme::SETTLING_S;
+
+/// Independent streams of random numbers of one seed.
+#[derive(Clone, Copy, Debug)]
+pub enum Stream {
+    /// Errors of the unit.
+    Errors,
+    /// Noise of its sensors and encoders.
+    Noise,
+}
+
+/// Seed of a stream in run number `run`. (SplitMix64; Steele, Lea and Flood 2014)
+pub fn derived_seed(seed: u64, run: u64, stream: Stream) -> u64 {
+    const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+    let mixed = |x: u64| {
+        let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        x ^ (x >> 31)
+    };
+    let of_seed = mixed(seed.wrapping_add(GOLDEN));
+    mixed(of_seed.wrapping_add((2 * run + stream as u64 + 1).wrapping_mul(GOLDEN)))
+}
+
+/// One run of one unit.
+#[derive(Clone, Debug)]
+pub struct VirtualRun {
+    /// The unit.
+    pub unit: VirtualUnit,
+    /// The scheme.
+    pub scheme: Scheme,
+    /// Of the noise.
+    pub seed: u64,
+}
+
+impl VirtualRun {
+    /// The unit at the start of the scheme, open loop.
+    pub fn drive(&self) -> SchemeDrive {
+        SchemeDrive::new(VirtualRins::new(&self.unit, self.seed), &self.scheme, SETTLING_S)
+    }
+
+    /// The outcomes of calibrations that all see the same readings.
+    pub fn calibrate(&self, setups: &[Setup]) -> Vec<Outcome> {
+        self.calibrate_noting(setups, |_| ())
+    }
+
+    /// As [`Self::calibrate`]; `note` sees each reading too.
+    pub fn calibrate_noting(&self, setups: &[Setup], mut note: impl FnMut(&Reading)) -> Vec<Outcome> {
+        let mut chains: Vec<_> = setups.iter().map(|setup| setup.clone().on_scheme(&self.scheme).chain()).collect();
+        let mut drive = self.drive();
+        for reading in &mut drive {
+            note(&reading);
+            for chain in &mut chains {
+                // The live estimates are part of the outcome.
+                let _ = chain.step(&reading);
+            }
+        }
+        let truth = Some(drive.rins().errors_now());
+        chains.iter_mut().map(|chain| Outcome { truth, ..chain.conclude() }).collect()
+    }
+
+    /// Duration with ramps and settling, s.
+    pub fn duration_s(&self) -> f64 {
+        self.drive().total_samples() as f64 / self.unit.rate_hz
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::quantity;
+    use crate::calibration::Precision;
+    use crate::files::unit_file::{Noise, UnitConfig};
+    use crate::virtual_unit::presets;
+    use rins_selfcal::base::method::Method;
+    use rins_selfcal::model::error_model::block;
+
+    #[test]
+    fn seeds_of_runs_and_streams_differ() {
+        let seeds = (0..4).flat_map(|seed| {
+            (0..50).flat_map(move |run| [Stream::Errors, Stream::Noise].map(|stream| derived_seed(seed, run, stream)))
+        });
+        assert_eq!(seeds.collect::<std::collections::HashSet<_>>().len(), 400);
+    }
+
+    #[test]
+    fn duration_has_ramps_and_settling() {
+        let run = VirtualRun { unit: VirtualUnit::default(), scheme: Scheme::bai(10.0, 1), seed: 0 };
+        assert!((run.duration_s() - (289.0 + 19.0 * SETTLING_S)).abs() < 1e-9);
+    }
+
+    /// Of both methods: told once for each segment, and together the chi-square of the solution.
+    #[test]
+    fn innovations_of_the_last_sweep_make_up_the_chi_square() {
+        let config = UnitConfig::default();
+        let unit = VirtualUnit { errors: presets::table3(), rate_hz: 50.0, ..VirtualUnit::default() };
+        let run = VirtualRun { unit, scheme: Scheme::bai(2.0, 2), seed: 3 };
+        let setups = [Method::Joint, Method::TwoStage].map(|method| Setup::new(&config, 50.0, method, Precision::F64));
+        for outcome in run.calibrate(&setups) {
+            let segments: Vec<u16> = outcome.innovations.iter().map(|innovations| innovations.segment).collect();
+            assert_eq!(segments, (0..outcome.solution.segments).collect::<Vec<_>>());
+            let all = outcome.innovations.iter().flat_map(|innovations| innovations.normalized).flatten();
+            let (count, sum) = all.fold((0, 0.0), |(count, sum), value| (count + 1, sum + f64::from(value * value)));
+            let fit = &outcome.solution.fit;
+            assert_eq!(count, fit.measurements);
+            // The estimate may still move by a hundredth of a sigma.
+            assert!((sum / fit.chi_square - 1.0).abs() < 1e-3, "{sum} for {}", fit.chi_square);
+        }
+    }
+
+    /// What it does not know of must not come out magnified: with optimal weights the worst of the twelve was off by 130".
+    #[test]
+    fn the_two_stage_method_bears_the_errors_of_a_real_unit() {
+        let config = UnitConfig { noise: Noise::bai(), ..UnitConfig::default() };
+        let unit =
+            VirtualUnit { errors: presets::real(1), noise: config.noise, rate_hz: 50.0, ..VirtualUnit::default() };
+        let run = VirtualRun { unit, scheme: Scheme::bai(200.0, 2), seed: 1 };
+        let setup = Setup::new(&config, 50.0, Method::TwoStage, Precision::F64);
+        let outcome = run.calibrate(&[setup]).remove(0);
+        let errors = quantity::errors(&outcome.estimate().errors, &run.unit.errors);
+        // 30 ug of bias are 6.2" of tilt, and the other errors add to it.
+        assert!(errors[..block::ACCEL_BIAS].iter().all(|error| error.abs() < 8.0), "{errors:?}");
+        assert!(!outcome.verdict.accepted());
+    }
+}

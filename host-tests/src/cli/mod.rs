@@ -1,0 +1,23 @@
+//! The program `rins`: arguments in, text and files out. What it does is in the modules around it.
+
+mod apply;
+mod arguments;
+mod calibrate;
+mod compare;
+mod files;
+mod guide;
+mod history;
+mod inspect;
+mod manual;
+mod monitor;
+mod monte_carlo;
+mod observability;
+mod output;
+mod plan;
+mod program;
+mod progress;
+mod replay;
+mod replicate;
+mod simulate;
+
+pub use program::*;

@@ -1,0 +1,74 @@
+//! Which command runs, and how the program ends.
+
+use super::arguments::{Arguments, Command};
+use super::output::say;
+use super::{
+    apply, calibrate, compare, guide, history, inspect, manual, monitor, monte_carlo, observability, output, plan,
+    replay, replicate, simulate,
+};
+use clap::Parser;
+use clap::error::ErrorKind;
+use std::process::ExitCode;
+
+/// How a command ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// Done, or the calibration is accepted: status 0.
+    Done,
+    /// The calibration is not accepted, or two results differ: status 2.
+    NotAccepted,
+}
+
+/// Runs the program with the arguments of this process.
+pub fn main() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => return usage(&error),
+    };
+    match run(arguments) {
+        Ok(Ending::Done) => ExitCode::SUCCESS,
+        Ok(Ending::NotAccepted) => ExitCode::from(2),
+        Err(error) => fail(&format!("{error:#}")),
+    }
+}
+
+fn run(arguments: Arguments) -> anyhow::Result<Ending> {
+    if arguments.quiet {
+        output::be_quiet();
+    }
+    match arguments.command.unwrap_or(Command::Calibrate(arguments.calibrate)) {
+        Command::Calibrate(arguments) => calibrate::run(&arguments),
+        Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Replay(arguments) => replay::run(&arguments),
+        Command::Inspect(arguments) => inspect::run(&arguments),
+        Command::Apply(arguments) => apply::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
+        Command::Observability(arguments) => observability::run(&arguments),
+        Command::Plan(arguments) => plan::run(&arguments),
+        Command::Montecarlo(arguments) => monte_carlo::run(&arguments),
+        Command::Replicate(arguments) => replicate::run(&arguments),
+        Command::Monitor(arguments) => monitor::run(&arguments),
+        Command::History(arguments) => history::run(&arguments),
+        Command::Guide(arguments) => guide::run(&arguments),
+        Command::Completions(arguments) => manual::completions(&arguments),
+        Command::Man => manual::page(),
+    }
+}
+
+/// Help and version go to the standard output; what is wrong is said in one line.
+fn usage(error: &clap::Error) -> ExitCode {
+    if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) {
+        say!("{error}");
+        return ExitCode::SUCCESS;
+    }
+    let text = error.to_string();
+    let said = text.split("\n\n").next().unwrap_or_default();
+    fail(said.strip_prefix("error: ").unwrap_or(said))
+}
+
+/// One line on the standard error.
+fn fail(message: &str) -> ExitCode {
+    let line: Vec<_> = message.split_whitespace().collect();
+    eprintln!("error: {}", line.join(" "));
+    ExitCode::FAILURE
+}

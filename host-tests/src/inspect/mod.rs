@@ -1,0 +1,22 @@
+//! What a log is: columns and units, sampling, noise, stops and moves, scheme, and what can be observed from it.
+//!
+//! ```text
+//!          shape -> sketch -> geometry, names -> guess: a mapping
+//! log  -->                                        |
+//!          with the mapping: passage (samples, segments, alignment) -> turned (scheme)
+//!                                        '-> allan -> noise -> what is observable
+//! ```
+//! Each arrow from the log is a passage over it, in memory that does not grow with it.
+
+pub mod allan;
+pub mod geometry;
+pub mod guess;
+mod inspection;
+pub mod names;
+pub mod noise;
+pub mod passage;
+pub mod shape;
+pub mod sketch;
+pub mod turned;
+
+pub use inspection::*;

@@ -1,9 +1,0 @@
-//! The other end of an instrument's serial line: a client that asks and listens, and what it shows.
-
-mod client;
-mod port;
-mod view;
-
-pub use client::{Client, Event};
-pub use port::open;
-pub use view::{View, lines};

@@ -1,0 +1,347 @@
+//! What a scheme will give before anything has turned: sigmas, rank and condition.
+//!
+//! The covariance does not depend on the data beyond the geometry, so a perfect unit without noise is run through the
+//! core, which is told the noise of the real one.
+
+use crate::base::quantity::{STATES, states};
+use crate::calibration::virtual_run::VirtualRun;
+use crate::calibration::{Setup, is_estimated};
+use crate::files::unit_file::Noise;
+use crate::result::report::{Named, SOFTWARE, SiteReport, Software};
+use crate::virtual_unit::unit::VirtualUnit;
+use rins_selfcal::base::linear::Matrix;
+use rins_selfcal::estimator::OBSERVED_RATIO;
+use rins_selfcal::estimator::observability::{INSTALLATION_STATES, along_scheme, of_covariance};
+use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETERS, ParameterInfo};
+use rins_selfcal::run::calibrator::Progress;
+use rins_selfcal::scheme::Scheme;
+use rins_selfcal::segment::SegmentKind;
+use serde::Serialize;
+use std::ops::Range;
+
+const SILENT: Noise = Noise {
+    accel_vrw_ug_sqrt_hz: 0.0,
+    gyro_arw_deg_sqrt_h: 0.0,
+    encoder_repeatability_arcsec: 0.0,
+    rate_reference_arcsec_sqrt_s: 0.0,
+};
+
+/// Rank and condition number of Bai's twelve states from the start up to a time in the scheme.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct RankAt {
+    /// Scheme time, s.
+    pub time_s: f64,
+    /// Rank, of 12.
+    pub rank: usize,
+    /// Largest singular value over the smallest that counts.
+    pub condition_number: f64,
+}
+
+/// A predicted sigma.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct PredictedSigma {
+    /// Standard deviation.
+    pub sigma: f64,
+    /// Its unit.
+    pub unit: &'static str,
+}
+
+/// Sigmas after a segment, and what it brought.
+#[derive(Clone, Debug, Serialize)]
+pub struct SegmentGain {
+    /// Segment, counted from 0.
+    pub segment: u16,
+    /// Stop or move.
+    pub kind: SegmentKind,
+    /// Its end in scheme time, s.
+    pub time_s: f64,
+    /// Sigmas after it, in report units.
+    pub sigmas: Named<f64>,
+    /// Information gained: logarithm to base 2 of the sigma before over that after, bits.
+    pub gained_bits: Named<f64>,
+}
+
+impl SegmentGain {
+    /// The largest sigma of Bai's twelve, arcsec.
+    pub fn worst_arcsec(&self) -> f64 {
+        self.sigmas.0.iter().take(INSTALLATION_STATES).fold(0.0, |worst, (_, sigma)| f64::max(worst, *sigma))
+    }
+}
+
+/// What a scheme will give.
+#[derive(Clone, Debug, Serialize)]
+pub struct Prediction {
+    /// Name of the scheme.
+    pub scheme: String,
+    /// Joint or two-stage.
+    pub method: &'static str,
+    /// First stop, ramps and settling included, s.
+    pub duration_s: f64,
+    /// Directions of the space of these states that the data determine.
+    pub rank: usize,
+    /// Parameters and optional states that are estimated.
+    pub states: usize,
+    /// Of the correlation matrix' square root.
+    pub condition_number: f64,
+    /// The largest sigma of Bai's twelve, arcsec.
+    pub worst_arcsec: f64,
+    /// What no scheme can go below in this time, arcsec, where that has been looked for.
+    pub least_possible_arcsec: Option<f64>,
+    /// Time at which the largest sigma of Bai's twelve comes to 1 arcsec, s.
+    pub time_to_1_arcsec_s: Option<f64>,
+    /// States that are not observed.
+    pub unobserved: Vec<&'static str>,
+    /// The direction that is known least, in words.
+    pub weakest_direction: String,
+    /// Sigmas by name, at the end of the run.
+    pub parameters: Named<PredictedSigma>,
+    /// Sigmas of the optional states that are estimated.
+    pub optional_states: Named<PredictedSigma>,
+    /// Bai's twelve states against scheme time, where rank or move changes.
+    pub installation_rank: Vec<RankAt>,
+    /// What every segment brings.
+    pub segments: Vec<SegmentGain>,
+    /// Where the unit stands.
+    pub site: SiteReport,
+    /// Its noise.
+    pub noise: Noise,
+    software: Software,
+}
+
+/// What is observed, and how well.
+#[derive(Clone, Debug, Serialize)]
+pub struct SampleAndStatus {
+    /// Directions of the space of the states that the data determine.
+    pub rank: usize,
+    /// States that are estimated.
+    pub states: usize,
+    /// Of the correlation matrix' square root.
+    pub condition_number: f64,
+    /// The largest sigma of Bai's twelve, arcsec.
+    pub worst_arcsec: f64,
+    /// States that are not observed.
+    pub unobserved: Vec<&'static str>,
+    /// The direction that is known least, in words.
+    pub weakest_direction: String,
+    /// Sigmas by name.
+    pub parameters: Named<PredictedSigma>,
+}
+
+impl SampleAndStatus {
+    /// By the covariance of all states, SI.
+    pub fn new(setup: &Setup, covariance: &Matrix<f64, STATES, STATES>) -> Self {
+        let prior_sigmas = estimated_priors(setup);
+        let covariance = estimated_only(covariance, &prior_sigmas);
+        let (rank, condition_number) = of_covariance(&covariance, &prior_sigmas);
+        let unobserved = unobserved(&covariance, &prior_sigmas);
+        let parameters = predicted(&covariance, &prior_sigmas, 0..PARAMETERS);
+        let twelve = parameters.0.iter().take(INSTALLATION_STATES);
+        Self {
+            rank,
+            states: prior_sigmas.iter().filter(|sigma| **sigma > 0.0).count(),
+            condition_number,
+            worst_arcsec: twelve.fold(0.0, |worst, (_, predicted)| f64::max(worst, predicted.sigma)),
+            weakest_direction: weakest_direction(&covariance, &prior_sigmas, !unobserved.is_empty()),
+            unobserved,
+            parameters,
+        }
+    }
+}
+
+impl Prediction {
+    /// Of a unit without errors, level and facing north.
+    pub fn new(setup: &Setup, scheme: &Scheme) -> Self {
+        let (run, prior_sigmas) = (silent_run(setup, scheme), estimated_priors(setup));
+        let foreseen = Foreseen::new(setup, &run);
+        let observed = SampleAndStatus::new(setup, &foreseen.covariance);
+        let covariance = estimated_only(&foreseen.covariance, &prior_sigmas);
+        let segments = gains(&prior_sigmas, &foreseen.live);
+        let below = |gain: &&SegmentGain| gain.worst_arcsec() <= 1.0;
+        Self {
+            scheme: scheme.name.as_str().into(),
+            method: crate::calibration::method_name(setup.method),
+            duration_s: run.duration_s(),
+            rank: observed.rank,
+            states: observed.states,
+            condition_number: observed.condition_number,
+            worst_arcsec: segments.last().map_or(f64::INFINITY, SegmentGain::worst_arcsec),
+            least_possible_arcsec: None,
+            time_to_1_arcsec_s: segments.iter().find(below).map(|gain| gain.time_s),
+            weakest_direction: observed.weakest_direction,
+            unobserved: observed.unobserved,
+            parameters: observed.parameters,
+            optional_states: predicted(&covariance, &prior_sigmas, PARAMETERS..STATES),
+            installation_rank: installation_rank(setup, scheme),
+            segments,
+            site: (&setup.site).into(),
+            noise: setup.noise,
+            software: SOFTWARE,
+        }
+    }
+}
+
+/// A run without noise, by a core that is told the noise of the real one.
+struct Foreseen {
+    /// After every segment: the live estimate, which refers to the start of the run, and the sigmas of all states, SI.
+    live: Vec<(Progress, [f64; STATES])>,
+    /// Of all states in the end, SI.
+    covariance: Matrix<f64, STATES, STATES>,
+}
+
+impl Foreseen {
+    fn new(setup: &Setup, run: &VirtualRun) -> Self {
+        let mut chain = setup.clone().on_scheme(&run.scheme).chain();
+        let mut live = Vec::new();
+        for reading in run.drive() {
+            let progress = chain.step(&reading);
+            live.extend(progress.map(|progress| (progress, sigmas(&chain.covariance()))));
+        }
+        let progress = chain.finish();
+        live.extend(progress.map(|progress| (progress, sigmas(&chain.covariance()))));
+        let _ = chain.conclude();
+        Self { live, covariance: chain.covariance() }
+    }
+}
+
+/// Sigmas of all states for a unit with these errors, in report units: the Cramer-Rao bound.
+pub fn bounds(setup: &Setup, unit: &VirtualUnit, scheme: &Scheme) -> [f64; STATES] {
+    let unit = VirtualUnit { noise: SILENT, ..unit.clone() };
+    let run = VirtualRun { unit, scheme: scheme.clone(), seed: 0 };
+    let sigmas = sigmas(&Foreseen::new(setup, &run).covariance);
+    let mut bounds = [0.0; STATES];
+    for (bound, (sigma, info)) in bounds.iter_mut().zip(sigmas.iter().zip(states())) {
+        *bound = sigma / info.unit_si;
+    }
+    bounds
+}
+
+fn sigmas(covariance: &Matrix<f64, STATES, STATES>) -> [f64; STATES] {
+    std::array::from_fn(|state| covariance[(state, state)].sqrt())
+}
+
+/// Sigmas of all parameters by the core, SI.
+pub fn predicted_sigmas_si(setup: &Setup, scheme: &Scheme) -> [f64; PARAMETERS] {
+    silent_run(setup, scheme).calibrate(std::slice::from_ref(setup)).remove(0).estimate().sigmas
+}
+
+/// Duration of a scheme, first stop, ramps and settling included, s.
+pub fn duration_s(setup: &Setup, scheme: &Scheme) -> f64 {
+    silent_run(setup, scheme).duration_s()
+}
+
+/// A perfect unit without noise, level and facing north.
+fn silent_run(setup: &Setup, scheme: &Scheme) -> VirtualRun {
+    let unit = VirtualUnit { site: setup.site, noise: SILENT, rate_hz: setup.rate_hz, ..VirtualUnit::default() };
+    VirtualRun { unit, scheme: scheme.clone(), seed: 0 }
+}
+
+/// Prior sigmas, SI; zero where the method only carries a state along.
+fn estimated_priors(setup: &Setup) -> [f64; STATES] {
+    let mut sigmas = setup.prior_sigmas();
+    for (state, sigma) in sigmas.iter_mut().enumerate().take(PARAMETERS) {
+        *sigma = if is_estimated(setup.method, state) { *sigma } else { 0.0 };
+    }
+    sigmas
+}
+
+fn estimated_only(
+    covariance: &Matrix<f64, STATES, STATES>,
+    prior_sigmas: &[f64; STATES],
+) -> Matrix<f64, STATES, STATES> {
+    let estimated = |state: usize| prior_sigmas[state] > 0.0;
+    Matrix::from_fn(|row, column| if estimated(row) && estimated(column) { covariance[(row, column)] } else { 0.0 })
+}
+
+/// States of which the data leave too much of the prior; the verdict's own measure.
+fn unobserved(covariance: &Matrix<f64, STATES, STATES>, prior_sigmas: &[f64; STATES]) -> Vec<&'static str> {
+    let hidden = states().zip(sigmas(covariance)).zip(prior_sigmas).filter_map(|((info, sigma), prior)| {
+        let seen = sigma <= OBSERVED_RATIO * prior;
+        (!seen).then_some(info.name)
+    });
+    hidden.collect()
+}
+
+/// The principal axis of the covariance along which it is longest, in units of the sigmas, or of the prior ones where some
+/// states are not observed: its two largest entries, with each other or against each other.
+fn weakest_direction(covariance: &Matrix<f64, STATES, STATES>, prior_sigmas: &[f64; STATES], by_prior: bool) -> String {
+    let unit = |index: usize| if by_prior { prior_sigmas[index] } else { covariance[(index, index)].sqrt() };
+    let inverse = |index: usize| if unit(index) > 0.0 { unit(index).recip() } else { 0.0 };
+    let scaled = Matrix::<f64, STATES, STATES>::from_fn(|row, column| {
+        covariance[(row, column)] * inverse(row) * inverse(column)
+    });
+    let axes = scaled.symmetric_eigen();
+    let axis = axes.eigenvectors.column(axes.eigenvalues.imax());
+    let mut order: Vec<(usize, &str)> = states().map(|info| info.name).enumerate().collect();
+    order.sort_by(|(a, _), (b, _)| axis[*b].abs().total_cmp(&axis[*a].abs()));
+    let ((first, name), (second, other)) = (order[0], order[1]);
+    // A tenth of the squared length.
+    if axis[second] * axis[second] < 0.1 {
+        name.into()
+    } else if axis[first] * axis[second] < 0.0 {
+        format!("{name} against {other}")
+    } else {
+        format!("{name} with {other}")
+    }
+}
+
+/// What each segment brought to the states that are estimated.
+fn gains(prior_sigmas: &[f64; STATES], live: &[(Progress, [f64; STATES])]) -> Vec<SegmentGain> {
+    let named = |value: &dyn Fn(usize, &ParameterInfo) -> f64| {
+        let estimated = states().enumerate().filter(|(state, _)| prior_sigmas[*state] > 0.0);
+        Named(estimated.map(|(state, info)| (info.name, value(state, info))).collect())
+    };
+    let mut before = *prior_sigmas;
+    let gain = |(progress, after): &(Progress, [f64; STATES])| {
+        let gain = SegmentGain {
+            segment: progress.segments - 1,
+            kind: progress.kind,
+            time_s: progress.end_us as f64 * 1e-6,
+            sigmas: named(&|state, info| after[state] / info.unit_si),
+            gained_bits: named(&|state, _| (before[state] / after[state]).log2()),
+        };
+        before = *after;
+        gain
+    };
+    live.iter().map(gain).collect()
+}
+
+fn predicted(
+    covariance: &Matrix<f64, STATES, STATES>,
+    prior_sigmas: &[f64; STATES],
+    range: Range<usize>,
+) -> Named<PredictedSigma> {
+    let sigmas = sigmas(covariance);
+    let states = states().enumerate().take(range.end).skip(range.start);
+    let estimated = states.filter(|(state, _)| prior_sigmas[*state] > 0.0);
+    let predicted = |(state, info): (usize, &'static ParameterInfo)| {
+        (info.name, PredictedSigma { sigma: sigmas[state] / info.unit_si, unit: info.unit })
+    };
+    Named(estimated.map(predicted).collect())
+}
+
+/// Rank and condition number whenever the rank has changed, and at the end of every stop.
+fn installation_rank(setup: &Setup, scheme: &Scheme) -> Vec<RankAt> {
+    let ends = stop_ends_s(scheme);
+    let mut table: Vec<RankAt> = Vec::new();
+    along_scheme(scheme, &setup.site, &InstrumentErrors::default(), |time_s, seen| {
+        let changed = table.last().is_none_or(|last| last.rank != seen.rank);
+        let stop_over = ends.iter().any(|end_s| (end_s - time_s).abs() < 1e-6);
+        if changed || stop_over {
+            table.push(RankAt { time_s, rank: seen.rank, condition_number: seen.condition_number() });
+        }
+    });
+    table
+}
+
+/// Times at which the stops of one period end, s.
+fn stop_ends_s(scheme: &Scheme) -> Vec<f64> {
+    let mut from = (0.0, 0.0);
+    let mut time_s = scheme.first_stop_s;
+    let ends = scheme.legs.iter().map(|leg| {
+        let move_s = scheme.move_s(leg.outer_rad - from.0).max(scheme.move_s(leg.inner_rad - from.1));
+        from = (leg.outer_rad, leg.inner_rad);
+        time_s += move_s + leg.stop_s;
+        time_s
+    });
+    ends.collect()
+}

@@ -1,0 +1,196 @@
+//! Results as text: tables that a navigation engineer reads.
+
+use crate::base::quantity::{self, STATES, fixed, rounded, significant, states};
+use crate::calibration::{Outcome, method_name};
+use crate::files::truth::ParameterTable;
+use comfy_table::{Cell, CellAlignment, Table, presets};
+use rins_selfcal::base::loss::LossCounts;
+use rins_selfcal::base::method::Method;
+use rins_selfcal::model::error_model::{PARAMETERS, ParameterInfo, block};
+use rins_selfcal::verdict::CHANNEL_NAMES;
+use std::ops::Range;
+
+/// What stands for a number that is not there.
+const NONE: &str = "-";
+
+/// Parameters under one heading.
+pub struct Group {
+    /// The heading.
+    pub title: &'static str,
+    /// The states, by index.
+    pub states: Range<usize>,
+}
+
+/// Those of the parameters and, after them, those of the optional states.
+pub const GROUPS: [Group; 12] = [
+    Group { title: "gyro non-orthogonality", states: block::GYRO_NON_ORTHOGONALITY..block::ACCEL_NON_ORTHOGONALITY },
+    Group { title: "accelerometer non-orthogonality", states: block::ACCEL_NON_ORTHOGONALITY..block::MOUNTING },
+    Group { title: "mounting angles", states: block::MOUNTING..block::ACCEL_BIAS },
+    Group { title: "accelerometer bias", states: block::ACCEL_BIAS..block::ACCEL_SCALE },
+    Group { title: "accelerometer scale", states: block::ACCEL_SCALE..block::GYRO_BIAS },
+    Group { title: "gyro bias", states: block::GYRO_BIAS..block::GYRO_SCALE },
+    Group { title: "gyro scale", states: block::GYRO_SCALE..block::NON_PERPENDICULARITY },
+    Group { title: "gimbal axes", states: block::NON_PERPENDICULARITY..block::ATTITUDE },
+    Group { title: "attitude of the base", states: block::ATTITUDE..PARAMETERS },
+    Group { title: "bias ramps", states: PARAMETERS..PARAMETERS + 6 },
+    Group { title: "encoder harmonics", states: PARAMETERS + 6..PARAMETERS + 14 },
+    Group { title: "tilting of the base", states: PARAMETERS + 14..STATES },
+];
+
+/// A table of all parameters that `row` gives cells for, by groups: name, cells, unit.
+pub fn by_parameter(columns: &[&str], row: impl Fn(usize) -> Option<Vec<String>>) -> String {
+    by_state(columns, |state| if state < PARAMETERS { row(state) } else { None })
+}
+
+/// As [`by_parameter`], of the parameters and, after them, the optional states.
+pub fn by_state(columns: &[&str], row: impl Fn(usize) -> Option<Vec<String>>) -> String {
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING);
+    table.set_header(header(columns));
+    for group in &GROUPS {
+        let states = states().enumerate().take(group.states.end).skip(group.states.start);
+        let rows: Vec<_> = states.filter_map(|(index, info)| Some((info, row(index)?))).collect();
+        if !rows.is_empty() {
+            table.add_row([Cell::new(group.title)]);
+        }
+        for (info, cells) in rows {
+            table.add_row(state_row(info, cells));
+        }
+    }
+    trimmed(&table)
+}
+
+fn header(columns: &[&str]) -> Vec<Cell> {
+    let ends = |text: &str| Cell::new(text);
+    let numbers = columns.iter().map(|text| Cell::new(text).set_alignment(CellAlignment::Right));
+    std::iter::once(ends("parameter")).chain(numbers).chain([ends("unit")]).collect()
+}
+
+fn state_row(info: &ParameterInfo, cells: Vec<String>) -> Vec<Cell> {
+    let name = Cell::new(format!("  {}", info.name));
+    let numbers = cells.into_iter().map(|text| Cell::new(text).set_alignment(CellAlignment::Right));
+    std::iter::once(name).chain(numbers).chain([Cell::new(info.unit)]).collect()
+}
+
+/// A plain table of numbers below their titles.
+pub fn of_numbers(columns: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
+    aligned(columns, rows, CellAlignment::Right)
+}
+
+/// A plain table of words below their titles.
+pub fn of_words(columns: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
+    aligned(columns, rows, CellAlignment::Left)
+}
+
+fn aligned(columns: &[&str], rows: impl IntoIterator<Item = Vec<String>>, alignment: CellAlignment) -> String {
+    let cell = |text: String| Cell::new(text).set_alignment(alignment);
+    let mut table = Table::new();
+    table.load_style(presets::NOTHING);
+    table.set_header(columns.iter().map(|text| cell((*text).into())));
+    for row in rows {
+        table.add_row(row.into_iter().map(cell));
+    }
+    trimmed(&table)
+}
+
+fn trimmed(table: &Table) -> String {
+    // Without the padding at both edges.
+    table.lines().map(|line| format!("{}\n", line.strip_prefix(' ').unwrap_or(&line).trim_end())).collect()
+}
+
+/// Estimates with sigmas and errors, as far as the truth is known.
+pub fn parameters(outcome: &Outcome, truth: Option<&ParameterTable>) -> String {
+    let estimate = outcome.estimate();
+    let (values, sigmas) = (quantity::values(&estimate.errors), quantity::sigmas(&estimate.sigmas));
+    let columns: &[&str] = match truth {
+        None => &["estimate", "sigma"],
+        Some(_) => &["estimate", "sigma", "truth", "error", "error/sigma"],
+    };
+    by_parameter(columns, |index| {
+        let sigma = sigmas[index];
+        let mut cells = vec![rounded(values[index], sigma), significant(sigma)];
+        if let Some(truth) = truth {
+            let truth = truth.0[index].map(|truth| quantity::value(index, truth));
+            let error = truth.map(|truth| quantity::error(index, values[index], truth));
+            cells.extend([truth, error].map(|number| number_or_none(number, |number| rounded(number, sigma))));
+            cells.push(number_or_none(error, |error| fixed(error / sigma, 2)));
+        }
+        outcome.is_estimated(index).then_some(cells)
+    })
+}
+
+/// Estimates of the optional states; nothing where there are none.
+pub fn optional_states(outcome: &Outcome) -> String {
+    let mut text = String::new();
+    for (info, value, sigma) in outcome.optional_states() {
+        let (value, sigma) = (rounded(value, sigma), significant(sigma));
+        text += &format!("  {} {value} +- {sigma} {}\n", info.name, info.unit);
+    }
+    if text.is_empty() { text } else { format!("optional states\n{text}\n") }
+}
+
+/// What was seen of the samples.
+pub fn samples(outcome: &Outcome) -> String {
+    let counts = &outcome.counts;
+    let mut text = format!(
+        "{} samples at {} Hz, {:.1} s; used: {} stops and {} moves\n",
+        counts.admitted,
+        (outcome.setup.rate_hz * 1e6).round() / 1e6,
+        outcome.solution.duration_s,
+        outcome.stops,
+        outcome.moves
+    );
+    let oddities = [
+        (u64::from(counts.gaps), "gaps"),
+        (u64::from(counts.missing), "samples missing in them"),
+        (u64::from(counts.repeated), "repeated"),
+        (u64::from(counts.out_of_order), "out of order"),
+        (u64::from(counts.non_finite), "not finite"),
+        (u64::from(outcome.solution.left_out), "segments left out"),
+    ];
+    if let Some(LossCounts { overrun, bus, crc, status, unread }) = outcome.losses {
+        text += &format!("samples lost: overrun {overrun}, bus {bus}, crc {crc}, status {status}, unread {unread}\n");
+    }
+    let seen = oddities.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
+    let seen: Vec<_> = seen.collect();
+    if !seen.is_empty() {
+        text += &format!("warning: {}\n", seen.join(", "));
+    }
+    text
+}
+
+/// Fit and verdict.
+pub fn verdict(outcome: &Outcome) -> String {
+    let solution = &outcome.solution;
+    let largest = &solution.fit.largest;
+    let mut text = format!(
+        "{} method: chi-square {} with {} degrees of freedom, largest innovation {} sigma (segment {}, {}), \
+         {} sweeps\n",
+        method_name(outcome.setup.method),
+        fixed(solution.fit.chi_square, 1),
+        solution.degrees_of_freedom,
+        fixed(largest.normalized, 1),
+        largest.segment,
+        CHANNEL_NAMES[usize::from(largest.channel)],
+        solution.sweeps
+    );
+    if outcome.setup.method == Method::TwoStage {
+        text += "biases, scale-factor errors and non-perpendicularity: taken as zero by this method\n";
+    }
+    if solution.temperature_c.is_finite() {
+        text += &format!("temperature {:.1} deg C\n", solution.temperature_c);
+    }
+    text += &format!("verdict: {}\n", outcome.verdict_name());
+    if outcome.stored == Some(false) {
+        text += "accepted, but not stored: writing to the calibration store failed; the one before stays in it\n";
+    }
+    for reason in outcome.reasons() {
+        text += &format!("  - {reason}\n");
+    }
+    text
+}
+
+/// A number where there is one.
+pub fn number_or_none(value: Option<f64>, format: impl Fn(f64) -> String) -> String {
+    value.map_or_else(|| NONE.into(), format)
+}

@@ -1,0 +1,272 @@
+//! The virtual RINS in closed loop: it powers up, and the core turns it, measures, solves, judges, stores and corrects,
+//! in this process or as firmware in the emulator.
+
+use crate::bench::emulator::image::{Board, Image, Variant, build};
+use crate::bench::emulator::{self, Run};
+use crate::bench::power_up::{Switched, in_emulator, in_process, share};
+use crate::bench::{Bench, Imu};
+use crate::calibration::refusal::refused;
+use crate::calibration::virtual_run::VirtualRun;
+use crate::calibration::{Outcome, Precision, Record, Setup};
+use crate::result::signals::{Recorded, SharedSignals};
+use crate::virtual_unit::drive::move_durations_s;
+use crate::virtual_unit::driven::DrivenRins;
+use crate::virtual_unit::plant::Paced;
+use anyhow::{Context, Result, anyhow, ensure};
+use rins_selfcal::drivers::kvh1750::Kvh1750Settings;
+use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES};
+use rins_selfcal::gimbal::axis::AxisLimits;
+use rins_selfcal::gimbal::servo::PERIOD_US;
+use rins_selfcal::model::error_model::InstrumentErrors;
+use rins_selfcal::run::abort::Abort;
+use rins_selfcal::run::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
+use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig};
+use rins_selfcal::run::policy::{Decision, PowerUpPolicy};
+use rins_selfcal::run::sequencer::Pace;
+use rins_selfcal::run::state::State;
+use rins_selfcal::run::telemetry::Message;
+use rins_selfcal::verdict::VerdictLimits;
+use std::cell::{Cell, RefCell};
+use std::path::Path;
+use std::rc::Rc;
+use std::time::Duration;
+
+/// Corrected samples told before the instrument is switched off: one a second.
+const CORRECTED_MESSAGES: u32 = 3;
+
+/// How a run ended.
+#[derive(Clone, Debug)]
+pub enum Ended {
+    /// With a result, accepted or rejected.
+    Judged(Box<Outcome>),
+    /// No run was due: correcting with the stored calibration, or standing by without one.
+    NoRun(Decision),
+    /// Without a result.
+    Aborted(Abort),
+}
+
+/// When a run begins and ends, and what it must reach.
+#[derive(Clone, Copy, Debug)]
+pub struct Terms {
+    /// When one begins.
+    pub policy: PowerUpPolicy,
+    /// Time of power-up, seconds since 1970-01-01 UTC.
+    pub utc_s: Option<u64>,
+    /// How long it takes.
+    pub pace: Pace,
+    /// What its result must fulfil.
+    pub limits: VerdictLimits,
+    /// How many times the configured variance of the white noise a stop may show.
+    pub noise_margin: f64,
+    /// What the outer and the inner axis can do.
+    pub axes: [AxisLimits; 2],
+    /// Whether a scheme that leaves parameters unobserved is refused, or run and its result rejected.
+    pub refuse_unobserved: bool,
+}
+
+impl Default for Terms {
+    /// Those of the core.
+    fn default() -> Self {
+        Self {
+            policy: PowerUpPolicy::default(),
+            utc_s: None,
+            pace: Pace::default(),
+            limits: VerdictLimits::default(),
+            noise_margin: 1.0,
+            axes: Default::default(),
+            refuse_unobserved: true,
+        }
+    }
+}
+
+/// One power-up, to the first corrected samples or until the gimbals are parked.
+pub struct PowerUp<'a> {
+    run: &'a VirtualRun,
+    setup: &'a Setup,
+    terms: Terms,
+    imu: Imu,
+    signals: SharedSignals,
+}
+
+impl<'a> PowerUp<'a> {
+    /// Of a unit, with the configuration of its controller.
+    pub fn new(run: &'a VirtualRun, setup: &'a Setup) -> Self {
+        Self { run, setup, terms: Terms::default(), imu: Imu::default(), signals: SharedSignals::default() }
+    }
+
+    /// On other terms.
+    #[must_use]
+    pub fn on_terms(self, terms: Terms) -> Self {
+        Self { terms, ..self }
+    }
+
+    /// With another IMU.
+    #[must_use]
+    pub fn with_imu(self, imu: Imu) -> Self {
+        Self { imu, ..self }
+    }
+
+    /// What the IMU and the encoders showed, of all power-ups so far.
+    pub fn signals(&self) -> &SharedSignals {
+        &self.signals
+    }
+
+    /// The core in this process; its store is empty. `on_message` gets all that the core tells.
+    ///
+    /// # Errors
+    /// What the core has against the configuration.
+    pub fn in_process(&self, on_message: impl FnMut(&Message)) -> Result<Ended> {
+        let mut watch = Watch::new(self.run, &self.signals, on_message);
+        let bench = share(Bench::with_imu(watch.plant(), self.imu));
+        let (assignment, told) = (self.assignment(), |message: &Message| watch.note(message));
+        match (self.setup.precision, self.setup.options.needs_states()) {
+            (Precision::F64, false) => in_process::<f64, BASIC_STATES, _>(&assignment, None, &bench, told)?,
+            (Precision::F64, true) => in_process::<f64, FULL_STATES, _>(&assignment, None, &bench, told)?,
+            (Precision::F32, false) => in_process::<f32, BASIC_STATES, _>(&assignment, None, &bench, told)?,
+            (Precision::F32, true) => in_process::<f32, FULL_STATES, _>(&assignment, None, &bench, told)?,
+        };
+        watch.ended(self)
+    }
+
+    /// The firmware in the emulator; `eeprom` is its store. `on_log` gets its log.
+    ///
+    /// # Errors
+    /// What the firmware has against the configuration, or why the emulator does not run it.
+    pub fn in_emulator(
+        &self,
+        eeprom: &Path,
+        on_log: impl FnMut(&str),
+        on_message: impl FnMut(&Message),
+    ) -> Result<(Ended, Run)> {
+        let image = self.image()?;
+        let mut watch = Watch::new(self.run, &self.signals, on_message);
+        let mut bench = Bench::with_imu(watch.plant(), self.imu);
+        let told = |message: &Message| watch.note(message);
+        let run = in_emulator(&self.assignment(), &image, Some(eeprom), &mut bench, on_log, told)?;
+        Ok((watch.ended(self)?, run))
+    }
+
+    /// The firmware in the emulator, in real time, with its serial line at the Unix socket `serial`, until this program is
+    /// ended.
+    ///
+    /// # Errors
+    /// Why the emulator does not run it.
+    pub fn on_line(&self, serial: &Path, eeprom: &Path, on_log: impl FnMut(&str)) -> Result<()> {
+        let image = self.image()?;
+        let mut rins = DrivenRins::new(&self.run.unit, self.run.seed);
+        rins.expect_moves(&move_durations_s(&self.run.scheme, self.run.unit.rate_hz));
+        let paced = Paced::new(rins, Duration::from_micros(PERIOD_US));
+        let mut bench = Bench::with_imu(paced, self.imu);
+        let mut buffer = [0; MAX_ASSIGNMENT_BYTES];
+        let configuration = postcard::to_slice(&self.assignment(), &mut buffer).context("too long for the board")?;
+        let usual = emulator::Setup::new(&image);
+        let setup =
+            emulator::Setup { eeprom: Some(eeprom), configuration, reboots: true, serial: Some(serial), ..usual };
+        emulator::run(&setup, &mut bench, on_log, |_| ()).map(drop)
+    }
+
+    fn image(&self) -> Result<Image> {
+        // Either IMU is set up for as many samples.
+        let (asked_hz, rate_hz) = (self.run.unit.rate_hz, Kvh1750Settings::default().rate_hz);
+        ensure!(asked_hz == rate_hz, "the firmware samples at {rate_hz} Hz, not at {asked_hz}");
+        build(self.variant())
+    }
+
+    fn variant(&self) -> Variant {
+        let board = match self.setup.precision {
+            Precision::F64 => Board::Mps2An500,
+            Precision::F32 => Board::Mps2An386,
+        };
+        Variant { board, optional_states: self.setup.options.needs_states(), imu: self.imu }
+    }
+
+    fn assignment(&self) -> Assignment {
+        let Terms { policy, utc_s, pace, limits, noise_margin, axes, refuse_unobserved } = self.terms;
+        let mut calibrator = self.setup.config();
+        calibrator.estimator.noise.margin = noise_margin;
+        let usual = SelfCalibrationConfig::new(calibrator, self.run.scheme.clone());
+        Assignment::SelfCalibrate(SelfCalibrationConfig {
+            policy,
+            utc_s,
+            pace,
+            limits,
+            axes,
+            refuse_unobserved,
+            ..usual
+        })
+    }
+}
+
+/// Follows the messages of a run and switches the instrument off when there is nothing more to see.
+struct Watch<F> {
+    plant: Option<Recorded<Switched<Rc<RefCell<DrivenRins>>>>>,
+    rins: Rc<RefCell<DrivenRins>>,
+    truth: InstrumentErrors<f64>,
+    off: Rc<Cell<bool>>,
+    record: Record,
+    refused: Option<ConfigError>,
+    decision: Option<Decision>,
+    state: State,
+    corrected: u32,
+    on_message: F,
+}
+
+impl<F: FnMut(&Message)> Watch<F> {
+    fn new(run: &VirtualRun, signals: &SharedSignals, on_message: F) -> Self {
+        let mut rins = DrivenRins::new(&run.unit, run.seed);
+        rins.expect_moves(&move_durations_s(&run.scheme, run.unit.rate_hz));
+        let truth = rins.rins().errors_now();
+        let rins = Rc::new(RefCell::new(rins));
+        let (plant, off) = Switched::new(Rc::clone(&rins));
+        Self {
+            plant: Some(Recorded::new(plant, signals)),
+            rins,
+            truth,
+            off,
+            record: Record::default(),
+            refused: None,
+            decision: None,
+            state: State::PowerUp,
+            corrected: 0,
+            on_message,
+        }
+    }
+
+    /// The instrument, to be put on a bench once.
+    fn plant(&mut self) -> Recorded<Switched<Rc<RefCell<DrivenRins>>>> {
+        self.plant.take().expect("put on one bench")
+    }
+
+    fn note(&mut self, message: &Message) {
+        self.record.note(message);
+        match message {
+            Message::State { state, .. } => self.state = *state,
+            Message::Corrected { .. } => self.corrected += u32::from(self.state == State::Correcting),
+            Message::Decided(decision) => self.decision = Some(*decision),
+            Message::Segment(_) => self.truth = self.rins.borrow().rins().errors_now(),
+            Message::Refused(error) => self.refused = Some(*error),
+            _ => {}
+        }
+        if matches!(self.state, State::StandBy | State::Parked | State::Stranded)
+            || self.corrected >= CORRECTED_MESSAGES
+        {
+            self.off.set(true);
+        }
+        (self.on_message)(message);
+    }
+
+    fn ended(self, power_up: &PowerUp) -> Result<Ended> {
+        let setup = power_up.setup;
+        if let Some(error) = self.refused {
+            return Err(refused(error, &power_up.run.scheme, &power_up.terms.axes));
+        }
+        match (self.record.aborted(), self.record.outcome(setup), self.decision) {
+            (Some(abort), ..) => Ok(Ended::Aborted(abort)),
+            (None, Some(outcome), _) => Ok(Ended::Judged(Box::new(Outcome { truth: Some(self.truth), ..outcome }))),
+            (None, None, Some(decision @ (Decision::UseStored(_) | Decision::StandBy(_)))) => {
+                Ok(Ended::NoRun(decision))
+            }
+            (None, None, _) => Err(anyhow!("the instrument was switched off in state {:?}", self.state)),
+        }
+    }
+}

@@ -1,0 +1,356 @@
+//! What the instrument does when something fails: each fault at several phases of a run, in closed loop, in this process.
+
+use crate::bench::line::Line;
+use crate::bench::power_up::{Memory, Switched, in_process, self_calibrate, shared};
+use crate::bench::{Chip, SharedBench, Trouble};
+use crate::virtual_unit::drive::move_durations_s;
+use crate::virtual_unit::driven::DrivenRins;
+use crate::virtual_unit::plant::Output;
+use crate::virtual_unit::plant::{Plant, Tick};
+use crate::virtual_unit::presets;
+use crate::virtual_unit::unit::VirtualUnit;
+use rins_selfcal::base::method::Method;
+use rins_selfcal::base::units::DEG;
+use rins_selfcal::estimator::BASIC_STATES;
+use rins_selfcal::gimbal::servo::PERIOD_US;
+use rins_selfcal::link::{Command, MAX_FRAME_BYTES, encode};
+use rins_selfcal::run::assignment::Assignment;
+use rins_selfcal::run::calibrator::CalibratorConfig;
+use rins_selfcal::run::config::SelfCalibrationConfig;
+use rins_selfcal::run::policy::PowerUpPolicy;
+use rins_selfcal::run::result::StoredCalibration;
+use rins_selfcal::run::state::State;
+use rins_selfcal::run::telemetry::Message;
+use rins_selfcal::scheme::Scheme;
+use std::cell::{Cell, RefCell};
+use std::collections::VecDeque;
+use std::rc::Rc;
+
+/// What fails.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Failing {
+    /// Encoder or bridge of an axis.
+    Chip(Trouble),
+    /// The axis is blocked.
+    Jammed,
+    /// Somebody pushes the axis for a tenth of a second, N m.
+    Pushed(f64),
+    /// The motors' supply is lost.
+    MotorSupply,
+    /// The IMU does not answer.
+    ImuSilent,
+    /// The IMU reports a sensor as failed.
+    ImuSensor,
+    /// The data-ready line is broken.
+    DataReady,
+}
+
+impl Failing {
+    /// All faults, with their names.
+    pub const ALL: [(Self, &'static str); 18] = [
+        (Self::Chip(Trouble::EncoderSilent), "encoder silent"),
+        (Self::Chip(Trouble::EncoderCrc(1)), "encoder frames damaged"),
+        (Self::Chip(Trouble::EncoderAlarm), "encoder reports an error"),
+        (Self::Chip(Trouble::EncoderFrozen), "encoder frozen"),
+        (Self::Chip(Trouble::EncoderSlip(3.0)), "encoder slips by 3 deg"),
+        (Self::Chip(Trouble::EncoderReversed), "encoder reversed"),
+        (Self::Jammed, "axis jammed"),
+        (Self::Pushed(-1.5), "axis pushed"),
+        (Self::Chip(Trouble::Weak(0.1)), "motor weak"),
+        (Self::Chip(Trouble::MotorReversed), "motor reversed"),
+        (Self::Chip(Trouble::BridgeStuck), "bridge stuck"),
+        (Self::Chip(Trouble::BridgeFull), "bridge full on"),
+        (Self::Chip(Trouble::Overcurrent), "overcurrent"),
+        (Self::Chip(Trouble::BridgeDead), "bridge dead"),
+        (Self::MotorSupply, "motor supply lost"),
+        (Self::ImuSilent, "IMU silent"),
+        (Self::ImuSensor, "IMU sensor failed"),
+        (Self::DataReady, "data-ready line broken"),
+    ];
+}
+
+/// When it fails.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(missing_docs, reason = "`name` says what each one is")]
+pub enum Phase {
+    FirstStop,
+    RampUp,
+    ConstantRate,
+    RampDown,
+    Settling,
+    Stop,
+    Solving,
+    Parking,
+}
+
+impl Phase {
+    /// All phases.
+    pub const ALL: [Self; 8] = [
+        Self::FirstStop,
+        Self::RampUp,
+        Self::ConstantRate,
+        Self::RampDown,
+        Self::Settling,
+        Self::Stop,
+        Self::Solving,
+        Self::Parking,
+    ];
+
+    /// Name for tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::FirstStop => "first stop",
+            Self::RampUp => "ramp up",
+            Self::ConstantRate => "constant rate",
+            Self::RampDown => "ramp down",
+            Self::Settling => "settling",
+            Self::Stop => "stop",
+            Self::Solving => "solving",
+            Self::Parking => "parking",
+        }
+    }
+
+    /// A state, and a time after it was entered, us. The first move is a quarter turn at 20 deg/s with ramps of a second.
+    fn moment(self) -> (State, u64) {
+        match self {
+            Self::FirstStop => (State::Dwell(0), 500_000),
+            Self::RampUp => (State::Turn(1), 500_000),
+            Self::ConstantRate => (State::Turn(1), 2_500_000),
+            Self::RampDown => (State::Turn(1), 5_000_000),
+            Self::Settling => (State::Settle(1), 100_000),
+            Self::Stop => (State::Dwell(1), 500_000),
+            Self::Solving => (State::Compute, 0),
+            Self::Parking => (State::Parking, 2_500_000),
+        }
+    }
+}
+
+/// What became of a run.
+#[derive(Clone, Debug)]
+pub struct Fate {
+    /// From the fault until both axes stood, ms; `None`: they did not.
+    pub stopped_ms: Option<u64>,
+    /// Whether both axes stand at the end.
+    pub at_rest: bool,
+    /// The last state.
+    pub state: State,
+    /// Whether the run came to its end, or to where it waits for samples.
+    pub ended: bool,
+    /// What the user was told.
+    pub told: Vec<String>,
+    /// Whether the result was accepted, and how far its worst parameter is off, sigmas.
+    pub accepted: Option<f64>,
+    /// Whether a calibration is in store: the one before, or an accepted one.
+    pub stored: bool,
+}
+
+/// Rate above which an axis turns, rad/s.
+const TURNS_RAD_S: f64 = 0.01 * DEG;
+/// How long the axes must stand, us.
+const STANDS_US: u64 = 200_000;
+/// Time after which a run should have ended, us.
+const LIMIT_US: u64 = 200_000_000;
+/// Time that a run goes on after its end, us.
+const AFTER_US: u64 = 1_500_000;
+/// Time without samples after which a run that is given up is taken to wait for them, us.
+const WAITS_US: u64 = 5_000_000;
+
+/// The unit, and whether it turns.
+struct Watched {
+    rins: DrivenRins,
+    now_us: u64,
+    off: bool,
+    no_edges: bool,
+    failed_us: Option<u64>,
+    turned_us: u64,
+    stopped_us: Option<u64>,
+    pushed_until_us: Option<(usize, u64)>,
+}
+
+impl Watched {
+    fn turns(&self) -> bool {
+        self.rins.true_rates_rad_s().iter().any(|rate| rate.abs() > TURNS_RAD_S)
+    }
+}
+
+impl Plant for Watched {
+    fn advance(&mut self, outputs: [Output; 2]) -> Option<Tick> {
+        if self.off {
+            return None;
+        }
+        if let Some((axis, _)) = self.pushed_until_us.take_if(|(_, until_us)| *until_us <= self.now_us) {
+            self.rins.motor_mut(axis).mechanics.disturbance_nm = 0.0;
+        }
+        let tick = self.rins.advance(outputs)?;
+        self.now_us += PERIOD_US;
+        if self.turns() {
+            self.turned_us = self.now_us;
+        }
+        if let Some(failed_us) = self.failed_us
+            && self.now_us - self.turned_us.max(failed_us) >= STANDS_US
+        {
+            self.stopped_us.get_or_insert(self.turned_us.max(failed_us));
+        }
+        Some(if self.no_edges { Tick { reading: None, ..tick } } else { tick })
+    }
+}
+
+/// Sits at the end of the serial line, and lets things fail.
+struct Saboteur {
+    bench: SharedBench<Rc<RefCell<Watched>>>,
+    unit: Rc<RefCell<Watched>>,
+    /// The state, since when, us.
+    state: Rc<Cell<(State, u64)>>,
+    failing: Failing,
+    phase: Phase,
+    axis: usize,
+    commands: VecDeque<u8>,
+    aborted: bool,
+}
+
+impl Saboteur {
+    fn look(&mut self) {
+        let (state, since_us) = self.state.get();
+        let now_us = self.unit.borrow().now_us;
+        let (when, after_us) = self.phase.moment();
+        let failed_us = self.unit.borrow().failed_us;
+        if failed_us.is_none() && state == when && now_us >= since_us + after_us {
+            self.unit.borrow_mut().failed_us = Some(now_us);
+            self.fail(now_us);
+        }
+        if failed_us.is_some() && self.failing == Failing::ImuSensor {
+            // It goes on failing.
+            self.fail(now_us);
+        }
+        // Where nothing else leads to parking, a command does.
+        if self.phase == Phase::Parking && state == State::Dwell(1) && !std::mem::replace(&mut self.aborted, true) {
+            let mut buffer = [0; MAX_FRAME_BYTES];
+            self.commands.extend(encode(1, &Command::Abort, &mut buffer).expect("a short command"));
+        }
+        let idle_us = if state == State::Stopping { WAITS_US } else { AFTER_US };
+        let over = (state.is_idle() || state == State::Stopping) && now_us >= since_us + idle_us;
+        let waits = failed_us.is_none_or(|failed_us| now_us < failed_us + WAITS_US);
+        self.unit.borrow_mut().off = over && !waits || now_us >= LIMIT_US;
+    }
+
+    fn fail(&self, now_us: u64) {
+        let axis = self.axis;
+        match self.failing {
+            Failing::Chip(trouble) => self.bench.borrow_mut().set_trouble(axis, Some(trouble)),
+            Failing::Jammed => self.unit.borrow_mut().rins.motor_mut(axis).jammed = true,
+            Failing::Pushed(torque_nm) => {
+                let mut unit = self.unit.borrow_mut();
+                unit.rins.motor_mut(axis).mechanics.disturbance_nm = torque_nm;
+                unit.pushed_until_us = Some((axis, now_us + 100_000));
+            }
+            Failing::MotorSupply => {
+                (0..2).for_each(|axis| self.bench.borrow_mut().set_trouble(axis, Some(Trouble::BridgeDead)));
+            }
+            Failing::ImuSilent => {
+                let silent = |chip, frame: &mut [u8]| {
+                    if chip == Chip::Imu {
+                        frame.fill(0xff);
+                    }
+                };
+                self.bench.borrow_mut().damage(silent);
+            }
+            Failing::ImuSensor => self.bench.borrow_mut().fail_gyro(),
+            Failing::DataReady => self.unit.borrow_mut().no_edges = true,
+        }
+    }
+}
+
+impl Line for Saboteur {
+    fn receive(&mut self) -> Option<u8> {
+        if self.commands.is_empty() {
+            self.look();
+        }
+        self.commands.pop_front()
+    }
+
+    fn transmit(&mut self, next: &mut dyn FnMut() -> Option<u8>) {
+        while next().is_some() {}
+    }
+}
+
+/// Lets something fail of an axis, outer (0) or inner (1), at a phase. A calibration is in store at power-up.
+///
+/// # Panics
+/// The configuration is refused.
+pub fn fate(failing: Failing, phase: Phase, axis: usize, before: &StoredCalibration) -> Fate {
+    let unit = VirtualUnit { errors: presets::real(1), ..VirtualUnit::default() };
+    let calibrator = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
+    let usual = SelfCalibrationConfig::new(calibrator, Scheme::bai(1.0, 1));
+    let config = SelfCalibrationConfig { policy: PowerUpPolicy::Always, ..usual };
+    let mut rins = DrivenRins::new(&unit, 1);
+    rins.expect_moves(&move_durations_s(&config.scheme, unit.rate_hz));
+    let watched = Rc::new(RefCell::new(Watched {
+        rins,
+        now_us: 0,
+        off: false,
+        no_edges: false,
+        failed_us: None,
+        turned_us: 0,
+        stopped_us: None,
+        pushed_until_us: None,
+    }));
+    let state = Rc::new(Cell::new((State::PowerUp, 0)));
+    let bench = shared(Rc::clone(&watched));
+    let mut line = Saboteur {
+        bench: Rc::clone(&bench),
+        unit: Rc::clone(&watched),
+        state: Rc::clone(&state),
+        failing,
+        phase,
+        axis,
+        commands: VecDeque::new(),
+        aborted: false,
+    };
+    let (mut told, mut accepted) = (Vec::new(), false);
+    let mut on_message = |message: &Message| match message {
+        Message::State { state: entered, .. } => state.set((*entered, watched.borrow().now_us)),
+        Message::Fault(fault) => told.push(fault.to_string()),
+        Message::Aborted(abort) => told.push(format!("aborted: {abort}")),
+        Message::Judged(verdict) if verdict.accepted() => accepted = true,
+        Message::Judged(verdict) => {
+            told.push(format!("rejected: {}", verdict.reasons.first().map_or(String::new(), ToString::to_string)));
+        }
+        Message::Released => told.push("the axes are let go".into()),
+        _ => {}
+    };
+    let mut memory = Memory { stored: Some(before.clone()), ..Memory::default() };
+    let ran = self_calibrate::<f64, BASIC_STATES, _>(&config, &mut memory, &bench, &mut line, &mut on_message);
+    ran.expect("a good configuration");
+    let unit_after = watched.borrow();
+    let off = |stored: &StoredCalibration| {
+        let difference = stored.errors.to_vector() - unit.errors.to_vector();
+        let worst = difference.iter().zip(&stored.sigmas).take(27).map(|(off, sigma)| (off / sigma).abs());
+        worst.fold(0.0, f64::max)
+    };
+    Fate {
+        stopped_ms: unit_after.stopped_us.zip(unit_after.failed_us).map(|(stopped, failed)| (stopped - failed) / 1000),
+        at_rest: !unit_after.turns(),
+        state: state.get().0,
+        ended: unit_after.now_us < LIMIT_US,
+        told,
+        accepted: memory.stored.as_ref().filter(|_| accepted).map(off),
+        stored: memory.stored.as_ref().is_some_and(|stored| memory.saved || stored == before),
+    }
+}
+
+/// A calibration of the unit, as an earlier run stored it.
+///
+/// # Panics
+/// The run is not accepted.
+pub fn good_calibration() -> StoredCalibration {
+    let unit = VirtualUnit { errors: presets::real(1), ..VirtualUnit::default() };
+    let calibrator = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
+    let config = SelfCalibrationConfig::new(calibrator, Scheme::bai(1.0, 1));
+    let mut rins = DrivenRins::new(&unit, 2);
+    rins.expect_moves(&move_durations_s(&config.scheme, unit.rate_hz));
+    let (plant, off) = Switched::new(rins);
+    let saved = |message: &Message| off.set(off.get() || matches!(message, Message::Saved(_)));
+    let assignment = Assignment::SelfCalibrate(config);
+    let stored = in_process::<f64, BASIC_STATES, _>(&assignment, None, &shared(plant), saved);
+    stored.expect("a good configuration").expect("an accepted run")
+}

@@ -1,0 +1,9 @@
+//! Many runs, and what they prove: statistics, disturbances, failures, and the paper's own results.
+
+pub mod closed_loop;
+pub mod fault_campaign;
+pub mod fault_table;
+pub mod faults;
+pub mod monte_carlo;
+pub mod replication;
+pub mod statistics;

@@ -1,0 +1,141 @@
+//! What is run to be laid beside Bai et al., Sensors 2019, 19(18), 4005: results with the commands that give each alone.
+
+use super::monte_carlo::MethodStatistics;
+use super::statistics::ErrorStatistics;
+use crate::calibration::virtual_run::VirtualRun;
+use crate::calibration::{HOST_SEGMENTS, Outcome, Setup, raw_sample};
+use crate::files::truth::ParameterTable;
+use crate::plan::prediction::Prediction;
+use crate::result::signals::Signals;
+use rayon::prelude::*;
+use rins_selfcal::base::method::Method;
+use rins_selfcal::estimator::observability::INSTALLATION_STATES;
+use rins_selfcal::estimator::{BASIC_STATES, Estimator};
+use rins_selfcal::run::calibrator::{Calibrator, Progress};
+use rins_selfcal::scheme::Scheme;
+use rins_selfcal::segment::Segment;
+
+/// A Monte Carlo by both methods on the same data.
+#[derive(Clone, Debug)]
+pub struct Study {
+    /// A word for it, the same in all files.
+    pub name: &'static str,
+    /// What the units have, in words.
+    pub title: &'static str,
+    /// The command that gives it alone.
+    pub command: String,
+    /// Joint, then two-stage.
+    pub methods: [MethodStatistics; 2],
+}
+
+impl Study {
+    /// One method of the two.
+    pub fn of(&self, method: Method) -> &MethodStatistics {
+        &self.methods[usize::from(method == Method::TwoStage)]
+    }
+
+    /// One of the twelve installation errors by one method, arcsec; none where all runs failed.
+    pub fn installation(&self, method: Method, index: usize) -> Option<&ErrorStatistics> {
+        self.of(method).states[..INSTALLATION_STATES].get(index)?.as_ref()
+    }
+
+    /// Index and size, arcsec, of the mean error that is largest among the twelve.
+    pub fn worst_mean(&self, method: Method) -> Option<(usize, f64)> {
+        let errors = self.of(method).states[..INSTALLATION_STATES].iter().enumerate();
+        let sizes = errors.filter_map(|(index, errors)| Some((index, errors.as_ref()?.mean_error.abs())));
+        sizes.max_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    /// Index and size, arcsec, of the root mean square error that is largest among the twelve.
+    pub fn worst_rms(&self, method: Method) -> Option<(usize, f64)> {
+        let errors = self.of(method).states[..INSTALLATION_STATES].iter().enumerate();
+        let sizes = errors.filter_map(|(index, errors)| Some((index, errors.as_ref()?.rms_error)));
+        sizes.max_by(|a, b| a.1.total_cmp(&b.1))
+    }
+}
+
+/// One calibration by the two-stage method, with all that it shows.
+#[derive(Clone, Debug)]
+pub struct Series {
+    /// The commands that give signals and final estimates alone.
+    pub commands: [String; 2],
+    /// The calibration. Its estimate after a segment is the final one of all segments up to there.
+    pub outcome: Outcome,
+    /// The true parameters.
+    pub truth: ParameterTable,
+    /// IMU and encoders in the first period.
+    pub signals: Signals,
+}
+
+impl Series {
+    /// Runs a unit through its scheme.
+    pub fn new(commands: [String; 2], run: &VirtualRun, setup: &Setup) -> Self {
+        let mut signals = Signals::default();
+        let mut calibrator = Box::new(Calibrator::<f64, HOST_SEGMENTS>::new(&setup.config()));
+        let period = VirtualRun { scheme: Scheme { periods: 1, ..run.scheme.clone() }, ..run.clone() };
+        let mut left = period.drive().total_samples();
+        let mut outcomes = run.calibrate_noting(std::slice::from_ref(setup), |reading| {
+            if left > 0 {
+                left -= 1;
+                signals.note(reading);
+            }
+            let _ = calibrator.step(&raw_sample(reading));
+        });
+        let _ = calibrator.finish();
+        let live = finals(setup, calibrator.estimator().segments());
+        let outcome = Outcome { live, ..outcomes.remove(0) };
+        Self { commands, outcome, truth: ParameterTable::from_errors(&run.unit.errors), signals }
+    }
+}
+
+/// The final estimate after every segment: all up to there, again and again until it stands. The live one is linearized
+/// about what was known at each segment, which in stage 1 of the two-stage method is little.
+fn finals(setup: &Setup, segments: &[Segment<f64>]) -> Vec<Progress> {
+    let up_to = |count: usize| {
+        let mut estimator = Box::new(Estimator::<f64, HOST_SEGMENTS, BASIC_STATES>::new());
+        estimator.restart(&setup.config().estimator);
+        let (last, all) = (segments.get(count)?, segments.get(..=count)?);
+        all.iter().for_each(|segment| _ = estimator.add(segment));
+        while !estimator.solve_piece() {}
+        let estimate = estimator.solution()?.estimate;
+        let end_us = last.start_us + last.duration_us;
+        Some(Progress { segments: count as u16 + 1, kind: last.kind(), end_us, estimate })
+    };
+    (0..segments.len()).into_par_iter().filter_map(up_to).collect()
+}
+
+/// What a scheme can give, and the command that says so.
+#[derive(Clone, Debug)]
+pub struct Foresight {
+    /// What can be known before.
+    pub prediction: Prediction,
+    /// The command.
+    pub command: String,
+}
+
+/// All that is laid beside the paper.
+#[derive(Clone, Debug)]
+pub struct Replication {
+    /// The command that gives all of it as numbers.
+    pub command: String,
+    /// Both periods of the paper's scheme.
+    pub scheme: Scheme,
+    /// The two-stage method as it is set up.
+    pub setup: Setup,
+    /// What the paper's scheme makes observable.
+    pub observability: Foresight,
+    /// The simulated unit of Table 1.
+    pub simulation: Series,
+    /// A virtual unit with the errors of Table 3 and all else that a real one has.
+    pub laboratory: Series,
+    /// Many runs of Table 1.
+    pub table_1: Study,
+    /// Many runs of Table 3's twelve with all else zero.
+    pub table_3: Study,
+    /// The same with all that a real unit has.
+    pub real: Study,
+    /// One effect each that the two-stage method takes as zero.
+    pub ignored: Vec<Study>,
+    /// What schemes give by the joint method.
+    pub schemes: Vec<Foresight>,
+}

@@ -1,0 +1,228 @@
+//! Rigid truth: what the sensors of a unit feel while its axes turn, without noise.
+//!
+//! Written from the equations, not from the core, so that the two can be held against each other:
+//! ```text
+//! (3)  rot_rr0 = R_e(inner) R_x(outer),  e = (sin d, 0, cos d);   rot_s0r0 = exp(-[theta x]);   b = r0
+//!      x_r = R_e(inner) e_x                                           outer axis in r
+//!      omega_br_r = x_r outer' + e inner'
+//!      d/dt omega_br_r = x_r outer'' + e inner'' - (e x x_r) outer' inner'
+//!      f_r = rot_rr0 up_r0 + omega' x l + omega x (omega x l)         l: lever arm; up: reaction to gravity
+//! (4)  f_a = (I + diag ka) rot_sa^-1 rot_sr f_r + ba
+//! (5)  w_g = (I + diag kg) rot_sg^-1 rot_sr (omega_br_r + rot_rr0 earth_r0) + bg
+//! ```
+//! The base's roll, pitch and heading are those of b = r0, whose axes are the rotation axes at (0, 0); with b = s0 they would
+//! differ by the mounting angles. The base tilts and the biases ramp in proportion to time; the tilt is carried to first order.
+
+use super::unit::VirtualUnit;
+use super::vec3::{
+    Mat3, Vec3, add, add_scaled, apply, apply_transposed, cross, frame_rotation, inverse, multiply, scale,
+};
+use super::vec3::{transpose, turn_frame};
+use rins_selfcal::base::units::{ARCSEC, DEG_H, MICRO_G};
+
+/// A vector in proportion to time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Line {
+    /// Value at time zero.
+    pub start: Vec3,
+    /// Slope, per second.
+    pub per_s: Vec3,
+}
+
+impl Line {
+    /// Value at a time, s.
+    pub fn at(&self, time_s: f64) -> Vec3 {
+        add_scaled(self.start, self.per_s, time_s)
+    }
+
+    fn mapped(&self, linear: impl Fn(Vec3) -> Vec3) -> Self {
+        Self { start: linear(self.start), per_s: linear(self.per_s) }
+    }
+
+    fn plus(&self, other: &Self) -> Self {
+        Self { start: add(self.start, other.start), per_s: add(self.per_s, other.per_s) }
+    }
+}
+
+/// Motion of (outer, inner) over one interval; the rates go linearly from one end to the other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Motion {
+    /// Angles at the start, rad.
+    pub angles_rad: [f64; 2],
+    /// Rates at the start, rad/s.
+    pub from_rad_s: [f64; 2],
+    /// Rates at the end, rad/s.
+    pub to_rad_s: [f64; 2],
+    /// Length of the interval, s.
+    pub duration_s: f64,
+}
+
+impl Motion {
+    /// Angles at the fraction `part` of the interval, rad.
+    pub fn angles_at(&self, part: f64) -> [f64; 2] {
+        std::array::from_fn(|axis| {
+            let change = self.to_rad_s[axis] - self.from_rad_s[axis];
+            self.angles_rad[axis] + (self.from_rad_s[axis] + 0.5 * change * part) * part * self.duration_s
+        })
+    }
+
+    fn rates_at(&self, part: f64) -> [f64; 2] {
+        std::array::from_fn(|axis| self.from_rad_s[axis] + (self.to_rad_s[axis] - self.from_rad_s[axis]) * part)
+    }
+
+    fn accelerations(&self) -> [f64; 2] {
+        std::array::from_fn(|axis| (self.to_rad_s[axis] - self.from_rad_s[axis]) / self.duration_s)
+    }
+}
+
+/// What accelerometers (m/s^2) and gyros (rad/s) read without noise.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sensed<V> {
+    /// Accelerometers.
+    pub force_a: V,
+    /// Gyros.
+    pub omega_g: V,
+}
+
+/// The rigid truth of one unit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RigidTruth {
+    inner_axis_r: Vec3,
+    lever_r: Vec3,
+    /// Reaction to gravity in r at gimbal angles (0, 0).
+    up_r0: Line,
+    /// Earth rate in r at gimbal angles (0, 0).
+    earth_r0: Line,
+    /// Linear part of (4) on r-components.
+    force_matrix_ar: Mat3,
+    /// Linear part of (5) on r-components.
+    rate_matrix_gr: Mat3,
+    accel_bias_a: Line,
+    gyro_bias_g: Line,
+}
+
+/// Fractions of an interval where two-point Gauss-Legendre quadrature looks; both weigh a half.
+const GAUSS_POINTS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
+
+const HOUR_S: f64 = 3600.0;
+
+impl RigidTruth {
+    /// Prepares the truth of a unit.
+    pub fn new(unit: &VirtualUnit) -> Self {
+        let (errors, effects) = (&unit.errors, &unit.effects);
+        let rot_sr = frame_rotation(errors.mounting);
+        let tilt = effects.base_tilt_drift_arcsec_h.map(|drift| drift * ARCSEC / HOUR_S);
+        let in_b = |v_n: Vec3| {
+            let start_b = base_from_level(unit, v_n);
+            // A frame that turns by phi sees v + v x phi.
+            let per_s_b = cross(start_b, [tilt[0], tilt[1], 0.0]);
+            Line { start: start_b, per_s: per_s_b }
+        };
+        let (sin, cos) = errors.axis_non_perpendicularity.sin_cos();
+        Self {
+            inner_axis_r: [sin, 0.0, cos],
+            lever_r: apply_transposed(&rot_sr, effects.lever_arm_m),
+            up_r0: in_b([0.0, 0.0, unit.site.gravity_m_s2()]),
+            earth_r0: in_b(unit.site.earth_rate_n()),
+            force_matrix_ar: sensor_matrix(&accel_axes(&errors.accel_non_orthogonality), errors.accel_scale, &rot_sr),
+            rate_matrix_gr: sensor_matrix(&gyro_axes(&errors.gyro_non_orthogonality), errors.gyro_scale, &rot_sr),
+            accel_bias_a: Line {
+                start: errors.accel_bias_a,
+                per_s: scale(effects.accel_bias_ramp_ug_h, MICRO_G / HOUR_S),
+            },
+            gyro_bias_g: Line {
+                start: errors.gyro_bias_g,
+                per_s: scale(effects.gyro_bias_ramp_deg_h_h, DEG_H / HOUR_S),
+            },
+        }
+    }
+
+    /// What the sensors read while the axes stand at these angles, rad, against time.
+    pub fn at_rest(&self, angles_rad: [f64; 2]) -> Sensed<Line> {
+        let turn = Turn::new(angles_rad);
+        let rotated = |line: &Line, matrix: &Mat3| line.mapped(|v| apply(matrix, self.rotate_rr0(v, &turn)));
+        Sensed {
+            force_a: rotated(&self.up_r0, &self.force_matrix_ar).plus(&self.accel_bias_a),
+            omega_g: rotated(&self.earth_r0, &self.rate_matrix_gr).plus(&self.gyro_bias_g),
+        }
+    }
+
+    /// Mean of what the sensors read over an interval whose middle is at `middle_s`.
+    pub fn mean_over(&self, motion: &Motion, middle_s: f64) -> Sensed<Vec3> {
+        let (up_r0, earth_r0) = (self.up_r0.at(middle_s), self.earth_r0.at(middle_s));
+        let [first, second] = GAUSS_POINTS.map(|part| self.felt_r(motion, part, up_r0, earth_r0));
+        let mean = |a: Vec3, b: Vec3| scale(add(a, b), 0.5);
+        Sensed {
+            force_a: add(apply(&self.force_matrix_ar, mean(first.0, second.0)), self.accel_bias_a.at(middle_s)),
+            omega_g: add(apply(&self.rate_matrix_gr, mean(first.1, second.1)), self.gyro_bias_g.at(middle_s)),
+        }
+    }
+
+    /// What the sensors read more when the base has turned by the rotation vector `turned_b`, rad, and turns at `rate_b`,
+    /// rad/s. `middle_s` is the time and `angles_rad` are the gimbal angles at the middle of the interval.
+    pub fn by_base_motion(&self, turned_b: Vec3, rate_b: Vec3, angles_rad: [f64; 2], middle_s: f64) -> Sensed<Vec3> {
+        let turn = Turn::new(angles_rad);
+        let rot = frame_rotation(turned_b);
+        let change = |v_r0: Vec3| add_scaled(apply(&rot, v_r0), v_r0, -1.0);
+        let force_r = self.rotate_rr0(change(self.up_r0.at(middle_s)), &turn);
+        let omega_r = self.rotate_rr0(add(change(self.earth_r0.at(middle_s)), rate_b), &turn);
+        Sensed { force_a: apply(&self.force_matrix_ar, force_r), omega_g: apply(&self.rate_matrix_gr, omega_r) }
+    }
+
+    /// Specific force and inertial rate of the IMU in r.
+    fn felt_r(&self, motion: &Motion, part: f64, up_r0: Vec3, earth_r0: Vec3) -> (Vec3, Vec3) {
+        let turn = Turn::new(motion.angles_at(part));
+        let ([outer_rate, inner_rate], [outer_acc, inner_acc]) = (motion.rates_at(part), motion.accelerations());
+        let (axis_r, lever_r) = (self.inner_axis_r, self.lever_r);
+        let x_r = turn_frame([1.0, 0.0, 0.0], axis_r, turn.inner);
+        let omega_br_r = add_scaled(scale(x_r, outer_rate), axis_r, inner_rate);
+        let acceleration_r = add_scaled(
+            add_scaled(scale(x_r, outer_acc), axis_r, inner_acc),
+            cross(axis_r, x_r),
+            -outer_rate * inner_rate,
+        );
+        let lever_force_r = add(cross(acceleration_r, lever_r), cross(omega_br_r, cross(omega_br_r, lever_r)));
+        (add(self.rotate_rr0(up_r0, &turn), lever_force_r), add(self.rotate_rr0(earth_r0, &turn), omega_br_r))
+    }
+
+    /// (3)
+    fn rotate_rr0(&self, v_r0: Vec3, turn: &Turn) -> Vec3 {
+        turn_frame(turn_frame(v_r0, [1.0, 0.0, 0.0], turn.outer), self.inner_axis_r, turn.inner)
+    }
+}
+
+/// Sines and cosines of the gimbal angles.
+struct Turn {
+    outer: (f64, f64),
+    inner: (f64, f64),
+}
+
+impl Turn {
+    fn new([outer, inner]: [f64; 2]) -> Self {
+        Self { outer: outer.sin_cos(), inner: inner.sin_cos() }
+    }
+}
+
+/// n-components to b-components: the base is rolled, then pitched, then turned to its heading.
+fn base_from_level(unit: &VirtualUnit, v_n: Vec3) -> Vec3 {
+    let errors = &unit.errors;
+    let yawed = turn_frame(v_n, [0.0, 0.0, 1.0], (-errors.heading).sin_cos());
+    let pitched = turn_frame(yawed, [0.0, 1.0, 0.0], errors.base_pitch.sin_cos());
+    turn_frame(pitched, [1.0, 0.0, 0.0], errors.base_roll.sin_cos())
+}
+
+/// `(I + diag k) axes^-1 rot_sr`.
+fn sensor_matrix(axes: &Mat3, scale_error: Vec3, rot_sr: &Mat3) -> Mat3 {
+    let rows = multiply(&inverse(axes), rot_sr);
+    std::array::from_fn(|row| scale(rows[row], 1.0 + scale_error[row]))
+}
+
+/// rot_sa of (1). Its columns are the sensor axes.
+fn accel_axes(&[yz, zx, zy]: &[f64; 3]) -> Mat3 {
+    transpose(&[[1.0, yz, -zy], [0.0, 1.0, zx], [0.0, 0.0, 1.0]])
+}
+
+/// rot_sg of (1). Its columns are the sensor axes.
+fn gyro_axes(&[xy, xz, yx, yz, zx, zy]: &[f64; 6]) -> Mat3 {
+    transpose(&[[1.0, yz, -zy], [-xz, 1.0, zx], [xy, -yx, 1.0]])
+}

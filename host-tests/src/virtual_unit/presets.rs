@@ -1,0 +1,264 @@
+//! Errors and noise by name, from files and by chance.
+//!
+//! A file of errors holds parameters in report units and effects, both optional:
+//! ```toml
+//! [parameters]
+//! Sgxy = -233.615
+//! [effects]
+//! lever_arm_m = [0.02, -0.01, 0.03]
+//! ```
+//! The same may be given in place of a file's name, in one line: `parameters = { Sgxy = -233.615 }`.
+//! A file of noise holds the table `[noise]` of UNIT.toml.
+
+use super::unit::Effects;
+use crate::base::bai::{TABLE_1, TABLE_3, Twelve};
+use crate::files::toml_file::{TomlFile, TomlFileError};
+use crate::files::truth::ParameterTable;
+use crate::files::unit_file::Noise;
+use rand_distr::{Distribution, Normal, Uniform};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rand_xoshiro::rand_core::SeedableRng;
+use rins_selfcal::base::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM};
+use rins_selfcal::model::error_model::{InstrumentErrors, block};
+use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
+use std::path::Path;
+
+/// The errors of a unit and what else it does.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct UnitErrors {
+    /// The 28 true errors, SI.
+    pub errors: InstrumentErrors<f64>,
+    /// Everything else.
+    pub effects: Effects,
+}
+
+#[derive(Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct ErrorsFile {
+    parameters: ParameterTable,
+    effects: Effects,
+}
+
+#[derive(Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct NoiseFile {
+    noise: Noise,
+}
+
+/// The errors of this name, `table1`, `table3` or `real`, or else in this file or text. `seed` gives `real` its heading.
+///
+/// # Errors
+/// One line that names the file and, for its contents, line and key.
+pub fn errors_named(name: &str, seed: u64) -> Result<UnitErrors, TomlFileError> {
+    let plain = |errors| Ok(UnitErrors { errors, effects: Effects::default() });
+    match name {
+        "table1" => plain(table1()),
+        "table3" => plain(table3()),
+        "real" => plain(real(seed)),
+        _ if Path::new(name).exists() => errors_of(&TomlFile::read(Path::new(name))?),
+        _ if name.contains('=') => errors_of(&TomlFile::of_text("--errors", name)),
+        _ => Err(TomlFileError::Name { name: name.into(), known: "table1, table3, real" }),
+    }
+}
+
+fn errors_of(file: &TomlFile) -> Result<UnitErrors, TomlFileError> {
+    let ErrorsFile { parameters, effects } = file.parse()?;
+    if let Some(parameter) = parameters.not_finite() {
+        return Err(file.wrong_value("parameters", parameter, "must be finite"));
+    }
+    effects.check().map_err(|(key, what)| file.wrong_value("effects", key, what))?;
+    Ok(UnitErrors { errors: parameters.to_errors(), effects })
+}
+
+/// The noise of this name, `bai`, `navigation` or `tactical`, or else in this file.
+///
+/// # Errors
+/// One line that names the file and, for its contents, line and key.
+pub fn noise_named(name: &str) -> Result<Noise, TomlFileError> {
+    match name {
+        "bai" => Ok(Noise::bai()),
+        "navigation" => Ok(Noise::navigation()),
+        "tactical" => Ok(Noise::tactical()),
+        _ if !Path::new(name).exists() => {
+            Err(TomlFileError::Name { name: name.into(), known: "bai, navigation, tactical" })
+        }
+        _ => {
+            let file = TomlFile::read(Path::new(name))?;
+            let noise = file.parse::<NoiseFile>()?.noise;
+            noise.check().map_err(|(key, what)| file.wrong_value("noise", key, what)).map(|()| noise)
+        }
+    }
+}
+
+/// Bai's simulated unit: the twelve of Table 1, all else zero.
+pub fn table1() -> InstrumentErrors<f64> {
+    installation(&TABLE_1)
+}
+
+/// Bai's laboratory unit: the twelve of Table 3, all else zero.
+pub fn table3() -> InstrumentErrors<f64> {
+    installation(&TABLE_3)
+}
+
+/// A real unit: the twelve of Table 3, biases and scale-factor errors of mixed signs, axes that are not perpendicular, a
+/// base that is not level, and a heading drawn from the seed.
+pub fn real(seed: u64) -> InstrumentErrors<f64> {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+    InstrumentErrors {
+        accel_bias_a: [30.0, -30.0, 30.0].map(|bias| bias * MICRO_G),
+        accel_scale: [-100.0, 100.0, 100.0].map(|scale| scale * PPM),
+        gyro_bias_g: [0.005, 0.005, -0.005].map(|bias| bias * DEG_H),
+        gyro_scale: [20.0, -20.0, 20.0].map(|scale| scale * PPM),
+        axis_non_perpendicularity: 4.0 * ARCSEC,
+        base_roll: 1.7 * DEG,
+        base_pitch: -2.3 * DEG,
+        heading: uniform(&mut rng, 0.0, TAU),
+        ..table3()
+    }
+}
+
+fn installation(arcsec: &Twelve) -> InstrumentErrors<f64> {
+    let mut table = ParameterTable::default();
+    table.0[..12].copy_from_slice(&arcsec.map(Some));
+    table.to_errors()
+}
+
+/// Sizes of random errors: standard deviations of normal ones, except where it says "within".
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RandomErrors {
+    /// The six of the gyros, arcsec.
+    pub gyro_non_orthogonality_arcsec: f64,
+    /// The three of the accelerometers, arcsec.
+    pub accel_non_orthogonality_arcsec: f64,
+    /// alpha, beta, gamma, arcsec.
+    pub mounting_arcsec: f64,
+    /// Accelerometer biases, ug.
+    pub accel_bias_ug: f64,
+    /// Accelerometer scale-factor errors, ppm.
+    pub accel_scale_ppm: f64,
+    /// Gyro biases, deg/h.
+    pub gyro_bias_deg_h: f64,
+    /// Gyro scale-factor errors, ppm.
+    pub gyro_scale_ppm: f64,
+    /// Non-perpendicularity of the axes, arcsec.
+    pub axis_non_perpendicularity_arcsec: f64,
+    /// Roll and pitch of the base are uniform within plus and minus this, deg.
+    pub base_tilt_within_deg: f64,
+}
+
+impl Default for RandomErrors {
+    /// The size of Bai's Table 3: each group's root mean square there.
+    fn default() -> Self {
+        let group =
+            |from: usize, to: usize| (TABLE_3[from..to].iter().map(|x| x * x).sum::<f64>() / (to - from) as f64).sqrt();
+        Self {
+            gyro_non_orthogonality_arcsec: group(block::GYRO_NON_ORTHOGONALITY, block::ACCEL_NON_ORTHOGONALITY),
+            accel_non_orthogonality_arcsec: group(block::ACCEL_NON_ORTHOGONALITY, block::MOUNTING),
+            mounting_arcsec: group(block::MOUNTING, block::ACCEL_BIAS),
+            accel_bias_ug: 30.0,
+            accel_scale_ppm: 100.0,
+            gyro_bias_deg_h: 0.005,
+            gyro_scale_ppm: 20.0,
+            axis_non_perpendicularity_arcsec: 4.0,
+            base_tilt_within_deg: 5.0,
+        }
+    }
+}
+
+impl RandomErrors {
+    /// With all twelve installation errors of this size, deg.
+    #[must_use]
+    pub fn with_installation_deg(self, size_deg: f64) -> Self {
+        let arcsec = size_deg * DEG / ARCSEC;
+        Self {
+            gyro_non_orthogonality_arcsec: arcsec,
+            accel_non_orthogonality_arcsec: arcsec,
+            mounting_arcsec: arcsec,
+            ..self
+        }
+    }
+
+    /// With everything but the base's tilt `factor` times as large.
+    #[must_use]
+    pub fn scaled(self, factor: f64) -> Self {
+        Self {
+            gyro_non_orthogonality_arcsec: self.gyro_non_orthogonality_arcsec * factor,
+            accel_non_orthogonality_arcsec: self.accel_non_orthogonality_arcsec * factor,
+            mounting_arcsec: self.mounting_arcsec * factor,
+            accel_bias_ug: self.accel_bias_ug * factor,
+            accel_scale_ppm: self.accel_scale_ppm * factor,
+            gyro_bias_deg_h: self.gyro_bias_deg_h * factor,
+            gyro_scale_ppm: self.gyro_scale_ppm * factor,
+            axis_non_perpendicularity_arcsec: self.axis_non_perpendicularity_arcsec * factor,
+            ..self
+        }
+    }
+
+    /// Draws the errors of one unit; its heading is uniform over the turn.
+    pub fn draw(&self, seed: u64) -> InstrumentErrors<f64> {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let tilt = self.base_tilt_within_deg * DEG;
+        InstrumentErrors {
+            gyro_non_orthogonality: normals(&mut rng, self.gyro_non_orthogonality_arcsec * ARCSEC),
+            accel_non_orthogonality: normals(&mut rng, self.accel_non_orthogonality_arcsec * ARCSEC),
+            mounting: normals(&mut rng, self.mounting_arcsec * ARCSEC),
+            accel_bias_a: normals(&mut rng, self.accel_bias_ug * MICRO_G),
+            accel_scale: normals(&mut rng, self.accel_scale_ppm * PPM),
+            gyro_bias_g: normals(&mut rng, self.gyro_bias_deg_h * DEG_H),
+            gyro_scale: normals(&mut rng, self.gyro_scale_ppm * PPM),
+            axis_non_perpendicularity: normals::<1>(&mut rng, self.axis_non_perpendicularity_arcsec * ARCSEC)[0],
+            base_roll: uniform(&mut rng, -tilt, tilt),
+            base_pitch: uniform(&mut rng, -tilt, tilt),
+            heading: uniform(&mut rng, 0.0, TAU),
+        }
+    }
+}
+
+fn normals<const N: usize>(rng: &mut Xoshiro256PlusPlus, sigma: f64) -> [f64; N] {
+    let distribution = Normal::new(0.0, sigma).expect("sizes are finite");
+    std::array::from_fn(|_| distribution.sample(rng))
+}
+
+fn uniform(rng: &mut Xoshiro256PlusPlus, low: f64, high: f64) -> f64 {
+    Uniform::new_inclusive(low, high).expect("bounds are finite and in order").sample(rng)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bai_noise_is_the_stated_one_per_sample_at_200_hz() {
+        let noise = Noise::bai();
+        assert!((noise.sigma_force_m_s2(200.0) / (30.0 * MICRO_G) - 1.0).abs() < 1e-14);
+        assert!((noise.sigma_omega_rad_s(200.0) / (0.2 * ARCSEC) - 1.0).abs() < 1e-14);
+        // A rate error over one sample interval of 5 ms is an angle.
+        assert!((noise.sigma_reference_rad(200.0) / (0.7 * ARCSEC * 0.005) - 1.0).abs() < 1e-14);
+    }
+
+    #[test]
+    fn errors_may_be_given_in_one_line() {
+        let found = errors_named("parameters = { Sgxy = 3.0, gyro_bias_x = 0.5 }", 0).unwrap().errors.to_vector();
+        assert!((found[0] / ARCSEC - 3.0).abs() < 1e-12 && (found.sum() - 3.0 * ARCSEC - 0.5 * DEG_H).abs() < 1e-15);
+        let effects = errors_named("effects.base_tilt_drift_arcsec_h = [2.0, 0.0]", 0).unwrap().effects;
+        assert_eq!(effects.base_tilt_drift_arcsec_h, [2.0, 0.0]);
+        let message = |text| errors_named(text, 0).unwrap_err().to_string();
+        assert_eq!(message("parameters = { Sgxx = 1.0 }"), "--errors:1: parameters: unknown parameter `Sgxx`");
+        assert_eq!(message("effects.hunting_hz = -1.0"), "--errors:1: hunting_hz: must be finite and not negative");
+    }
+
+    #[test]
+    fn random_errors_have_their_sizes() {
+        // 400 units of 3 accelerometer biases: the sum of squares over sigma^2 is chi-square with 1200 degrees of
+        // freedom, sigma sqrt(2400) = 49; five sigma.
+        let sizes = RandomErrors::default();
+        let sum: f64 =
+            (0..400).flat_map(|seed| sizes.draw(seed).accel_bias_a).map(|bias| (bias / (30.0 * MICRO_G)).powi(2)).sum();
+        assert!((sum - 1200.0).abs() < 245.0, "{sum}");
+        let headings: Vec<f64> = (0..400).map(|seed| sizes.draw(seed).heading).collect();
+        assert!(headings.iter().all(|heading| (0.0..=TAU).contains(heading)));
+        assert!(sizes.draw(3).base_roll.abs() <= 5.0 * DEG);
+    }
+}

@@ -1,0 +1,289 @@
+//! A dual-axis rotational INS that exists in numbers only.
+//!
+//! A sample is the mean of force and rate over one interval; its time stamp is the **middle** of that interval, and its
+//! encoder angles are the angles at the stamp. Over an interval the axes' rates go linearly to the commanded ones.
+//! The first interval starts at time zero, with the axes standing at (0, 0).
+
+use super::encoder::{EncoderErrors, Harmonic};
+use super::kinematics::{Line, Motion, RigidTruth, Sensed};
+use super::plant::Reading;
+use super::unit::{Effects, VirtualUnit};
+use super::vec3::{Vec3, add};
+use rand_distr::{Distribution, StandardNormal};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rand_xoshiro::rand_core::SeedableRng;
+use rins_selfcal::base::units::{ARCSEC, DEG, DEG_H, MICRO_G};
+use rins_selfcal::model::error_model::InstrumentErrors;
+use std::f64::consts::TAU;
+
+/// The virtual RINS: a [`VirtualUnit`] in motion.
+pub struct VirtualRins {
+    unit: VirtualUnit,
+    truth: RigidTruth,
+    white: WhiteNoise,
+    walk: BiasWalk,
+    pub(super) encoder: EncoderErrors,
+    harmonics: [[Harmonic; 2]; 2],
+    limits: Limits,
+    hunting: Hunting,
+    temperature: Temperature,
+    pub(super) interval_s: f64,
+    pub(super) samples: u64,
+    angles_rad: [f64; 2],
+    /// Angles in the middle of the last interval.
+    read_rad: [f64; 2],
+    rates_rad_s: [f64; 2],
+    commanded_rad_s: [f64; 2],
+    /// What the sensors read at the angles where the axes stand.
+    standing: Option<Sensed<Line>>,
+}
+
+impl VirtualRins {
+    /// Puts a unit into operation; every random number comes from `seed`.
+    pub fn new(unit: &VirtualUnit, seed: u64) -> Self {
+        Self::with_encoder_rate(unit, seed, unit.rate_hz)
+    }
+
+    /// Whose encoder errors go on so many times a second.
+    pub(super) fn with_encoder_rate(unit: &VirtualUnit, seed: u64, encoder_rate_hz: f64) -> Self {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+        let encoder_rng = rng.clone();
+        // The encoders' errors shall not depend on how many samples a stop has.
+        rng.jump();
+        let noise = &unit.noise;
+        let effects = &unit.effects;
+        Self {
+            unit: unit.clone(),
+            truth: RigidTruth::new(unit),
+            white: WhiteNoise {
+                sigma_force: noise.sigma_force_m_s2(unit.rate_hz),
+                sigma_omega: noise.sigma_omega_rad_s(unit.rate_hz),
+                rng,
+            },
+            walk: BiasWalk::new(effects, unit.rate_hz),
+            encoder: EncoderErrors::new(
+                encoder_rng,
+                encoder_rate_hz,
+                noise.sigma_encoder_rad(),
+                noise.sigma_reference_rad(encoder_rate_hz),
+            ),
+            harmonics: [0, 1].map(|axis| [effects.encoder_eccentricity[axis], effects.encoder_second_harmonic[axis]]),
+            limits: Limits::new(effects, unit.rate_hz),
+            hunting: Hunting { amplitude_rad: effects.hunting_arcsec * ARCSEC, omega_rad_s: TAU * effects.hunting_hz },
+            temperature: Temperature::new(effects),
+            interval_s: unit.rate_hz.recip(),
+            samples: 0,
+            angles_rad: [0.0; 2],
+            read_rad: [0.0; 2],
+            rates_rad_s: [0.0; 2],
+            commanded_rad_s: [0.0; 2],
+            standing: None,
+        }
+    }
+
+    /// With the axes standing at these angles of (outer, inner), rad, in place of (0, 0).
+    #[must_use]
+    pub fn standing_at(self, angles_rad: [f64; 2]) -> Self {
+        Self { angles_rad, read_rad: angles_rad, ..self }
+    }
+
+    /// Says how long the moves to come will take, s: over these times the encoder errors go from stop to stop. The last
+    /// one, 5.5 s where there is none, also serves for all moves after it.
+    pub fn expect_moves(&mut self, durations_s: &[f64]) {
+        self.encoder.expect_moves(durations_s);
+    }
+
+    /// True angles of (outer, inner) now, rad.
+    pub fn true_angles_rad(&self) -> [f64; 2] {
+        self.angles_rad
+    }
+
+    /// True angles of (outer, inner) at the stamp of the last reading, rad.
+    pub fn true_angles_at_stamp_rad(&self) -> [f64; 2] {
+        self.read_rad
+    }
+
+    /// True rates of (outer, inner) now, rad/s.
+    pub fn true_rates_rad_s(&self) -> [f64; 2] {
+        self.rates_rad_s
+    }
+
+    /// The 28 errors as they are now.
+    pub fn errors_now(&self) -> InstrumentErrors<f64> {
+        let errors = self.unit.errors_at(self.samples as f64 * self.interval_s);
+        InstrumentErrors {
+            accel_bias_a: add(errors.accel_bias_a, self.walk.accel_a),
+            gyro_bias_g: add(errors.gyro_bias_g, self.walk.gyro_g),
+            ..errors
+        }
+    }
+
+    /// Sample interval, s.
+    pub fn interval_s(&self) -> f64 {
+        self.interval_s
+    }
+
+    /// The next reading; a virtual instrument never runs out of them.
+    pub fn advance(&mut self) -> Reading {
+        let to_rad_s = self.limits.limited(self.rates_rad_s, self.commanded_rad_s);
+        let [start_s, middle_s, end_s] = [0.0, 0.5, 1.0].map(|part| (self.samples as f64 + part) * self.interval_s);
+        let motion = Motion {
+            angles_rad: self.angles_rad,
+            from_rad_s: self.hunting.added(self.rates_rad_s, start_s),
+            to_rad_s: self.hunting.added(to_rad_s, end_s),
+            duration_s: self.interval_s,
+        };
+        let felt = self.feel(&motion, middle_s);
+        self.read_rad = motion.angles_at(0.5);
+        self.angles_rad = motion.angles_at(1.0);
+        self.rates_rad_s = to_rad_s;
+        self.encoder.step(self.rates_rad_s);
+        let measured = self.measured(felt);
+        let [outer_rad, inner_rad] = self.seen_rad(self.read_rad);
+        Reading { outer_rad, inner_rad, ..measured }
+    }
+
+    /// What the sensors feel on average over a motion, in its middle at this time, s; without noise.
+    pub(super) fn feel(&mut self, motion: &Motion, middle_s: f64) -> Sensed<Vec3> {
+        if motion.from_rad_s != [0.0; 2] || motion.to_rad_s != [0.0; 2] {
+            self.standing = None;
+            return self.truth.mean_over(motion, middle_s);
+        }
+        let standing = self.standing.get_or_insert_with(|| self.truth.at_rest(motion.angles_rad));
+        Sensed { force_a: standing.force_a.at(middle_s), omega_g: standing.omega_g.at(middle_s) }
+    }
+
+    /// The reading of an interval that ends, with noise, but for the angles.
+    pub(super) fn measured(&mut self, felt: Sensed<Vec3>) -> Reading {
+        let middle_s = (self.samples as f64 + 0.5) * self.interval_s;
+        self.samples += 1;
+        self.walk.step(&mut self.white.rng);
+        Reading {
+            time_us: (middle_s * 1e6).round() as u64,
+            omega_g: self.white.added(add(felt.omega_g, self.walk.gyro_g), self.white.sigma_omega),
+            force_a: self.white.added(add(felt.force_a, self.walk.accel_a), self.white.sigma_force),
+            outer_rad: 0.0,
+            inner_rad: 0.0,
+            temperature_c: self.temperature.at(middle_s),
+        }
+    }
+
+    /// What the encoders see at these angles, rad.
+    pub(super) fn seen_rad(&self, angles_rad: [f64; 2]) -> [f64; 2] {
+        let random = self.encoder.errors_rad();
+        std::array::from_fn(|axis| {
+            let angle = angles_rad[axis];
+            let [first, second] = &self.harmonics[axis];
+            let reading = angle + first.error_rad(angle) + second.error_rad(2.0 * angle) + random[axis];
+            self.unit.effects.encoder_bits.map_or(reading, |bits| {
+                let step_rad = TAU / f64::from(bits).exp2();
+                (reading / step_rad).round() * step_rad
+            })
+        })
+    }
+
+    /// Rates of (outer, inner) to be reached by the end of the next interval, rad/s.
+    pub fn command_rates(&mut self, rates_rad_s: [f64; 2]) {
+        self.commanded_rad_s = rates_rad_s;
+    }
+}
+
+/// White noise per sample.
+struct WhiteNoise {
+    rng: Xoshiro256PlusPlus,
+    sigma_force: f64,
+    sigma_omega: f64,
+}
+
+impl WhiteNoise {
+    fn added(&mut self, mean: Vec3, sigma: f64) -> Vec3 {
+        mean.map(|value| value + sigma * normal(&mut self.rng))
+    }
+}
+
+fn normal(rng: &mut Xoshiro256PlusPlus) -> f64 {
+    StandardNormal.sample(rng)
+}
+
+/// Random walk of the biases from the values in the unit's errors.
+struct BiasWalk {
+    accel_a: Vec3,
+    gyro_g: Vec3,
+    sigma_accel: f64,
+    sigma_gyro: f64,
+}
+
+impl BiasWalk {
+    fn new(effects: &Effects, rate_hz: f64) -> Self {
+        let per_step = (3600.0 * rate_hz).sqrt().recip();
+        Self {
+            accel_a: [0.0; 3],
+            gyro_g: [0.0; 3],
+            sigma_accel: effects.accel_bias_walk_ug_sqrt_h * MICRO_G * per_step,
+            sigma_gyro: effects.gyro_bias_walk_deg_h_sqrt_h * DEG_H * per_step,
+        }
+    }
+
+    fn step(&mut self, rng: &mut Xoshiro256PlusPlus) {
+        if self.sigma_accel > 0.0 {
+            self.accel_a = self.accel_a.map(|bias| bias + self.sigma_accel * normal(rng));
+        }
+        if self.sigma_gyro > 0.0 {
+            self.gyro_g = self.gyro_g.map(|bias| bias + self.sigma_gyro * normal(rng));
+        }
+    }
+}
+
+/// A limit cycle of the servos; the inner axis is ahead by a quarter of it.
+struct Hunting {
+    amplitude_rad: f64,
+    omega_rad_s: f64,
+}
+
+impl Hunting {
+    /// To rates of (outer, inner), rad/s, those of the hunting.
+    fn added(&self, rates_rad_s: [f64; 2], time_s: f64) -> [f64; 2] {
+        let (sin, cos) = (self.omega_rad_s * time_s).sin_cos();
+        let fastest_rad_s = self.amplitude_rad * self.omega_rad_s;
+        let [outer, inner] = rates_rad_s;
+        [outer + fastest_rad_s * cos, inner - fastest_rad_s * sin]
+    }
+}
+
+/// What the drives can do.
+struct Limits {
+    rate_rad_s: f64,
+    change_rad_s: f64,
+}
+
+impl Limits {
+    fn new(effects: &Effects, rate_hz: f64) -> Self {
+        Self {
+            rate_rad_s: effects.max_rate_deg_s.map_or(f64::INFINITY, |rate| rate * DEG),
+            change_rad_s: effects.max_acceleration_deg_s2.map_or(f64::INFINITY, |limit| limit * DEG / rate_hz),
+        }
+    }
+
+    fn limited(&self, from: [f64; 2], to: [f64; 2]) -> [f64; 2] {
+        std::array::from_fn(|axis| {
+            let wanted = to[axis].clamp(-self.rate_rad_s, self.rate_rad_s);
+            wanted.clamp(from[axis] - self.change_rad_s, from[axis] + self.change_rad_s)
+        })
+    }
+}
+
+/// The temperature sensor.
+struct Temperature {
+    start_c: f64,
+    per_s: f64,
+}
+
+impl Temperature {
+    fn new(effects: &Effects) -> Self {
+        Self { start_c: effects.temperature_c.unwrap_or(f64::NAN), per_s: effects.temperature_ramp_c_h / 3600.0 }
+    }
+
+    fn at(&self, time_s: f64) -> f32 {
+        (self.start_c + self.per_s * time_s) as f32
+    }
+}
