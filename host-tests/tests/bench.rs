@@ -2,8 +2,7 @@
 
 use host_tests::bench::power_up::{Interrupts, share, shared};
 use host_tests::bench::{Bench, Chip, Imu, Trouble, acquisition, control};
-use host_tests::virtual_unit::plant::Output;
-use host_tests::virtual_unit::plant::{Plant, Tick, at_rest};
+use host_tests::virtual_unit::plant::{Output, Plant, Tick, at_rest};
 use rins_selfcal::acquisition::queue::{SampleAndStatus, SampleQueue};
 use rins_selfcal::base::angle::Angle;
 use rins_selfcal::base::loss::{LossCounts, LossReason};

@@ -1,6 +1,6 @@
 //! `rins guide`: the chapters of the guide as text for a terminal.
 
-use super::Ending;
+use super::ending::Ending;
 use super::output::must_sayln;
 use anyhow::Result;
 use clap::Args;

@@ -16,8 +16,7 @@ use rins_selfcal::base::method::Method;
 use rins_selfcal::base::units::DEG;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::{Segment, SegmentKind};
-use rins_selfcal::verdict::Reason;
-use rins_selfcal::verdict::wiring;
+use rins_selfcal::verdict::{Reason, wiring};
 use serde::Serialize;
 use std::path::Path;
 

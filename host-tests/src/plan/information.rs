@@ -18,9 +18,8 @@ use rins_selfcal::estimator::{BASIC_STATES, EstimatorConfig};
 use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETERS, block};
 use rins_selfcal::model::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
 use rins_selfcal::model::options::{OptionalColumns, force_columns, rotation_columns};
-use rins_selfcal::segment::GUARD_S;
 use rins_selfcal::segment::white_noise::Noise;
-use rins_selfcal::segment::{AngleIntegrals, Course, Segment, SegmentKind};
+use rins_selfcal::segment::{AngleIntegrals, Course, GUARD_S, Segment, SegmentKind};
 use std::borrow::Borrow;
 
 /// Numbers of a model, of the size of one, are rounded to this; rotation by attitude to as much of Earth rate.
