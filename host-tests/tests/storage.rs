@@ -10,7 +10,7 @@ use rins_selfcal::keep::medium::{Eeprom, Flash, Medium};
 use rins_selfcal::keep::record::{Damage, SLOT_BYTES};
 use rins_selfcal::keep::record::{FORMAT_VERSION, encode};
 use rins_selfcal::keep::store::{CalibrationStore, HISTORY, Loaded, REJECTED_IN_A_ROW, StoreError};
-use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETERS};
+use rins_selfcal::model::error_model::InstrumentErrors;
 use rins_selfcal::run::result::{StoredCalibration, StoredVerdict};
 use rins_selfcal::verdict::{Reason, Verdict};
 use std::ops::Range;

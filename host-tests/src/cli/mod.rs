@@ -8,6 +8,7 @@ mod compare;
 mod ending;
 mod explain;
 mod files;
+mod guide;
 mod history;
 mod inspect;
 mod manual;
