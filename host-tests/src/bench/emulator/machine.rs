@@ -8,6 +8,7 @@ use super::image::Image;
 use crate::base::apt::ensure_installed;
 use crate::bench::bus::Chip;
 use crate::bench::devices::Bench;
+use crate::bench::wire;
 use crate::virtual_unit::plant::Plant;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use defmt_decoder::{DecodeError, Table};
@@ -31,7 +32,7 @@ pub const EEPROM_BYTES: usize = 8192;
 const EMULATOR: &str = "qemu-system-arm";
 /// Virtual time of one instruction, ns: `-icount shift=1`.
 const NS_PER_INSTRUCTION: f64 = 2.0;
-const TICKS_PER_S: f64 = 25e6;
+const TICKS_PER_S: f64 = wire::TICKS_PER_S as f64;
 
 // ----------------------------------------------------------------------------------------------------------------- run
 
@@ -355,8 +356,7 @@ impl Host {
         self.partial.extend_from_slice(&bytes[..count]);
         while let [chip, length, frame @ ..] = self.partial.as_mut_slice() {
             let Some(frame) = frame.get_mut(..usize::from(*length)) else { break };
-            let chip =
-                *Chip::ALL.get(usize::from(*chip)).ok_or_else(|| anyhow!("the firmware asks for chip {chip}"))?;
+            let chip = Chip::numbered(*chip).ok_or_else(|| anyhow!("the firmware asks for chip {chip}"))?;
             bench.transfer(chip, frame);
             match self.answers.write_all(frame) {
                 // The emulator has ended; its status says how.
