@@ -3,7 +3,7 @@
 
 use host_tests::bench::Bench;
 use host_tests::bench::emulator::image::{Board, build};
-use host_tests::bench::emulator::{Run, Setup, run};
+use host_tests::bench::emulator::{MachineSetup, Run, run};
 use host_tests::bench::line::Terminal;
 use host_tests::bench::power_up::{Memory, self_calibrate, shared};
 use host_tests::virtual_unit::drive::move_durations_s;
@@ -138,7 +138,7 @@ fn firmware(serial: &Path, off: &Arc<AtomicBool>) -> Run {
     let (config, rins) = assignment();
     let mut buffer = [0; MAX_ASSIGNMENT_BYTES];
     let configuration = postcard::to_slice(&Assignment::SelfCalibrate(config), &mut buffer).expect("it fits");
-    let setup = Setup { configuration, serial: Some(serial), ..Setup::new(&image) };
+    let setup = MachineSetup { configuration, serial: Some(serial), ..MachineSetup::new(&image) };
     let mut bench = Bench::new(Paced::new(Unit(rins, Arc::clone(off)), Duration::from_micros(50)));
     run(&setup, &mut bench, |_| (), |_| ()).unwrap_or_else(|error| panic!("{error:#}"))
 }

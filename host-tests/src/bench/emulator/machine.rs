@@ -38,7 +38,7 @@ const TICKS_PER_S: f64 = wire::TICKS_PER_S as f64;
 
 /// One run of an image.
 #[derive(Clone, Copy, Debug)]
-pub struct Setup<'a> {
+pub struct MachineSetup<'a> {
     /// The image.
     pub image: &'a Image,
     /// Content of the EEPROM, kept from run to run; a blank one is made where there is none. `None`: blank, not kept.
@@ -57,7 +57,7 @@ pub struct Setup<'a> {
     pub debugger: Option<&'a Path>,
 }
 
-impl<'a> Setup<'a> {
+impl<'a> MachineSetup<'a> {
     /// A run with a blank EEPROM, no configuration and a patience of a minute.
     pub fn new(image: &'a Image) -> Self {
         let patience = Duration::from_secs(60);
@@ -147,7 +147,7 @@ fn instructions(ticks: u64) -> f64 {
 /// # Errors
 /// The emulator cannot be started, the firmware faults, hangs, or ends without its report.
 pub fn run<P: Plant>(
-    setup: &Setup<'_>,
+    setup: &MachineSetup<'_>,
     bench: &mut Bench<P>,
     mut on_log: impl FnMut(&str),
     mut on_message: impl FnMut(&Message),
@@ -258,7 +258,7 @@ impl Drop for Host {
 }
 
 impl Host {
-    fn start(setup: &Setup<'_>, directory: &Path) -> Result<Self> {
+    fn start(setup: &MachineSetup<'_>, directory: &Path) -> Result<Self> {
         for name in ["requests", "answers", "telemetry", "log"] {
             nix::unistd::mkfifo(&directory.join(name), Mode::S_IRUSR | Mode::S_IWUSR)?;
         }
@@ -293,7 +293,7 @@ impl Host {
     /// Serves the pipes until the emulator ends.
     fn serve<P: Plant>(
         &mut self,
-        setup: &Setup<'_>,
+        setup: &MachineSetup<'_>,
         bench: &mut Bench<P>,
         log: &mut dyn FnMut(&[u8]),
         telemetry: &mut dyn FnMut(&[u8]),
@@ -404,7 +404,7 @@ fn listening(socket: &Path) -> Result<String> {
     Ok(format!("unix:{},server=on,wait=off", socket.replace(',', ",,")))
 }
 
-fn spawn(setup: &Setup<'_>, eeprom: &Path, directory: &Path) -> Result<Child> {
+fn spawn(setup: &MachineSetup<'_>, eeprom: &Path, directory: &Path) -> Result<Child> {
     let image = setup.image;
     let mut command = Command::new(EMULATOR);
     if !setup.reboots {
