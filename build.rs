@@ -1,8 +1,9 @@
-//! Compiles the rotation scheme of a TOML file, named by the environment variable `RINS_SCHEME`, into the core: the
-//! firmware then runs it where nothing else is configured. Format: `rins plan` writes it, the README shows it. Angles and
-//! times are checked by the core, on the host and at power-up; here the file only has to be one.
+//! Compiles a rotation scheme into the core. The environment variable `RINS_SCHEME` names the TOML file of the scheme.
+//! The firmware runs this scheme if no other scheme is configured. `rins plan` writes such files, and the README shows
+//! the format. This script checks only the form of the file; the core checks angles and times, on the host and at
+//! power-up.
 //!
-//! Gives the linker the memory of the board that the firmware is built for.
+//! For the firmware, this script also gives the linker the memory regions of the selected board.
 
 #[path = "src/scheme/limits.rs"]
 mod limits;
@@ -16,7 +17,7 @@ use table::SchemeTable;
 
 const VARIABLE: &str = "RINS_SCHEME";
 
-/// Feature of a board, folder of its memory, its processor.
+/// For each board: its feature, the folder of its memory regions, its processor.
 const BOARDS: [[&str; 3]; 3] = [
     ["mps2-an500", "src/bin/firmware/mps2", "cortex-m7"],
     ["mps2-an386", "src/bin/firmware/mps2", "cortex-m4"],
@@ -37,17 +38,19 @@ fn has_feature(name: &str) -> bool {
     env::var_os(format!("CARGO_FEATURE_{}", name.to_uppercase().replace('-', "_"))).is_some()
 }
 
-/// Lets the linker find the `regions.x` of the one board, which `memory.x` includes.
+/// Adds the folder of the selected board to the linker's search path, so that `memory.x` finds `regions.x`.
 fn link_board() -> Result<(), String> {
     let chosen: Vec<_> = BOARDS.iter().filter(|[name, ..]| has_feature(name)).collect();
     let [[name, folder, processor]] = chosen.as_slice() else {
         let names = BOARDS.map(|[name, ..]| name).join(", ");
-        return Err(format!("the firmware is for one board; choose one feature of: {names}"));
+        return Err(format!("the firmware needs exactly one board; choose one of the features {names}"));
     };
     let flags = env::var("CARGO_ENCODED_RUSTFLAGS").unwrap_or_default();
     let built_for = flags.rsplit("target-cpu=").next().and_then(|rest| rest.split('\x1f').next());
     if built_for != Some(processor) {
-        return Err(format!("{name} needs the flag target-cpu={processor} to come last, see .cargo"));
+        return Err(format!(
+            "{name} needs the compiler flag target-cpu={processor}; see .cargo/config.toml and .cargo/cortex-m4.toml"
+        ));
     }
     println!("cargo:rerun-if-changed=memory.x");
     println!("cargo:rerun-if-changed={folder}/regions.x");
@@ -66,15 +69,15 @@ fn compile_scheme() {
     let code =
         path.map_or(Ok("None".into()), |path| expression(&path).map_err(|error| format!("{VARIABLE}={path}: {error}")));
     let code = code.unwrap_or_else(|error| {
-        // Cargo shows it and fails.
+        // Cargo prints this line and fails the build.
         println!("cargo::error={}", error.split_whitespace().collect::<Vec<_>>().join(" "));
         "None".into()
     });
-    let folder = env::var("OUT_DIR").expect("cargo sets it");
-    fs::write(Path::new(&folder).join("compiled_scheme.rs"), code).expect("cargo's folder can be written");
+    let folder = env::var("OUT_DIR").expect("cargo sets OUT_DIR");
+    fs::write(Path::new(&folder).join("compiled_scheme.rs"), code).expect("OUT_DIR is writable");
 }
 
-/// The scheme as a Rust expression, or what is wrong with the file.
+/// The scheme in the file as a Rust expression, or a message that says what is wrong with the file.
 fn expression(path: &str) -> Result<String, String> {
     println!("cargo:rerun-if-changed={path}");
     let text = fs::read_to_string(path).map_err(|error| error.to_string())?;
@@ -84,13 +87,13 @@ fn expression(path: &str) -> Result<String, String> {
     let numbers = legs.iter().flat_map(|leg| [leg.outer_deg, leg.inner_deg, leg.stop_s]);
     let all = [rate_deg_s, acceleration_deg_s2, first_stop_s].into_iter().chain(numbers);
     if !all.into_iter().all(f64::is_finite) {
-        return Err("a number is not finite".into());
+        return Err("every number must be finite".into());
     }
     if name.len() > MAX_NAME_BYTES {
         return Err(format!("the name has more than {MAX_NAME_BYTES} bytes"));
     }
     if legs.len() > MAX_LEGS {
-        return Err(format!("{} legs, at most {MAX_LEGS} fit", legs.len()));
+        return Err(format!("{} legs, but a scheme has at most {MAX_LEGS}", legs.len()));
     }
     let legs: Vec<_> = legs.iter().map(|leg| (leg.outer_deg, leg.inner_deg, leg.stop_s)).collect();
     Ok(format!(

@@ -8,7 +8,7 @@ use rins_selfcal::base::angle::Angle;
 use rins_selfcal::base::linear::Vector3;
 use rins_selfcal::base::sample::RawSample;
 use rins_selfcal::gimbal::servo::Drive;
-use rins_selfcal::gimbal::{BridgeFault, EncoderFault, Sensed};
+use rins_selfcal::gimbal::{BridgeFault, EncoderFault, GimbalInputs};
 
 const BYTES: usize = 8192;
 
@@ -71,7 +71,7 @@ impl SensorBoard {
     }
 
     /// What the control interrupt wants to know.
-    pub fn sensed(&self) -> Sensed {
+    pub fn sensed(&self) -> GimbalInputs {
         // SAFETY: the board is there.
         let (angles, alarms) =
             unsafe { (read_volatile(addr_of!((*self.0).angles_now)), read_volatile(addr_of!((*self.0).alarms))) };
@@ -80,7 +80,7 @@ impl SensorBoard {
             |axis: usize, count| if is_on(axis) { Err(EncoderFault::Alarm) } else { Ok(Angle::from_ticks(count)) };
         let bridge = |axis: usize| if is_on(2 + axis) { Err(BridgeFault::Overcurrent) } else { Ok(()) };
         let [outer, inner] = angles;
-        Sensed { encoders: [encoder(0, outer), encoder(1, inner)], bridges: [bridge(0), bridge(1)] }
+        GimbalInputs { encoders: [encoder(0, outer), encoder(1, inner)], bridges: [bridge(0), bridge(1)] }
     }
 
     /// Drives the motors.

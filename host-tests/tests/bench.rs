@@ -2,10 +2,11 @@
 
 use host_tests::bench::power_up::{Interrupts, share, shared};
 use host_tests::bench::{Bench, Chip, Imu, Trouble, acquisition, control};
-use host_tests::virtual_unit::plant::{Output, Plant, Tick, at_rest};
-use rins_selfcal::acquisition::queue::{Observed, SampleQueue};
+use host_tests::virtual_unit::plant::Output;
+use host_tests::virtual_unit::plant::{Plant, Tick, at_rest};
+use rins_selfcal::acquisition::queue::{SampleQueue, SampleWithGimbal};
 use rins_selfcal::base::angle::Angle;
-use rins_selfcal::base::loss::{Loss, Losses};
+use rins_selfcal::base::loss::{LossCounts, LossReason};
 use rins_selfcal::base::units::{ARCSEC, DEG};
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::gimbal::control::COMMAND_DELAY_US;
@@ -37,14 +38,14 @@ fn samples_go_through_the_drivers() {
         if !bench.borrow().data_ready() {
             continue;
         }
-        let Observed { sample, gimbal } = consumer.pop().expect("a sample");
+        let SampleWithGimbal { sample, gimbal } = consumer.pop().expect("a sample");
         // Half a step of the IMU is 1.9e-8 m/s^2.
         assert!((sample.force_a.z - 9.8_f64).abs() < 2e-8);
         assert_eq!((sample.time_us, sample.temperature_c), (edges * 5000 + 2500, 20.0));
         edges += 1;
         assert_eq!((gimbal.time_us, gimbal.at_rest, gimbal.fault), (edges * 5000, true, None));
     }
-    assert_eq!((edges, consumer.losses()), (3, Losses::default()));
+    assert_eq!((edges, consumer.losses()), (3, LossCounts::default()));
     assert_eq!(bench.borrow().outputs(), [Output::Shorted; 2], "nothing is driven without a command");
 }
 
@@ -61,12 +62,12 @@ fn bytes_go_through_the_driver() {
     }
     let times: Vec<_> = samples.iter().map(|(now_us, observed)| (*now_us, observed.sample.time_us)).collect();
     assert_eq!(times, [(6000, 2500), (11_000, 7500)], "the third was on its way when the plant ended");
-    for (now_us, Observed { sample, gimbal }) in samples {
+    for (now_us, SampleWithGimbal { sample, gimbal }) in samples {
         // Half a step of a single precision number of 1 g is 3e-8 g.
         assert!((sample.force_a.z - 9.8_f64).abs() < 3e-7);
         assert_eq!((sample.temperature_c, gimbal.time_us, gimbal.fault), (20.0, now_us, None));
     }
-    assert_eq!(consumer.losses(), Losses::default());
+    assert_eq!(consumer.losses(), LossCounts::default());
 }
 
 /// Bytes wait in the receiver, and its transfers give all of them, however they are shared out among them.
@@ -104,7 +105,7 @@ fn the_angles_of_a_sample_are_those_at_its_stamp() {
         let off = f64::from(angle.since(Angle::from_rad(rate * 0.0075)));
         assert!((off * std::f64::consts::TAU / 2_f64.powi(32)).abs() < 0.02 * ARCSEC, "{off}");
     }
-    assert_eq!(control.view(10_001).err(), Some(Loss::Status), "it has not been read yet");
+    assert_eq!(control.view(10_001).err(), Some(LossReason::Status), "it has not been read yet");
 }
 
 /// The control of axes at rest after some periods.
@@ -167,7 +168,7 @@ fn an_overcurrent_opens_the_winding_and_a_command_from_before_it_is_dropped() {
 
 #[test]
 fn a_missing_reading_is_bridged_and_two_cost_a_sample() {
-    for (bad, expected) in [(1, Ok(())), (2, Err(Loss::Crc))] {
+    for (bad, expected) in [(1, Ok(())), (2, Err(LossReason::Crc))] {
         let bench = shared(TurnedByHand([0.0; 2], 0));
         let mut control = control(&bench, gimbal());
         let mut frames = 0;

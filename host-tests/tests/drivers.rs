@@ -15,12 +15,12 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use rins_selfcal::acquisition::Streaming;
-use rins_selfcal::acquisition::queue::{Observed, SampleQueue};
+use rins_selfcal::acquisition::queue::{SampleQueue, SampleWithGimbal};
 use rins_selfcal::base::angle::Angle;
-use rins_selfcal::base::loss::{Loss, Losses};
+use rins_selfcal::base::loss::{LossCounts, LossReason};
 use rins_selfcal::drivers::adis16495::{self, Adis16495, Clock, FilterBank, StartFault};
-use rins_selfcal::drivers::biss::{BissEncoder, EncoderFault, Mounting, Resolution};
-use rins_selfcal::drivers::bridge::{Bridge, BridgeFault};
+use rins_selfcal::drivers::biss::{BissEncoder, BissFault, Mounting, Resolution};
+use rins_selfcal::drivers::bridge::{Bridge, BridgeDriverFault};
 use rins_selfcal::drivers::kvh1750::{self, Kvh1750};
 use rins_selfcal::drivers::{ImuFault, ImuReading};
 use rins_selfcal::gimbal::GimbalStatus;
@@ -95,7 +95,7 @@ fn bus(chip: &SharedImu) -> Bus {
 
 /// The IMU as started on a chip, or why not.
 fn started(chip: &SharedImu) -> Result<Adis16495<Bus>, StartFault<Infallible>> {
-    Adis16495::start(bus(chip), &mut ChipDelay(Rc::clone(chip)), &adis16495::Settings::default())
+    Adis16495::start(bus(chip), &mut ChipDelay(Rc::clone(chip)), &adis16495::Adis16495Settings::default())
 }
 
 #[test]
@@ -106,7 +106,7 @@ fn the_imu_takes_every_setting_and_no_word_comes_too_early() {
     {
         for clock in [Clock::Internal, Clock::External { rate_hz: 4000 }] {
             let chip = imu(Model::ADIS16495_1);
-            let settings = adis16495::Settings { clock, decimation, filter, latency_us: 0 };
+            let settings = adis16495::Adis16495Settings { clock, decimation, filter, latency_us: 0 };
             Adis16495::start(bus(&chip), &mut ChipDelay(Rc::clone(&chip)), &settings).expect("a start");
             let chip = chip.borrow();
             assert_eq!((chip.early_words, chip.sampling()), (0, Some((decimation, clock != Clock::Internal))));
@@ -143,7 +143,8 @@ fn an_imu_that_does_not_start_says_why() {
     for level in [0x00, 0xff] {
         let dead = Bus::to(move |bytes: &mut [u8]| bytes.fill(level));
         let word = u16::from_be_bytes([level; 2]);
-        let fault = Adis16495::start(dead, &mut ChipDelay(imu(Model::ADIS16495_1)), &adis16495::Settings::default());
+        let fault =
+            Adis16495::start(dead, &mut ChipDelay(imu(Model::ADIS16495_1)), &adis16495::Adis16495Settings::default());
         assert_eq!(fault.err(), Some(StartFault::Product(word)));
     }
     let chip = imu(Model::ADIS16495_1);
@@ -176,7 +177,7 @@ fn no_damaged_burst_passes_for_a_sample() {
         shared.borrow_mut().transfer(bytes);
         spoil(&mut noise_rng, bytes, *noise.borrow());
     });
-    let settings = adis16495::Settings::default();
+    let settings = adis16495::Adis16495Settings::default();
     let mut driver = Adis16495::start(damaged, &mut ChipDelay(Rc::clone(&chip)), &settings).expect("a start");
     *probability.borrow_mut() = 1e-3;
     let (mut lost, mut missed) = (0, 0);
@@ -233,11 +234,11 @@ fn an_encoder_without_a_position_says_so() {
     chip.borrow_mut().warning = true;
     assert_eq!((encoder.read(), encoder.warnings()), (good, 1));
     chip.borrow_mut().error = true;
-    assert_eq!(encoder.read(), Err(EncoderFault::Error));
+    assert_eq!(encoder.read(), Err(BissFault::Error));
     chip.borrow_mut().acknowledge = 100;
-    assert_eq!(encoder.read(), Err(EncoderFault::NotReady));
+    assert_eq!(encoder.read(), Err(BissFault::NotReady));
     chip.borrow_mut().dead = true;
-    assert_eq!(encoder.read(), Err(EncoderFault::NoAnswer));
+    assert_eq!(encoder.read(), Err(BissFault::NoAnswer));
 }
 
 /// A wrong bit in a thousand: one read in eleven has one. Three in a frame, which a CRC of six bits lets pass one time in
@@ -287,7 +288,7 @@ fn way(rng: &mut Xoshiro256PlusPlus) -> Way {
 #[test]
 fn every_whole_message_of_a_damaged_stream_is_read_and_no_other() {
     let mut rng = random(6);
-    let (mut chip, mut driver) = (Kvh1750Chip::default(), Kvh1750::new(&kvh1750::Settings::default()));
+    let (mut chip, mut driver) = (Kvh1750Chip::default(), Kvh1750::new(&kvh1750::Kvh1750Settings::default()));
     let (mut whole, mut read, mut told, mut missed) = (0, 0, 0, 0);
     for sample in 0..100_000 {
         let truth = f64::from(sample) * 1e-5;
@@ -327,7 +328,7 @@ fn every_whole_message_of_a_damaged_stream_is_read_and_no_other() {
 fn a_streaming_imu_fills_the_queue_with_the_angles_of_its_stamps() {
     let (mut chip, mut queue) = (Kvh1750Chip::default(), SampleQueue::<f64, 256>::new());
     let (producer, mut samples) = queue.split();
-    let mut streaming = Streaming::new(Kvh1750::new(&kvh1750::Settings::default()), producer);
+    let mut streaming = Streaming::new(Kvh1750::new(&kvh1750::Kvh1750Settings::default()), producer);
     let outer = |time_us: u64| Angle::from_ticks((time_us as f64 * 1e-6 * 20.0 / 360.0 * 2_f64.powi(32)) as u32);
     let status = |time_us| GimbalStatus { time_us, ..GimbalStatus::default() };
     let view = |time_us| Ok(([outer(time_us), Angle::default()], status(time_us)));
@@ -342,12 +343,12 @@ fn a_streaming_imu_fills_the_queue_with_the_angles_of_its_stamps() {
                 streaming.on_byte(byte, interval * 5000 + 65 + bytes * 10_000_000 / 921_600, view)
             })
             .collect();
-        assert_eq!(taken, [if interval % 10 == 0 { Err(Loss::Crc) } else { Ok(()) }]);
+        assert_eq!(taken, [if interval % 10 == 0 { Err(LossReason::Crc) } else { Ok(()) }]);
     }
-    assert_eq!(samples.losses(), Losses { crc: 20, ..Losses::default() });
+    assert_eq!(samples.losses(), LossCounts { crc: 20, ..LossCounts::default() });
     let taken: Vec<_> = std::iter::from_fn(|| samples.pop()).collect();
     assert_eq!(taken.len(), 180);
-    for (interval, Observed { sample, gimbal }) in (1..).filter(|interval| interval % 10 != 0).zip(taken) {
+    for (interval, SampleWithGimbal { sample, gimbal }) in (1..).filter(|interval| interval % 10 != 0).zip(taken) {
         // The middle of the interval, to a microsecond of rounding.
         assert!(sample.time_us.abs_diff(interval * 5000 - 2500) <= 1, "{} {interval}", sample.time_us);
         assert_eq!((sample.outer, gimbal), (outer(sample.time_us), status(sample.time_us)));
@@ -363,7 +364,7 @@ fn steps_of_the_numbers_are_lost_in_the_noise() {
     let (omega_deg_s, force_g) = (20.0, 0.999_999_7);
     let chip = imu(Model::ADIS16495_1);
     let mut adis = started(&chip).expect("a start");
-    let (mut kvh_chip, mut kvh) = (Kvh1750Chip::default(), Kvh1750::new(&kvh1750::Settings::default()));
+    let (mut kvh_chip, mut kvh) = (Kvh1750Chip::default(), Kvh1750::new(&kvh1750::Kvh1750Settings::default()));
     let samples = 20_000;
     let mut sums = [[0.0; 2]; 2];
     for _ in 0..samples {
@@ -462,7 +463,7 @@ fn the_bridge_drives_as_commanded_and_opens_on_overcurrent() {
     }
     assert_eq!(chip.borrow().hard_turns, 0);
     chip.borrow_mut().overcurrent = true;
-    assert_eq!(bridge.command(0.5), Err(BridgeFault::Reported));
+    assert_eq!(bridge.command(0.5), Err(BridgeDriverFault::Reported));
     assert_eq!((chip.borrow().output(), bridge.is_on()), (Output::Open, false));
     bridge.enable().expect("the overcurrent is over");
     bridge.command(0.5).expect("no fault");

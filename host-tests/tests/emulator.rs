@@ -12,7 +12,7 @@ use host_tests::virtual_unit::driven::DrivenRins;
 use host_tests::virtual_unit::plant::{Output, Plant, Recording, at_rest};
 use host_tests::virtual_unit::presets;
 use host_tests::virtual_unit::unit::VirtualUnit;
-use rins_selfcal::base::loss::Losses;
+use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::site::EARTH_RATE_RAD_S;
 use rins_selfcal::drivers::kvh1750::{HEADER, MESSAGE_BYTES};
@@ -35,7 +35,7 @@ struct Outcome {
 }
 
 impl Outcome {
-    fn queue(&self) -> (u64, Losses) {
+    fn queue(&self) -> (u64, LossCounts) {
         match self.messages.last() {
             Some(Message::Queue { samples, losses }) => (*samples, *losses),
             other => panic!("{other:?}, {:?}", self.log),
@@ -79,7 +79,7 @@ fn every_sample_is_delivered() {
         let mut bench = Bench::new(at_rest(2000));
         let outcome = outcome(&MachineSetup::new(&image), &mut bench);
         assert!(outcome.run.success);
-        assert_eq!(outcome.queue(), (2000, Losses::default()));
+        assert_eq!(outcome.queue(), (2000, LossCounts::default()));
         assert_eq!(outcome.run.late_periods, 0);
         assert!(outcome.log.iter().any(|line| line.contains("2000 samples, 0 missing")), "{:?}", outcome.log);
         assert_eq!(bench.samples(), 2000);
@@ -115,7 +115,7 @@ fn damaged_frames_are_counted() {
         }
     });
     let outcome = outcome(&MachineSetup::new(&image), &mut bench);
-    assert_eq!(outcome.queue(), (990, Losses { crc: 10, ..Losses::default() }));
+    assert_eq!(outcome.queue(), (990, LossCounts { crc: 10, ..LossCounts::default() }));
 }
 
 /// A unit with real errors, navigation noise, and a scheme of short stops for it.
@@ -176,7 +176,7 @@ fn powers_up_twice(board: Board) {
     assert_eq!(first.messages.first(), Some(&Message::Store { found: false, damaged: false, fault: false }));
     assert_eq!(first.states().last(), Some(&State::Correcting), "{:?}", first.log);
     assert!(first.messages.contains(&Message::Saved(true)));
-    assert_eq!(first.queue().1, Losses::default());
+    assert_eq!(first.queue().1, LossCounts::default());
     within_sigmas(&first.record().expect("a solution"), &unit().0);
     assert_eq!((first.run.late_periods, first.run.late_commands), (0, 0));
     assert_eq!(
@@ -229,7 +229,7 @@ fn booted_in_process(board: Board, scheme: &Scheme, put: Put) -> Vec<Message> {
 #[test]
 fn a_unit_with_a_kvh_1750_calibrates() {
     let (losses, _) = calibrates_with_kvh_1750(|plant| Bench::with_imu(plant, Imu::Kvh1750));
-    assert_eq!(losses, Losses::default());
+    assert_eq!(losses, LossCounts::default());
 }
 
 /// Every fiftieth message meets a wrong bit or loses a byte, in turn, each time at the next place: it is lost and counted, no
@@ -254,7 +254,7 @@ fn so_does_one_whose_line_is_bad() {
         *(if place < HEADER.len() { &mut unread } else { &mut crc }) += 1;
     }
     assert!(crc + unread > 2 * MESSAGE_BYTES as u32, "both at every place");
-    assert_eq!(losses, Losses { crc, unread, ..Losses::default() });
+    assert_eq!(losses, LossCounts { crc, unread, ..LossCounts::default() });
 }
 
 /// What a message meets on its way, and at which of its bytes.
@@ -272,8 +272,8 @@ fn harm(message: u64) -> Option<Harm> {
     (rest == 25).then_some(harm)
 }
 
-/// Losses, and how many messages came or were missed.
-fn calibrates_with_kvh_1750(put: Put) -> (Losses, u64) {
+/// Lost samples, and how many messages were received or missed.
+fn calibrates_with_kvh_1750(put: Put) -> (LossCounts, u64) {
     let image = image(Variant { imu: Imu::Kvh1750, ..Board::Mps2An500.into() });
     let scheme = Scheme::named("fast-60").expect("in the library");
     let (outcome, sent) = boot_on(&image, None, &scheme, put);

@@ -291,7 +291,7 @@ fn wrong_schemes_are_named() {
     );
     assert_eq!(
         refused("still.toml", &format!("first_stop_s = 5\n\nlegs = [{leg}, {leg}]\n")),
-        "still.toml:3: legs: leg 2 has an angle that is not finite, or moves nothing"
+        "still.toml:3: legs: leg 2 has an angle that is not finite, or moves neither axis"
     );
     let many = vec![leg; 49].join(",");
     assert_eq!(

@@ -13,7 +13,7 @@ use host_tests::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::restart::Restart;
 use rins_selfcal::base::restart::Task;
-use rins_selfcal::base::restart::{Registers, Stop};
+use rins_selfcal::base::restart::{FatalError, Registers};
 use rins_selfcal::base::units::DEG;
 use rins_selfcal::run::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::run::calibrator::CalibratorConfig;
@@ -118,7 +118,7 @@ const MAIN_LOOP: [&str; 2] = ["SelfCalibration<", ">::step"];
 fn a_main_loop_that_hangs_is_missed() {
     let hang = |elf: &[u8], debugger: &mut Debugger| debugger.write(function(elf, &MAIN_LOOP)?, &LOOP);
     let (restart, driven) = restart_after(hang);
-    assert_eq!(restart, Restart::Stopped(Stop::Overdue(Task::Main)));
+    assert_eq!(restart, Restart::Stopped(FatalError::Overdue(Task::Main)));
     assert!((MAIN_DEADLINE - SAMPLE..=MAIN_DEADLINE + LOOK + SAMPLE).contains(&driven), "{driven} periods");
 }
 
@@ -131,7 +131,7 @@ fn sampling_that_hangs_is_missed() {
         debugger.set(15, SCRATCH)
     };
     let (restart, driven) = restart_after(hang);
-    assert_eq!(restart, Restart::Stopped(Stop::Overdue(Task::Sampling)));
+    assert_eq!(restart, Restart::Stopped(FatalError::Overdue(Task::Sampling)));
     assert!(driven <= 2 * LOOK + 1, "{driven} periods");
 }
 
@@ -140,7 +140,7 @@ fn control_that_hangs_is_missed() {
     let hang = |elf: &[u8], debugger: &mut Debugger| debugger.write(function(elf, &["DefaultHandler"])?, &MASK_CONTROL);
     let (restart, driven) = restart_after(hang);
     // The edges of the emulator's samples come with its control periods.
-    let missed = [Task::Control, Task::Sampling].map(|task| Restart::Stopped(Stop::Overdue(task)));
+    let missed = [Task::Control, Task::Sampling].map(|task| Restart::Stopped(FatalError::Overdue(task)));
     assert!(missed.contains(&restart), "{restart:?}");
     assert!(driven <= 1, "{driven} periods");
 }
@@ -150,7 +150,7 @@ fn where_everything_hangs_the_watchdog_bites() {
     // An interrupt that does not end keeps the one from coming that feeds the watchdog.
     let hang = |elf: &[u8], debugger: &mut Debugger| debugger.write(function(elf, &["DefaultHandler"])?, &LOOP);
     let (restart, driven) = restart_after(hang);
-    assert_eq!(restart, Restart::Stopped(Stop::Unfed));
+    assert_eq!(restart, Restart::Stopped(FatalError::Unfed));
     assert!(driven <= 1, "{driven} periods");
 }
 
@@ -158,7 +158,7 @@ fn where_everything_hangs_the_watchdog_bites() {
 fn a_fault_is_told_with_its_registers() {
     let fault = |elf: &[u8], debugger: &mut Debugger| debugger.write(function(elf, &MAIN_LOOP)?, &UNDEFINED);
     let (restart, driven) = restart_after(fault);
-    let Restart::Stopped(Stop::Fault(Registers { pc, lr, status, .. })) = restart else { panic!("{restart:?}") };
+    let Restart::Stopped(FatalError::Fault(Registers { pc, lr, status, .. })) = restart else { panic!("{restart:?}") };
     let elf = build(Board::Mps2An500).and_then(|image| image.read()).expect("the image");
     assert_eq!((pc, status), (function(&elf, &MAIN_LOOP).expect("the function"), 1 << 16), "undefined instruction");
     assert!(lr & 1 == 1 && lr < 0x20_0000, "{lr:#x}");
@@ -169,7 +169,7 @@ fn a_fault_is_told_with_its_registers() {
 fn a_stack_overflow_is_told() {
     let fault = |elf: &[u8], debugger: &mut Debugger| debugger.write(function(elf, &MAIN_LOOP)?, &PUSH_FOREVER);
     let (restart, driven) = restart_after(fault);
-    assert!(matches!(restart, Restart::Stopped(Stop::StackOverflow { .. })), "{restart:?}");
+    assert!(matches!(restart, Restart::Stopped(FatalError::StackOverflow { .. })), "{restart:?}");
     assert!(driven <= SAMPLE + 1, "{driven} periods");
 }
 
@@ -182,6 +182,6 @@ fn a_panic_is_told_with_its_place() {
         called.into_iter().try_for_each(|(register, value)| debugger.set(register, value))
     };
     let (restart, driven) = restart_after(panic);
-    assert_eq!(restart, Restart::Stopped(Stop::panic(file, 1234)));
+    assert_eq!(restart, Restart::Stopped(FatalError::panic(file, 1234)));
     assert!(driven <= 1, "{driven} periods");
 }

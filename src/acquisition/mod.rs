@@ -1,6 +1,6 @@
-//! From the IMU's interrupt to the queue of samples that the main loop reads.
+//! From the interrupt of the IMU to the queue of samples that the main loop reads.
 
 pub mod queue;
 mod sampler;
 
-pub use sampler::{Acquisition, Sampler, Streaming, View};
+pub use sampler::{Acquisition, GimbalView, Sampler, Streaming};

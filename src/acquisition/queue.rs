@@ -1,37 +1,37 @@
-//! Queue of raw samples from the data-ready interrupt to the main loop.
+//! Queue of raw samples from the interrupt of the IMU to the main loop.
 //!
-//! Its two ends are types of their own: one producer, one consumer. Every sample that does not get through is counted by
-//! its reason; the producer counts, the consumer reads.
+//! The two ends of the queue have different types: one [`SampleProducer`] for the interrupt and one [`SampleConsumer`]
+//! for the main loop. The producer counts every missing sample by its reason; the consumer reads the counters.
 
 use crate::base::linear::Real;
-use crate::base::loss::{Loss, Losses};
+use crate::base::loss::{LossCounts, LossReason};
 use crate::base::sample::RawSample;
 use crate::gimbal::GimbalStatus;
 use core::sync::atomic::{AtomicU32, Ordering};
 use heapless::spsc;
 
-/// A sample, and how the gimbal was when it came.
+/// A raw sample and the gimbal status at that time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Observed<T: Real> {
+pub struct SampleWithGimbal<T: Real> {
     /// The sample.
     pub sample: RawSample<T>,
-    /// The gimbal.
+    /// Status of the gimbal.
     pub gimbal: GimbalStatus,
 }
 
-/// Written by the producer only, read by both.
+/// Counters. Only the producer writes them; both ends read them.
 struct Counters {
     overrun: AtomicU32,
     bus: AtomicU32,
     crc: AtomicU32,
     status: AtomicU32,
     unread: AtomicU32,
-    deepest: AtomicU32,
+    most_waiting: AtomicU32,
 }
 
-/// Memory of the queue; holds `N - 1` samples.
+/// Memory of the queue. It holds `N - 1` samples.
 pub struct SampleQueue<T: Real, const N: usize> {
-    samples: spsc::Queue<Observed<T>, N>,
+    samples: spsc::Queue<SampleWithGimbal<T>, N>,
     counters: Counters,
 }
 
@@ -44,12 +44,12 @@ impl<T: Real, const N: usize> SampleQueue<T, N> {
             crc: AtomicU32::new(0),
             status: AtomicU32::new(0),
             unread: AtomicU32::new(0),
-            deepest: AtomicU32::new(0),
+            most_waiting: AtomicU32::new(0),
         };
         Self { samples: spsc::Queue::new(), counters }
     }
 
-    /// The two ends.
+    /// Splits the queue into its two ends.
     pub fn split(&mut self) -> (SampleProducer<'_, T>, SampleConsumer<'_, T>) {
         let (producer, consumer) = self.samples.split();
         let counters = &self.counters;
@@ -63,73 +63,73 @@ impl<T: Real, const N: usize> Default for SampleQueue<T, N> {
     }
 }
 
-/// Always so: the queue does not compile for `N` < 2. Its ends have forgotten `N`, and index by a remainder; asking makes
-/// sure that the division cannot panic.
+/// Always true, because a queue with `N` < 2 does not compile. The two ends do not know `N` and take an index modulo
+/// the capacity; this test shows the compiler that the division cannot panic.
 fn has_memory(capacity: usize) -> bool {
     capacity != usize::MAX
 }
 
-/// The interrupt's end.
+/// The interrupt's end of the queue.
 pub struct SampleProducer<'q, T: Real> {
-    samples: spsc::Producer<'q, Observed<T>>,
+    samples: spsc::Producer<'q, SampleWithGimbal<T>>,
     counters: &'q Counters,
 }
 
 impl<T: Real> SampleProducer<'_, T> {
-    /// Adds a sample; a full queue keeps what it has and counts an overrun.
+    /// Appends a sample. If the queue is full, the new sample is dropped and counted as an overrun.
     ///
     /// # Errors
-    /// [`Loss::Overrun`], already counted.
-    pub fn push(&mut self, sample: Observed<T>) -> Result<(), Loss> {
+    /// [`LossReason::Overrun`] if the queue is full. The loss is already counted.
+    pub fn push(&mut self, sample: SampleWithGimbal<T>) -> Result<(), LossReason> {
         if has_memory(self.samples.capacity()) && self.samples.enqueue(sample).is_ok() {
-            let deepest = &self.counters.deepest;
-            deepest.store(deepest.load(Ordering::Relaxed).max(self.samples.len() as u32), Ordering::Relaxed);
+            let most_waiting = &self.counters.most_waiting;
+            most_waiting.store(most_waiting.load(Ordering::Relaxed).max(self.samples.len() as u32), Ordering::Relaxed);
             return Ok(());
         }
-        self.count(Loss::Overrun, 1);
-        Err(Loss::Overrun)
+        self.count(LossReason::Overrun, 1);
+        Err(LossReason::Overrun)
     }
 
-    /// Counts samples that never became one.
-    pub fn count(&mut self, loss: Loss, samples: u32) {
+    /// Counts samples that were lost before they reached the queue.
+    pub fn count(&mut self, loss: LossReason, samples: u32) {
         let counter = match loss {
-            Loss::Overrun => &self.counters.overrun,
-            Loss::Bus => &self.counters.bus,
-            Loss::Crc => &self.counters.crc,
-            Loss::Status => &self.counters.status,
-            Loss::Unread => &self.counters.unread,
+            LossReason::Overrun => &self.counters.overrun,
+            LossReason::Bus => &self.counters.bus,
+            LossReason::Crc => &self.counters.crc,
+            LossReason::Status => &self.counters.status,
+            LossReason::Unread => &self.counters.unread,
         };
-        // The only writer: load and store need not be one step.
+        // No other code writes this counter, so load and store need not be one atomic step.
         counter.store(counter.load(Ordering::Relaxed).saturating_add(samples), Ordering::Relaxed);
     }
 }
 
-/// The main loop's end.
+/// The main loop's end of the queue.
 pub struct SampleConsumer<'q, T: Real> {
-    samples: spsc::Consumer<'q, Observed<T>>,
+    samples: spsc::Consumer<'q, SampleWithGimbal<T>>,
     counters: &'q Counters,
 }
 
 impl<T: Real> SampleConsumer<'_, T> {
-    /// The oldest sample.
-    pub fn pop(&mut self) -> Option<Observed<T>> {
+    /// Takes the oldest sample out of the queue.
+    pub fn pop(&mut self) -> Option<SampleWithGimbal<T>> {
         if has_memory(self.samples.capacity()) { self.samples.dequeue() } else { None }
     }
 
-    /// Whether there is nothing to pop.
+    /// Whether the queue is empty.
     pub fn is_empty(&self) -> bool {
         !self.samples.ready()
     }
 
-    /// The most samples that have waited at once.
-    pub fn deepest(&self) -> u32 {
-        self.counters.deepest.load(Ordering::Relaxed)
+    /// Largest number of samples that have waited in the queue so far.
+    pub fn most_waiting(&self) -> u32 {
+        self.counters.most_waiting.load(Ordering::Relaxed)
     }
 
-    /// The samples missing so far.
-    pub fn losses(&self) -> Losses {
+    /// Counters of the missing samples.
+    pub fn losses(&self) -> LossCounts {
         let load = |counter: &AtomicU32| counter.load(Ordering::Relaxed);
-        Losses {
+        LossCounts {
             overrun: load(&self.counters.overrun),
             bus: load(&self.counters.bus),
             crc: load(&self.counters.crc),
@@ -143,8 +143,8 @@ impl<T: Real> SampleConsumer<'_, T> {
 mod tests {
     use super::*;
 
-    fn sample(time_us: u64) -> Observed<f32> {
-        Observed { sample: RawSample { time_us, ..RawSample::default() }, ..Observed::default() }
+    fn sample(time_us: u64) -> SampleWithGimbal<f32> {
+        SampleWithGimbal { sample: RawSample { time_us, ..RawSample::default() }, ..SampleWithGimbal::default() }
     }
 
     #[test]
@@ -177,8 +177,8 @@ mod tests {
         let (mut producer, mut consumer) = queue.split();
         let pushed: Vec<_> = (0..5).map(|time_us| producer.push(sample(time_us)).is_ok()).collect();
         assert_eq!(pushed, [true, true, true, false, false]);
-        assert_eq!(consumer.losses(), Losses { overrun: 2, ..Losses::default() });
-        assert_eq!(consumer.deepest(), 3);
+        assert_eq!(consumer.losses(), LossCounts { overrun: 2, ..LossCounts::default() });
+        assert_eq!(consumer.most_waiting(), 3);
         assert!((0..3).all(|time_us| consumer.pop().map(|observed| observed.sample.time_us) == Some(time_us)));
         assert!(consumer.is_empty());
     }
@@ -187,9 +187,9 @@ mod tests {
     fn counters_saturate() {
         let mut queue = SampleQueue::<f32, 4>::new();
         let (mut producer, consumer) = queue.split();
-        producer.count(Loss::Unread, u32::MAX);
-        producer.count(Loss::Unread, 5);
-        producer.count(Loss::Bus, 1);
+        producer.count(LossReason::Unread, u32::MAX);
+        producer.count(LossReason::Unread, 5);
+        producer.count(LossReason::Bus, 1);
         assert_eq!(consumer.losses().unread, u32::MAX);
         assert_eq!(consumer.losses().total(), u32::MAX);
     }

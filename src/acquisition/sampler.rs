@@ -1,10 +1,10 @@
-//! What the interrupt of the IMU does, data-ready or that of a UART: read the IMU, make one raw sample of it and the angles
-//! at its stamp, queue it with the gimbal's status.
+//! Work of the IMU interrupt (data-ready or UART): read the IMU, combine its reading with the gimbal angles at the time
+//! stamp, and queue this sample with the gimbal status.
 
-use crate::acquisition::queue::{Observed, SampleProducer};
+use crate::acquisition::queue::{SampleProducer, SampleWithGimbal};
 use crate::base::angle::Angle;
 use crate::base::linear::Real;
-use crate::base::loss::Loss;
+use crate::base::loss::LossReason;
 use crate::base::sample::RawSample;
 use crate::drivers::adis16495::Adis16495;
 use crate::drivers::kvh1750::Kvh1750;
@@ -12,29 +12,29 @@ use crate::drivers::{ImuFault, ImuReading};
 use crate::gimbal::GimbalStatus;
 use embedded_hal::spi::SpiDevice;
 
-/// Angles of (outer, inner) at a time, and how the gimbal is; or why an angle is missing.
-pub type View = Result<([Angle; 2], GimbalStatus), Loss>;
+/// Outer and inner angle at a time and the gimbal status, or the reason why an angle is missing.
+pub type GimbalView = Result<([Angle; 2], GimbalStatus), LossReason>;
 
-/// Makes samples of readings and angles, and accounts for those that are lost.
+/// Combines readings and angles into samples, and counts the lost samples.
 pub struct Sampler<'q, T: Real> {
     producer: SampleProducer<'q, T>,
 }
 
 impl<'q, T: Real> Sampler<'q, T> {
-    /// With the interrupt's end of the queue.
+    /// A sampler that writes to the interrupt's end of the queue.
     pub fn new(producer: SampleProducer<'q, T>) -> Self {
         Self { producer }
     }
 
-    /// Queues the sample of a reading with the angles at its stamp, for which `view_at` is asked.
+    /// Queues one sample: the reading and the angles at its time stamp, which `view_at` returns.
     ///
     /// # Errors
-    /// There is no sample, and the queue has counted the reason.
+    /// The sample was lost for the returned reason. The loss is already counted.
     pub fn take<E>(
         &mut self,
         reading: Result<ImuReading<T>, ImuFault<E>>,
-        view_at: impl FnOnce(u64) -> View,
-    ) -> Result<(), Loss> {
+        view_at: impl FnOnce(u64) -> GimbalView,
+    ) -> Result<(), LossReason> {
         match self.observed(reading, view_at) {
             Ok(observed) => self.producer.push(observed),
             Err(loss) => {
@@ -47,51 +47,51 @@ impl<'q, T: Real> Sampler<'q, T> {
     fn observed<E>(
         &mut self,
         reading: Result<ImuReading<T>, ImuFault<E>>,
-        view_at: impl FnOnce(u64) -> View,
-    ) -> Result<Observed<T>, Loss> {
-        let ImuReading { time_us, missed, omega_g, force_a, temperature_c } = reading.map_err(of_imu)?;
-        self.producer.count(Loss::Unread, missed);
+        view_at: impl FnOnce(u64) -> GimbalView,
+    ) -> Result<SampleWithGimbal<T>, LossReason> {
+        let ImuReading { time_us, missed, omega_g, force_a, temperature_c } = reading.map_err(loss_of)?;
+        self.producer.count(LossReason::Unread, missed);
         let ([outer, inner], gimbal) = view_at(time_us)?;
-        Ok(Observed { sample: RawSample { time_us, omega_g, force_a, outer, inner, temperature_c }, gimbal })
+        Ok(SampleWithGimbal { sample: RawSample { time_us, omega_g, force_a, outer, inner, temperature_c }, gimbal })
     }
 }
 
-/// The IMU on its way to the queue.
+/// An IMU with a data-ready line, and the sampler that queues its readings.
 pub struct Acquisition<'q, T: Real, S> {
     imu: Adis16495<S>,
     sampler: Sampler<'q, T>,
 }
 
 impl<'q, T: Real, S: SpiDevice> Acquisition<'q, T, S> {
-    /// Puts the parts together.
+    /// Connects the IMU to the queue.
     pub fn new(imu: Adis16495<S>, producer: SampleProducer<'q, T>) -> Self {
         Self { imu, sampler: Sampler::new(producer) }
     }
 
-    /// Reads the IMU and queues the sample: call it once for every data-ready edge, with its time. It takes one transfer
-    /// and does not wait.
+    /// Reads the IMU and queues the sample. Call this function once for every data-ready edge, with the time of the
+    /// edge. It makes one bus transfer and does not wait.
     ///
     /// # Errors
-    /// There is no sample, and the queue has counted the reason.
-    pub fn on_data_ready(&mut self, edge_us: u64, view_at: impl FnOnce(u64) -> View) -> Result<(), Loss> {
+    /// The sample was lost for the returned reason. The loss is already counted.
+    pub fn on_data_ready(&mut self, edge_us: u64, view_at: impl FnOnce(u64) -> GimbalView) -> Result<(), LossReason> {
         self.sampler.take(self.imu.read(edge_us), view_at)
     }
 }
 
-/// An IMU that sends by itself, on its way to the queue: in the interrupt of its UART
+/// An IMU that sends by itself, and the sampler that queues its readings. Use it in the UART interrupt of the IMU:
 ///
 /// ```
-/// use rins_selfcal::acquisition::{Streaming, View};
-/// use rins_selfcal::drivers::kvh1750::{Kvh1750, Settings};
+/// use rins_selfcal::acquisition::{Streaming, GimbalView};
+/// use rins_selfcal::drivers::kvh1750::{Kvh1750, Kvh1750Settings};
 /// use rins_selfcal::acquisition::queue::SampleQueue;
 ///
 /// # fn received() -> [u8; 3] { [0xfe, 0x81, 0xff] }
 /// # fn now_us() -> u64 { 0 }
-/// # fn view_at(_: u64) -> View { Err(rins_selfcal::base::loss::Loss::Status) }
+/// # fn view_at(_: u64) -> GimbalView { Err(rins_selfcal::base::loss::LossReason::Status) }
 /// let mut queue = SampleQueue::<f64, 64>::new();
 /// let (producer, samples) = queue.split();
-/// let mut streaming = Streaming::new(Kvh1750::new(&Settings::default()), producer);
-/// // The UART's interrupt; `view_at` asks `Control::view`.
+/// let mut streaming = Streaming::new(Kvh1750::new(&Kvh1750Settings::default()), producer);
+/// // In the UART interrupt; `view_at` calls `Control::view`.
 /// for byte in received() {
 ///     streaming.on_byte(byte, now_us(), view_at);
 /// }
@@ -103,28 +103,33 @@ pub struct Streaming<'q, T: Real> {
 }
 
 impl<'q, T: Real> Streaming<'q, T> {
-    /// Puts the parts together.
+    /// Connects the IMU to the queue.
     pub fn new(imu: Kvh1750, producer: SampleProducer<'q, T>) -> Self {
         Self { imu, sampler: Sampler::new(producer) }
     }
 
-    /// Takes in a byte, which came at `now_us`. The last of a message tells what became of its sample: if there is none, the
-    /// queue has counted the reason.
-    pub fn on_byte(&mut self, byte: u8, now_us: u64, view_at: impl FnOnce(u64) -> View) -> Option<Result<(), Loss>> {
+    /// Takes one byte, received at `now_us`. The last byte of a message returns the outcome of its sample; if the
+    /// sample was lost, the loss is already counted.
+    pub fn on_byte(
+        &mut self,
+        byte: u8,
+        now_us: u64,
+        view_at: impl FnOnce(u64) -> GimbalView,
+    ) -> Option<Result<(), LossReason>> {
         self.imu.push(byte, now_us).map(|reading| self.sampler.take(reading, view_at))
     }
 
-    /// The IMU.
+    /// Driver of the IMU.
     pub fn imu(&self) -> &Kvh1750 {
         &self.imu
     }
 }
 
-fn of_imu<E>(fault: ImuFault<E>) -> Loss {
+fn loss_of<E>(fault: ImuFault<E>) -> LossReason {
     match fault {
-        ImuFault::Bus(_) => Loss::Bus,
-        ImuFault::NoAnswer | ImuFault::Crc => Loss::Crc,
-        ImuFault::Status(_) => Loss::Status,
+        ImuFault::Bus(_) => LossReason::Bus,
+        ImuFault::NoAnswer | ImuFault::Crc => LossReason::Crc,
+        ImuFault::Status(_) => LossReason::Status,
     }
 }
 
@@ -133,7 +138,7 @@ mod tests {
     use super::*;
     use crate::acquisition::queue::SampleQueue;
     use crate::base::linear::Vector3;
-    use crate::base::loss::Losses;
+    use crate::base::loss::LossCounts;
     use core::convert::Infallible;
 
     type Read = Result<ImuReading<f64>, ImuFault<Infallible>>;
@@ -146,8 +151,10 @@ mod tests {
         Ok(ImuReading { time_us, missed, omega_g, force_a, temperature_c: 21.0 })
     }
 
-    /// Takes the readings, each with the angles that belong to it; outcomes, samples and losses.
-    fn run(readings: &[(Read, Result<u32, Loss>)]) -> (Vec<Result<(), Loss>>, Vec<Observed<f64>>, Losses) {
+    /// Takes each reading with its angles. Returns the outcomes, the queued samples and the counters.
+    fn run(
+        readings: &[(Read, Result<u32, LossReason>)],
+    ) -> (Vec<Result<(), LossReason>>, Vec<SampleWithGimbal<f64>>, LossCounts) {
         let mut queue = SampleQueue::<f64, 8>::new();
         let (producer, mut consumer) = queue.split();
         let mut sampler = Sampler::new(producer);
@@ -162,7 +169,7 @@ mod tests {
         let RawSample { time_us, omega_g, force_a, outer, inner, temperature_c } = samples[0].sample;
         assert_eq!((outcomes[0], time_us, outer.ticks(), inner.ticks(), temperature_c), (Ok(()), 15_000, 7, 2, 21.0));
         assert_eq!((omega_g, force_a), (Vector3::new(1.0, 2.0, 3.0), Vector3::new(4.0, 5.0, 6.0)));
-        assert_eq!((samples[0].gimbal, losses), (STATUS, Losses::default()));
+        assert_eq!((samples[0].gimbal, losses), (STATUS, LossCounts::default()));
     }
 
     #[test]
@@ -184,12 +191,12 @@ mod tests {
             (Err(ImuFault::NoAnswer), Ok(1)),
             (Err(ImuFault::Status(4)), Ok(1)),
             (reading(0, 3), Ok(1)),
-            (reading(1, 1), Err(Loss::Crc)),
-            (reading(2, 0), Err(Loss::Status)),
+            (reading(1, 1), Err(LossReason::Crc)),
+            (reading(2, 0), Err(LossReason::Status)),
         ];
         let (outcomes, samples, losses) = run(&readings);
         assert_eq!(samples.len(), 1);
-        assert_eq!(losses, Losses { crc: 3, status: 2, unread: 4, bus: 0, overrun: 0 });
-        assert_eq!(outcomes[5], Err(Loss::Status));
+        assert_eq!(losses, LossCounts { crc: 3, status: 2, unread: 4, bus: 0, overrun: 0 });
+        assert_eq!(outcomes[5], Err(LossReason::Status));
     }
 }

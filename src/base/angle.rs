@@ -1,7 +1,7 @@
 //! Gimbal angles as binary fractions of a turn.
 //!
-//! An encoder counts ticks, and so does the core: 2^32 to the turn, 0.0003 arcsec each. Differences wrap by themselves,
-//! and the resolution is the same in `f32` and `f64`.
+//! The core counts angles in ticks, as an encoder does: one turn is 2^32 ticks, one tick is 0.0003 arcsec. Differences
+//! of ticks wrap at a whole turn without extra code, and the resolution is the same with `f32` and `f64`.
 
 use crate::base::linear::{ComplexField, Real, real};
 use serde::{Deserialize, Serialize};
@@ -12,7 +12,7 @@ pub const TICKS_PER_TURN: f64 = 4_294_967_296.0;
 /// One tick, rad.
 pub const RAD_PER_TICK: f64 = core::f64::consts::TAU / TICKS_PER_TURN;
 
-/// Angle of one gimbal axis within a turn, right-handed about the axis.
+/// Angle of one gimbal axis within one turn. Positive is right-handed about the axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Angle(u32);
 
@@ -27,27 +27,27 @@ impl Angle {
         self.0
     }
 
-    /// Nearest tick to an angle in radians, of any number of turns.
+    /// The tick nearest to `angle_rad`, which may span any number of turns.
     pub fn from_rad(angle_rad: f64) -> Self {
         Self(rad_to_ticks(angle_rad) as u32)
     }
 
-    /// This angle turned by `ticks`.
+    /// This angle increased by `ticks`.
     pub const fn turned(self, ticks: i32) -> Self {
         Self(self.0.wrapping_add_signed(ticks))
     }
 
-    /// The shorter way from `earlier` to here, ticks.
+    /// Difference from `earlier` to this angle along the shorter arc, ticks.
     pub const fn since(self, earlier: Self) -> i32 {
         self.0.wrapping_sub(earlier.0) as i32
     }
 
-    /// The angle in [-pi, pi).
+    /// This angle in [-pi, pi), rad.
     pub fn rad<T: Real>(self) -> T {
         ticks_to_rad(i64::from(self.0 as i32))
     }
 
-    /// Sine and cosine; the reduction to a quarter turn is exact, so both are good to rounding in `f32` too.
+    /// Sine and cosine. The reduction to a quarter turn is exact, so both have rounding accuracy with `f32` too.
     pub fn sin_cos<T: Real>(self) -> (T, T) {
         let quarter = self.0.wrapping_add(1 << 29) >> 30;
         let rest: T = ticks_to_rad(i64::from(self.0.wrapping_sub(quarter << 30) as i32));
@@ -61,15 +61,16 @@ impl Angle {
     }
 }
 
-/// `ticks` in radians, of any number of turns.
+/// Converts `ticks` to radians. `ticks` may span any number of turns.
 pub fn ticks_to_rad<T: Real>(ticks: i64) -> T {
-    // A 32-bit number is converted by one instruction, a longer one by dozens.
+    // The processor converts a 32-bit integer in one instruction and a 64-bit integer in dozens.
     let ticks = i32::try_from(ticks).map_or_else(|_| ticks as f64, f64::from);
-    // The product is formed in f64 so that an f32 core rounds once.
+    // Multiplying in f64 rounds only once when the core uses f32.
     real(ticks * RAD_PER_TICK)
 }
 
-/// Radians in ticks, of any number of turns (saturating at 2^31 turns; not-a-number gives 0).
+/// Converts radians to ticks. The angle may span any number of turns; the result saturates at 2^31 turns, and NaN gives
+/// 0.
 pub fn rad_to_ticks(angle_rad: f64) -> i64 {
     ComplexField::round(angle_rad * (TICKS_PER_TURN / core::f64::consts::TAU)) as i64
 }

@@ -1,7 +1,7 @@
-//! Linear algebra: the only file that names the matrix library.
+//! Linear algebra. No other file names the matrix library.
 //!
-//! Everything is generic over the scalar, `f64` for processors with a double-precision FPU and `f32` for smaller
-//! ones, and of fixed size.
+//! All types have a fixed size and are generic over the scalar: `f64` for processors with a double-precision FPU, `f32`
+//! for processors with a single-precision FPU.
 
 use core::fmt::Debug;
 
@@ -11,20 +11,20 @@ pub use nalgebra::{ComplexField, RealField};
 pub type Vector<T, const N: usize> = nalgebra::SVector<T, N>;
 /// Matrix of fixed size.
 pub type Matrix<T, const R: usize, const C: usize> = nalgebra::SMatrix<T, R, C>;
-/// Vector in space.
+/// Vector in three-dimensional space.
 pub type Vector3<T> = Vector<T, 3>;
-/// 3x3 matrix; a rotation where its name says `rot`.
+/// 3x3 matrix. A matrix whose name contains `rot` is a rotation.
 pub type Matrix3<T> = Matrix<T, 3, 3>;
 
 /// The scalar of the core: `f32` or `f64`.
 pub trait Real: RealField + Copy + Default + Debug + Send + Sync + 'static {
-    /// Rounds to this type.
+    /// Converts `value` to this type by rounding.
     fn rounded(value: f64) -> Self;
-    /// Widens to `f64`, without loss.
+    /// Converts to `f64` without loss.
     fn widened(self) -> f64;
-    /// Relative spacing of this type's numbers, `2^-52` or `2^-23`.
+    /// Relative spacing of the numbers of this type: `2^-52` for `f64`, `2^-23` for `f32`.
     const EPSILON: f64;
-    /// Zero, for constants.
+    /// Zero as a constant expression.
     const ZERO: Self;
 }
 
@@ -56,28 +56,28 @@ pub fn real<T: Real>(value: f64) -> T {
     T::rounded(value)
 }
 
-/// A matrix of zeros, for constants: large memory is initialized in place, not by way of the stack.
+/// A matrix of zeros for `const` expressions. Large memory is initialized in place and does not pass through the stack.
 pub const fn zeros<T: Real, const R: usize, const C: usize>() -> Matrix<T, R, C> {
     Matrix::from_array_storage(nalgebra::ArrayStorage([[T::ZERO; R]; C]))
 }
 
-/// The columns, first to last.
+/// The columns in order.
 pub fn columns<T: Real, const R: usize, const C: usize>(m: &Matrix<T, R, C>) -> &[[T; R]; C] {
     &m.data.0
 }
 
-/// The columns, first to last, to be changed.
+/// The columns in order, mutable.
 pub fn columns_mut<T: Real, const R: usize, const C: usize>(m: &mut Matrix<T, R, C>) -> &mut [[T; R]; C] {
     &mut m.data.0
 }
 
-/// `[v x]`: the matrix with `skew(v) * w == v.cross(&w)`.
+/// Cross-product matrix `[v x]`, so that `skew(v) * w == v.cross(&w)`.
 pub fn skew<T: Real>(v: &Vector3<T>) -> Matrix3<T> {
     let zero = T::zero();
     Matrix3::new(zero, -v.z, v.y, v.z, zero, -v.x, -v.y, v.x, zero)
 }
 
-/// Coefficients `(sin a / a, (1 - cos a) / a^2, (a - sin a) / a^3)`, by their series near zero.
+/// Coefficients `(sin a / a, (1 - cos a) / a^2, (a - sin a) / a^3)`. Near zero they are computed by their series.
 fn rotation_coefficients<T: Real>(angle_squared: T) -> (T, T, T) {
     if angle_squared < real(1e-2) {
         let series = |c: [f64; 5]| c.iter().rev().fold(T::zero(), |sum, term| sum * -angle_squared + real(*term));
@@ -93,7 +93,7 @@ fn rotation_coefficients<T: Real>(angle_squared: T) -> (T, T, T) {
     }
 }
 
-/// `exp([v x])`: the active rotation by `|v|` rad about `v`.
+/// Rotation matrix `exp([v x])`: the active rotation by `|v|` rad about `v`.
 pub fn exp_so3<T: Real>(v: &Vector3<T>) -> Matrix3<T> {
     let (a, b, _) = rotation_coefficients(v.norm_squared());
     let cross = skew(v);
@@ -107,7 +107,7 @@ pub fn left_jacobian_so3<T: Real>(v: &Vector3<T>) -> Matrix3<T> {
     Matrix3::identity() + cross * b + cross * cross * c
 }
 
-/// Inverse by the adjugate; the caller knows that `m` is near a rotation or the identity.
+/// Inverse by the adjugate. The matrix is not checked: `m` must be close to a rotation or to the identity.
 pub fn inverse3<T: Real>(m: &Matrix3<T>) -> Matrix3<T> {
     let (x, y, z) = (m.column(0).into_owned(), m.column(1).into_owned(), m.column(2).into_owned());
     let (yz, zx, xy) = (y.cross(&z), z.cross(&x), x.cross(&y));
@@ -115,7 +115,8 @@ pub fn inverse3<T: Real>(m: &Matrix3<T>) -> Matrix3<T> {
     Matrix3::from_columns(&[yz, zx, xy]).transpose() / determinant
 }
 
-/// Singular values, the largest first: one-sided Jacobi rotations (Hestenes 1958), accurate for small ones too.
+/// Singular values in descending order, by one-sided Jacobi rotations (Hestenes 1958). Small singular values are
+/// accurate too.
 pub fn singular_values<T: Real, const N: usize>(m: &Matrix<T, N, N>) -> Vector<T, N> {
     const SWEEPS: usize = 30;
     let mut columns = *m;
@@ -135,7 +136,7 @@ pub fn singular_values<T: Real, const N: usize>(m: &Matrix<T, N, N>) -> Vector<T
     values
 }
 
-/// Rotates two columns into orthogonal ones; whether there was need to.
+/// Makes columns `i` and `j` orthogonal by a rotation. Returns `false` if they were orthogonal already.
 fn orthogonalize<T: Real, const N: usize>(columns: &mut Matrix<T, N, N>, i: usize, j: usize) -> bool {
     let (a, b) = (columns.column(i).norm_squared(), columns.column(j).norm_squared());
     let c = columns.column(i).dot(&columns.column(j));
@@ -154,8 +155,8 @@ fn orthogonalize<T: Real, const N: usize>(columns: &mut Matrix<T, N, N>, i: usiz
     true
 }
 
-/// Sum with the rounding error of each addition carried into the next (Knuth's two-sum), so that a mean of 100 000 `f32`
-/// samples is as good as one of ten.
+/// Sum that carries the rounding error of each addition into the next one (Knuth's two-sum). The mean of 100 000 `f32`
+/// samples is then as accurate as the mean of ten.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CompensatedSum<T> {
     sum: T,
@@ -163,7 +164,7 @@ pub struct CompensatedSum<T> {
 }
 
 impl<T: Real> CompensatedSum<T> {
-    /// No terms.
+    /// The sum of no terms.
     pub const ZERO: Self = Self { sum: T::ZERO, rest: T::ZERO };
 
     /// Adds one term.
@@ -182,7 +183,7 @@ impl<T: Real> CompensatedSum<T> {
         self.add(other.sum);
     }
 
-    /// The sum, rounded once.
+    /// The sum, rounded once to `T`.
     pub fn total(&self) -> T {
         self.sum + self.rest
     }

@@ -1,39 +1,40 @@
-//! Samples that are missing, by the reason of their loss.
+//! Counters of missing samples, one for each reason.
 
 use serde::{Deserialize, Serialize};
 
-/// Why a sample is missing.
+/// Reason why a sample is missing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Loss {
-    /// The queue was full: the main loop is too slow.
+pub enum LossReason {
+    /// The sample queue was full because the main loop is too slow.
     Overrun,
-    /// A bus did not carry a transfer.
+    /// A bus transfer failed.
     Bus,
-    /// A frame arrived damaged.
+    /// A frame of a device has a wrong CRC or a wrong form.
     Crc,
-    /// A device reported a status in place of a measurement.
+    /// A device reported an error in place of a measurement, or an encoder did not answer.
     Status,
-    /// The IMU's sample number says that it was not read in time.
+    /// The IMU produced the sample, but the processor did not read it in time. The sample number of the IMU shows the
+    /// gap.
     Unread,
 }
 
-/// How many samples are missing since the start, by reason. Each counter stops at its greatest value.
+/// Number of missing samples since the start, by reason. Each counter saturates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Losses {
-    /// See [`Loss::Overrun`].
+pub struct LossCounts {
+    /// Samples lost by [`LossReason::Overrun`].
     pub overrun: u32,
-    /// See [`Loss::Bus`].
+    /// Samples lost by [`LossReason::Bus`].
     pub bus: u32,
-    /// See [`Loss::Crc`].
+    /// Samples lost by [`LossReason::Crc`].
     pub crc: u32,
-    /// See [`Loss::Status`].
+    /// Samples lost by [`LossReason::Status`].
     pub status: u32,
-    /// See [`Loss::Unread`].
+    /// Samples lost by [`LossReason::Unread`].
     pub unread: u32,
 }
 
-impl Losses {
-    /// All missing samples.
+impl LossCounts {
+    /// Number of missing samples for all reasons together.
     pub fn total(&self) -> u32 {
         [self.overrun, self.bus, self.crc, self.status, self.unread].into_iter().fold(0, u32::saturating_add)
     }

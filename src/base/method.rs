@@ -1,13 +1,14 @@
-//! The two ways to calibrate.
+//! The two calibration methods.
 
 use serde::{Deserialize, Serialize};
 
-/// Which measurements are used, for which parameters.
+/// Calibration method: which measurements estimate which parameters.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Method {
-    /// All 28 parameters at once, from stops and moves together.
+    /// Estimates all 28 parameters together, from the stops and the moves.
     #[default]
     Joint,
-    /// Bai's twelve: accelerometers at the stops of period one, then gyros in the moves of period two.
+    /// Bai's method with twelve parameters: the stops of period one give the accelerometer parameters, then the moves
+    /// of period two give the gyro parameters.
     TwoStage,
 }

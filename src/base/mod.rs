@@ -1,4 +1,4 @@
-//! Shared types and mathematics: every room may name them, and they name no room.
+//! Shared types and mathematics. Every room may use this room; this room uses no other room.
 
 pub mod angle;
 pub mod linear;

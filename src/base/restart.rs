@@ -1,10 +1,10 @@
-//! Why the software stops itself, and why it has started.
+//! Fatal errors, after which the software resets the processor, and the reason of the last reset.
 
 use core::fmt;
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
-/// What must go on.
+/// A task that the watchdog supervises.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Task {
     /// The data-ready interrupt.
@@ -16,80 +16,80 @@ pub enum Task {
 }
 
 impl Task {
-    /// All of them, in the order of [`Liveness::new`]'s deadlines.
+    /// All tasks, in the order of the deadlines of `Liveness::new`.
     pub const ALL: [Self; 3] = [Self::Sampling, Self::Control, Self::Main];
 }
 
-/// Why the software stops itself.
+/// Fatal error: the reason why the software resets the processor.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Stop {
-    /// This task hangs.
+pub enum FatalError {
+    /// A task missed its deadline.
     Overdue(Task),
-    /// Not even who feeds the watchdog gets on; it has given its warning.
+    /// The code that feeds the watchdog did not run; the watchdog raised its early-warning interrupt.
     Unfed,
-    /// A panic.
+    /// The code panicked.
     Panic {
-        /// The end of the file's name.
+        /// Last 32 bytes of the file name.
         file: String<32>,
-        /// The line.
+        /// Line number.
         line: u32,
     },
-    /// A fault of the processor.
+    /// The processor raised a fault exception.
     Fault(Registers),
-    /// The stack is full; the instruction is known if its address is not 0.
+    /// The stack overflowed.
     StackOverflow {
-        /// Address of the instruction.
+        /// Address of the instruction that overflowed the stack, or 0 if unknown.
         pc: u32,
     },
-    /// An interrupt that nobody waits for.
+    /// An interrupt without a handler occurred; the number of its vector.
     Interrupt(u32),
-    /// A device of the board does not start.
+    /// A device of the board did not start. The text says which.
     Board(String<40>),
 }
 
-impl Stop {
-    /// A panic at this place.
+impl FatalError {
+    /// A panic at `line` of `file`.
     pub fn panic(file: &str, line: u32) -> Self {
         let start = file.len().saturating_sub(32);
         let end = (start..file.len()).find_map(|start| file.get(start..)).unwrap_or_default();
         Self::Panic { file: String::try_from(end).unwrap_or_default(), line }
     }
 
-    /// A device that does not start, in up to 40 bytes.
+    /// A device that did not start. `what` is the message; a message longer than 40 bytes is dropped.
     pub fn board(what: &str) -> Self {
         Self::Board(String::try_from(what).unwrap_or_default())
     }
 }
 
-/// The processor at a fault.
+/// Registers of the processor at a fault.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Registers {
-    /// Address of the instruction; 0 where the stack frame cannot be read.
+    /// Address of the faulting instruction. 0 if the stack frame cannot be read.
     pub pc: u32,
-    /// Return address of its function, likewise.
+    /// Return address of the faulting function. 0 if the stack frame cannot be read.
     pub lr: u32,
     /// Configurable fault status register, CFSR.
     pub status: u32,
-    /// Address that could not be accessed, where the status says that it is valid.
+    /// Address of the failed access. It is valid only if `status` says so.
     pub address: u32,
 }
 
-/// Why the software has started.
+/// Reason of the last reset.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Restart {
-    /// The power came on.
+    /// The power was switched on.
     PowerOn,
-    /// The software stopped itself.
-    Stopped(Stop),
-    /// The watchdog, without a word from the software.
+    /// The software reset the processor after a fatal error.
+    Stopped(FatalError),
+    /// The watchdog reset the processor, and the software left no reason.
     Watchdog,
-    /// The reset line.
+    /// The NRST pin reset the processor.
     Pin,
-    /// A reset without a reason.
+    /// The reset reason is unknown.
     Unexplained,
 }
 
-/// Bits of the fault status of ARMv7-M, and what they say.
+/// Bits of the configurable fault status register (ARMv7-M) and their messages.
 const STATUS_BITS: [(u32, &str); 12] = [
     (1, "not executable"),
     (1 << 1, "access not allowed"),
@@ -105,7 +105,7 @@ const STATUS_BITS: [(u32, &str); 12] = [
     (1 << 25, "division by zero"),
 ];
 
-/// The address of a forbidden access, or of a failed one, is valid.
+/// Either of these bits says that the address of the failed access is valid: MMARVALID, BFARVALID.
 const ADDRESS_VALID: u32 = 1 << 7 | 1 << 15;
 
 impl fmt::Display for Registers {
@@ -122,13 +122,13 @@ impl fmt::Display for Registers {
     }
 }
 
-impl fmt::Display for Stop {
+impl fmt::Display for FatalError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Overdue(Task::Sampling) => f.write_str("sampling hung"),
-            Self::Overdue(Task::Control) => f.write_str("control hung"),
-            Self::Overdue(Task::Main) => f.write_str("the main loop hung"),
-            Self::Unfed => f.write_str("everything hung, and the watchdog was not fed"),
+            Self::Overdue(Task::Sampling) => f.write_str("the data-ready interrupt missed its deadline"),
+            Self::Overdue(Task::Control) => f.write_str("the control interrupt missed its deadline"),
+            Self::Overdue(Task::Main) => f.write_str("the main loop missed its deadline"),
+            Self::Unfed => f.write_str("no task fed the watchdog in time"),
             Self::Panic { file, line } => write!(f, "panic in {file}, line {line}"),
             Self::Fault(registers) => registers.fmt(f),
             Self::StackOverflow { pc } => write!(f, "stack overflow; pc {pc:#010x}"),
@@ -142,9 +142,9 @@ impl fmt::Display for Restart {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::PowerOn => f.write_str("power on"),
-            Self::Stopped(stop) => write!(f, "reset after: {stop}"),
+            Self::Stopped(error) => write!(f, "reset after: {error}"),
             Self::Watchdog => f.write_str("reset by the watchdog"),
-            Self::Pin => f.write_str("reset by its line"),
+            Self::Pin => f.write_str("reset by the NRST pin"),
             Self::Unexplained => f.write_str("reset for an unknown reason"),
         }
     }

@@ -1,30 +1,30 @@
-//! IMU samples, raw and corrected: two types, so that neither passes for the other.
+//! IMU samples. Raw and corrected samples have different types, so that they cannot be confused.
 
 use crate::base::angle::Angle;
 use crate::base::linear::{Matrix3, Real, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Channels of the IMU: accelerometers x y z, gyros x y z.
+/// Number of channels of the IMU: accelerometers x, y, z, then gyros x, y, z.
 pub const CHANNELS: usize = 6;
 
-/// One reading of the IMU with both gimbal angles.
+/// One IMU measurement with both gimbal angles.
 ///
-/// Rate and force are means over a sample interval. `time_us` is the middle of that interval, and the angles are those at
-/// that time: if means and angles are half an interval apart, as where angles and stamp are of the interval's end, each
-/// move loses up to half an interval of Earth rate, 0.04 arcsec at 200 Hz.
+/// Rate and force are means over one sample interval. `time_us` is the middle of that interval, and the angles belong
+/// to `time_us`. If an instrument took the angles and the stamp at the end of the interval instead, each move would
+/// lose up to half an interval of Earth rotation: 0.04 arcsec at 200 Hz.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RawSample<T: Real> {
-    /// Middle of the interval over which rate and force are means, us, monotonic.
+    /// Middle of the sample interval, us, monotonic.
     pub time_us: u64,
-    /// Gyro outputs on their own axes, rad/s.
+    /// Gyro outputs along the gyro axes, rad/s.
     pub omega_g: Vector3<T>,
-    /// Accelerometer outputs on their own axes, m/s^2.
+    /// Accelerometer outputs along the accelerometer axes, m/s^2.
     pub force_a: Vector3<T>,
     /// Outer gimbal angle.
     pub outer: Angle,
     /// Inner gimbal angle.
     pub inner: Angle,
-    /// IMU temperature, deg C; not a number where there is no sensor.
+    /// IMU temperature, deg C. NaN if the IMU has no temperature sensor.
     pub temperature_c: f32,
 }
 
@@ -41,38 +41,38 @@ impl<T: Real> Default for RawSample<T> {
     }
 }
 
-/// A sample with the instrument's errors taken out.
+/// A sample from which the calibrated errors have been removed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CorrectedSample<T: Real> {
-    /// Time of the raw sample, us.
+    /// Time stamp of the raw sample, us.
     pub time_us: u64,
     /// Specific force in the IMU frame, m/s^2.
     pub force_s: Vector3<T>,
-    /// Inertial angular rate of the IMU frame in the IMU frame, rad/s.
+    /// Angular rate of the IMU frame relative to inertial space, in the IMU frame, rad/s.
     pub omega_is_s: Vector3<T>,
-    /// Attitude of the IMU frame relative to the vehicle: b to s.
+    /// Rotation from the vehicle frame b to the IMU frame s.
     pub rot_sb: Matrix3<T>,
 }
 
-/// What a user of a corrected sample must know about it, as a word of bits.
+/// Status of a corrected sample, as a word of bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SampleStatus(u16);
 
 impl SampleStatus {
     /// No bit is set.
     pub const NONE: Self = Self(0);
-    /// The correction was found by a run since power-up; otherwise it is the stored one.
+    /// A run since power-up found the calibration of this sample. Otherwise the calibration comes from the store.
     pub const CALIBRATED_NOW: Self = Self(1);
-    /// A calibration run is under way: the gimbal turns the IMU through the scheme.
+    /// A calibration run is in progress: the gimbal turns the IMU through the scheme.
     pub const RUN_UNDER_WAY: Self = Self(1 << 1);
     /// Both axes are at rest.
     pub const AT_REST: Self = Self(1 << 2);
-    /// An axis has failed, and both are stopped.
+    /// An axis has a fault, and both axes are brought to rest.
     pub const GIMBAL_FAULT: Self = Self(1 << 3);
-    /// At least one sample is missing between this sample and the corrected sample before.
+    /// At least one sample is missing between the previous corrected sample and this one.
     pub const SAMPLES_MISSED: Self = Self(1 << 4);
 
-    /// This word with the bits of `other` too, where `set`.
+    /// This word, and also the bits of `other` if `set` is true.
     #[must_use]
     pub const fn with(self, other: Self, set: bool) -> Self {
         if set { Self(self.0 | other.0) } else { self }

@@ -1,4 +1,4 @@
-//! The Earth at the instrument's site: normal gravity and rotation, WGS-84.
+//! Normal gravity and Earth rotation at the site of the instrument, WGS-84.
 
 use crate::base::units::DEG;
 use serde::{Deserialize, Serialize};
@@ -6,31 +6,31 @@ use serde::{Deserialize, Serialize};
 /// Earth rotation rate, rad/s (WGS-84).
 pub const EARTH_RATE_RAD_S: f64 = 7.292_115e-5;
 
-/// Where the instrument stands.
+/// Location of the instrument.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Site {
     /// Geodetic latitude, rad.
     pub latitude_rad: f64,
     /// Height above the ellipsoid, m.
     pub height_m: f64,
-    /// Measured gravity, m/s^2, in place of the normal gravity.
+    /// Measured gravity, m/s^2. If present, it replaces the normal gravity.
     pub measured_gravity_m_s2: Option<f64>,
 }
 
 impl Default for Site {
-    /// Bai's laboratory: 30.93041 N, at 20 m.
+    /// Bai's laboratory: latitude 30.93041 deg north, height 20 m.
     fn default() -> Self {
         Self { latitude_rad: 30.930_41 * DEG, height_m: 20.0, measured_gravity_m_s2: None }
     }
 }
 
 impl Site {
-    /// Gravity at the site, m/s^2: the measured value, else normal gravity.
+    /// Gravity at the site, m/s^2: the measured value if there is one, otherwise normal gravity.
     pub fn gravity_m_s2(&self) -> f64 {
         self.measured_gravity_m_s2.unwrap_or_else(|| normal_gravity_m_s2(self.latitude_rad, self.height_m))
     }
 
-    /// Earth rate in the local level frame n (east, north, up), rad/s.
+    /// Earth rotation rate in the local level frame n (east, north, up), rad/s.
     pub fn earth_rate_n(&self) -> [f64; 3] {
         use crate::base::linear::ComplexField;
         let (sin, cos) = ComplexField::sin_cos(self.latitude_rad);
@@ -38,8 +38,8 @@ impl Site {
     }
 }
 
-/// Normal gravity of WGS-84, m/s^2: Somigliana's closed formula on the ellipsoid and the second-order series in height
-/// (NIMA TR8350.2, 3rd ed., equations 4-1 and 4-3).
+/// Normal gravity of WGS-84, m/s^2: Somigliana's closed formula on the ellipsoid, continued in height by the
+/// second-order series (NIMA TR8350.2, 3rd ed., equations 4-1 and 4-3).
 pub fn normal_gravity_m_s2(latitude_rad: f64, height_m: f64) -> f64 {
     use crate::base::linear::ComplexField;
     const EQUATOR_M_S2: f64 = 9.780_325_335_9;
@@ -62,7 +62,7 @@ mod tests {
 
     #[test]
     fn gravity_of_wgs84() {
-        // Equator and pole: defining and derived constants of TR8350.2, table 3.4.
+        // Equator and pole: the defining and derived constants of TR8350.2, table 3.4.
         assert!((normal_gravity_m_s2(0.0, 0.0) - 9.780_325_335_9).abs() < 1e-10);
         assert!((normal_gravity_m_s2(90.0 * DEG, 0.0) - 9.832_184_937_8).abs() < 1e-9);
         // Free-air gradient near the surface: 0.3086 mGal per metre.
@@ -71,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn a_measured_value_wins() {
+    fn measured_gravity_replaces_normal_gravity() {
         let site = Site { measured_gravity_m_s2: Some(9.8), ..Site::default() };
         assert_eq!(site.gravity_m_s2(), 9.8);
     }

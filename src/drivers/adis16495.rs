@@ -1,16 +1,18 @@
-//! Inertial measurement units ADIS16495 and ADIS16497 on SPI, with data-ready.
+//! Driver for the inertial measurement units ADIS16495 and ADIS16497 on SPI with a data-ready line.
 //!
-//! Source: Analog Devices, ADIS16495 data sheet, Rev. C; where it leaves a choice, Linux' `adis16480` driver was consulted.
+//! Source: Analog Devices, ADIS16495 data sheet, Rev. C. Where the data sheet is ambiguous, the driver follows the
+//! Linux driver `adis16480`.
 //!
-//! SPI mode 3, words of 16 bits, high byte first, 5 us at least between words (stall); 15 MHz at most, 6 MHz in a burst.
-//! Registers of 16 bits lie on pages, chosen by writing their number to address 0. A read sends the address and takes the
-//! answer with the next word; a write sends `0x80 | address` and a byte, low byte first. Some registers need longer.
+//! SPI mode 3; words of 16 bits, high byte first; at least 5 us between words (stall); at most 15 MHz, and 6 MHz in a
+//! burst. Registers have 16 bits and lie on pages. Writing a page number to address 0 selects the page. A read sends
+//! the address; the answer comes with the next word. A write sends `0x80 | address` and one byte, first for the low
+//! byte, then for the high byte. Some registers need a longer stall.
 //!
 //! ```text
-//! burst: sent  0x7c00, then nothing more for 19 words
-//!        came  anything, one or two words 0xa5a5 (two above 3.6 MHz), then
-//!              SYS_E_FLAG, TEMP_OUT, X_GYRO_LOW, X_GYRO_OUT, .. Z_GYRO_OUT, X_ACCL_LOW, .. Z_ACCL_OUT, DATA_CNT,
-//!              CRC_LWR, CRC_UPR: CRC-32/ISO-HDLC of the 15 words before, low bytes first
+//! burst: sent      0x7c00, then zeros for 19 words
+//!        received  any word, one or two words 0xa5a5 (two above 3.6 MHz), then
+//!                  SYS_E_FLAG, TEMP_OUT, X_GYRO_LOW, X_GYRO_OUT, .. Z_GYRO_OUT, X_ACCL_LOW, .. Z_ACCL_OUT, DATA_CNT,
+//!                  CRC_LWR, CRC_UPR: CRC-32/ISO-HDLC of the 15 words before, low bytes first
 //! ```
 //! | | per 2^-16 of the upper word |
 //! |---|---|
@@ -18,12 +20,14 @@
 //! | accelerometer, ADIS16495 / ADIS16497 | 0.25 / 1.25 mg |
 //! | temperature, from 25 deg C | 0.0125 deg C, 16 bits |
 //!
-//! In its 32 bits a sample of the -1 has steps of 9.5e-8 deg/s and 3.8e-9 g, 1/2500 of a gyro of 0.001 deg/sqrt(h) and
-//! 1/37000 of an accelerometer of 10 ug/sqrt(Hz) at 200 Hz: noise dithers them, and nothing is lost to rounding.
+//! Samples have 32 bits. For the -1 model one step is 9.5e-8 deg/s and 3.8e-9 g. This is 1/2500 of the noise of a gyro
+//! with 0.001 deg/sqrt(h) and 1/37000 of the noise of an accelerometer with 10 ug/sqrt(Hz), both at 200 Hz. The noise
+//! dithers the steps, so rounding loses nothing.
 //!
-//! The IMU samples at 4250 Hz by itself, or at each rising edge on DIO1, of 3000 to 4500 Hz, and its output is the mean of
-//! so many samples as the decimation says; data-ready rises on DIO2. For 200 Hz on the processor's clock give it 4000 Hz
-//! and a decimation of 20. Status bits: 15 watchdog, 8 clock, 7 overrun, 6 flash, 5 sensor, 3 SPI, 2 memory, 1 boot.
+//! The IMU samples with its own clock of 4250 Hz, or at each rising edge on DIO1 (3000 to 4500 Hz). Each output is the
+//! mean of as many samples as the decimation says. Data-ready rises on DIO2. For 200 Hz on the clock of the processor,
+//! supply 4000 Hz and set a decimation of 20. Status bits: 15 watchdog, 8 clock, 7 overrun, 6 flash, 5 sensor, 3 SPI, 2
+//! memory, 1 boot.
 
 use super::imu::{Counter, ImuFault, ImuReading, field};
 use crate::base::linear::{Real, Vector3, real};
@@ -34,22 +38,22 @@ use embedded_hal::spi::SpiDevice;
 
 /// Length of a burst, bytes.
 pub const BURST_BYTES: usize = 40;
-/// What opens a burst.
+/// Word that opens the content of a burst.
 const BURST_ID: [u8; 2] = [0xa5, 0xa5];
-/// Words of a burst after its opening: 15 under the CRC, and the CRC.
+/// Length of the content after the opening word, bytes: 15 words covered by the CRC, and two words of CRC.
 const CONTENT_BYTES: usize = 34;
 const COVERED_BYTES: usize = 30;
-/// Bits of SYS_E_FLAG that have a meaning.
+/// Bits of SYS_E_FLAG that report a fault.
 const FLAGS: u16 = 0x81ee;
 
-/// Stall between words, us.
+/// Shortest time between two words (stall), us.
 const STALL_US: u32 = 5;
-/// From a software reset to the first sample, ms.
+/// Time from a software reset to the first sample, ms.
 const RESET_MS: u32 = 210;
 
 static CRC_32: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 
-/// A register: page, address of the low byte, and how long a write to it takes, us.
+/// A register: its page, the address of its low byte, and the stall after a write to it, us.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Register {
     page: u8,
@@ -58,25 +62,25 @@ pub struct Register {
 }
 
 impl Register {
-    /// Faults of the system; reading clears them.
+    /// Faults of the IMU. Reading this register clears them.
     pub const SYS_E_FLAG: Self = Self::new(0, 0x08, STALL_US);
-    /// Faults of the sensors: 0 to 2 gyros, 3 to 5 accelerometers.
+    /// Self-test failures of the sensors: bits 0 to 2 for the gyros, 3 to 5 for the accelerometers.
     pub const DIAG_STS: Self = Self::new(0, 0x0a, STALL_US);
-    /// The burst.
+    /// Burst read.
     pub const BURST_CMD: Self = Self::new(0, 0x7c, STALL_US);
-    /// Which product it is.
+    /// Product number.
     pub const PROD_ID: Self = Self::new(0, 0x7e, STALL_US);
-    /// Commands; bit 7 resets.
+    /// Commands. Bit 7 resets the IMU.
     pub const GLOB_CMD: Self = Self::new(3, 0x02, 1120);
-    /// What the DIO lines do.
+    /// Function of the DIO lines.
     pub const FNCTIO_CTRL: Self = Self::new(3, 0x06, 340);
-    /// Samples to an output, less one.
+    /// Decimation: samples per output, minus one.
     pub const DEC_RATE: Self = Self::new(3, 0x0c, 340);
-    /// Which sub-model it is.
+    /// Sub-model, which has its own gyro range.
     pub const RANG_MDL: Self = Self::new(3, 0x12, STALL_US);
-    /// FIR filters of the gyros and of accelerometers x and y.
+    /// FIR filters of the gyros and of the x and y accelerometers.
     pub const FILTR_BNK_0: Self = Self::new(3, 0x16, 65);
-    /// FIR filter of accelerometer z.
+    /// FIR filter of the z accelerometer.
     pub const FILTR_BNK_1: Self = Self::new(3, 0x18, 65);
 
     const fn new(page: u8, address: u8, stall_us: u32) -> Self {
@@ -84,19 +88,20 @@ impl Register {
     }
 }
 
-/// What clocks the samples.
+/// Clock of the samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Clock {
-    /// The IMU itself, at 4250 Hz, as near as its oscillator is.
+    /// Clock of the IMU: 4250 Hz within the tolerance of its oscillator.
     Internal,
-    /// Rising edges on DIO1 at this rate, 3000 to 4500 Hz.
+    /// Rising edges on DIO1, 3000 to 4500 Hz.
     External {
-        /// The rate, Hz.
+        /// Rate of the edges, Hz.
         rate_hz: u16,
     },
 }
 
-/// One of the FIR filters of 120 taps over samples, as they are unless others have been written: 300, 100, 300, 100 Hz.
+/// FIR filter bank with 120 taps. Unless other taps have been written, banks A, B, C and D are low-pass filters of 300,
+/// 100, 300 and 100 Hz.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FilterBank {
     /// Bank A.
@@ -109,28 +114,29 @@ pub enum FilterBank {
     D = 3,
 }
 
-/// How the IMU shall sample.
+/// Settings of the IMU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Settings {
-    /// What clocks the samples.
+pub struct Adis16495Settings {
+    /// Clock of the samples.
     pub clock: Clock,
-    /// Samples that an output is the mean of, 1 to 4250.
+    /// Decimation: samples per output, 1 to 4250.
     pub decimation: u16,
-    /// A FIR filter before that mean; without one an output is the mean over its interval and nothing else.
+    /// FIR filter before the decimation. With `None` an output is the plain mean over its interval.
     pub filter: Option<FilterBank>,
-    /// From the end of an interval to its data-ready edge, us: what the sensors and the processing of the IMU take.
+    /// Delay from the end of an interval to its data-ready edge, us: delay of the sensors and processing time of the
+    /// IMU.
     pub latency_us: u32,
 }
 
-impl Default for Settings {
-    /// 200 Hz from a clock of 4000 Hz, no filter, no latency.
+impl Default for Adis16495Settings {
+    /// 200 Hz: external clock of 4000 Hz with a decimation of 20, no filter, no latency.
     fn default() -> Self {
         Self { clock: Clock::External { rate_hz: 4000 }, decimation: 20, filter: None, latency_us: 0 }
     }
 }
 
-impl Settings {
-    /// Delay of the FIR filters, half of 119 samples.
+impl Adis16495Settings {
+    /// Delay of the FIR filter: half of 119 sample intervals.
     const FILTER_DELAY_SAMPLES: f64 = 59.5;
 
     fn are_valid(&self) -> bool {
@@ -148,25 +154,25 @@ impl Settings {
         }
     }
 
-    /// From one output to the next, s.
+    /// Interval between two outputs, s.
     pub fn interval_s(&self) -> f64 {
         f64::from(self.decimation) / self.clock_hz()
     }
 
-    /// From the middle of an output's interval to its data-ready edge, us.
+    /// Delay from the middle of an output interval to its data-ready edge, us.
     pub fn lag_us(&self) -> u64 {
         let filter = if self.filter.is_some() { Self::FILTER_DELAY_SAMPLES } else { 0.0 };
         let samples = 0.5 * f64::from(self.decimation) + filter;
         (samples / self.clock_hz() * 1e6) as u64 + u64::from(self.latency_us)
     }
 
-    /// Data-ready rising on DIO2; the clock, if there is one, rising on DIO1.
+    /// FNCTIO_CTRL: data-ready rises on DIO2; an external clock rises on DIO1.
     fn function(&self) -> u16 {
         let clock = if self.clock == Clock::Internal { 0 } else { 0b1100_0000 };
         clock | 0b1101
     }
 
-    /// Three bits to a sensor: enabled, and the bank.
+    /// Filter bits for `sensors` sensors, three bits each: enable bit and bank number.
     fn filter_bits(&self, sensors: u32) -> u16 {
         let bits = self.filter.map_or(0, |bank| 4 | bank as u16);
         (0..sensors).fold(0, |word, _| word << 3 | bits)
@@ -185,28 +191,28 @@ impl Settings {
 /// Why the IMU does not start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StartFault<E> {
-    /// The bus did not carry a transfer.
+    /// The bus transfer failed.
     Bus(E),
-    /// The settings are outside what the IMU takes.
+    /// The settings are outside the range of the IMU.
     Settings,
-    /// It says it is this product, which is none of the family.
+    /// The product number does not belong to this family.
     Product(u16),
-    /// It says it is this sub-model, which is none of the family.
+    /// The sub-model does not belong to this family.
     Model(u16),
-    /// A register does not hold what was written.
+    /// A register does not hold the value that was written.
     Register {
         /// The register.
         register: Register,
-        /// What it holds.
+        /// Value that was read back.
         holds: u16,
     },
-    /// A sensor failed its test; the bits of [`Register::DIAG_STS`].
+    /// A sensor failed its self-test. The bits are those of [`Register::DIAG_STS`].
     Sensor(u16),
-    /// The IMU reports faults; the bits of the head.
+    /// The IMU reports faults. The documentation at the top of this file explains the bits.
     Status(u16),
 }
 
-/// Steps of the IMU's numbers.
+/// Scale factors of the raw numbers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Scale {
     gyro_rad_s: f64,
@@ -232,7 +238,7 @@ impl Scale {
     }
 }
 
-/// The IMU, started.
+/// Driver of a started IMU.
 #[derive(Debug)]
 pub struct Adis16495<S> {
     spi: S,
@@ -242,46 +248,47 @@ pub struct Adis16495<S> {
 }
 
 impl<S: SpiDevice> Adis16495<S> {
-    /// Resets the IMU on `spi`, makes sure of what it is, and sets it up; it samples from then on. Takes a quarter of a
-    /// second.
+    /// Resets the IMU on `spi`, checks product and sub-model, and writes the settings. The IMU samples from then on.
+    /// This call takes a quarter of a second.
     ///
     /// # Errors
-    /// It does not answer as an IMU of the family, reports a fault or does not take the settings.
-    pub fn start(spi: S, delay: &mut impl DelayNs, settings: &Settings) -> Result<Self, StartFault<S::Error>> {
+    /// The IMU does not answer as a member of its family, reports a fault, or does not accept the settings.
+    pub fn start(spi: S, delay: &mut impl DelayNs, settings: &Adis16495Settings) -> Result<Self, StartFault<S::Error>> {
         if !settings.are_valid() {
             return Err(StartFault::Settings);
         }
-        let mut link = Link { spi, delay, page: None };
-        link.write(Register::GLOB_CMD, 1 << 7)?;
-        link.delay.delay_ms(RESET_MS);
-        link.page = None;
-        let scale = Scale::new(link.read(Register::PROD_ID)?, link.read(Register::RANG_MDL)?)?;
+        let mut registers = RegisterAccess { spi, delay, page: None };
+        registers.write(Register::GLOB_CMD, 1 << 7)?;
+        registers.delay.delay_ms(RESET_MS);
+        registers.page = None;
+        let scale = Scale::new(registers.read(Register::PROD_ID)?, registers.read(Register::RANG_MDL)?)?;
         for (register, value) in settings.registers() {
-            link.write(register, value)?;
-            let holds = link.read(register)?;
+            registers.write(register, value)?;
+            let holds = registers.read(register)?;
             if holds != value {
                 return Err(StartFault::Register { register, holds });
             }
         }
-        match link.read(Register::DIAG_STS)? {
+        match registers.read(Register::DIAG_STS)? {
             0 => {}
             sensors => return Err(StartFault::Sensor(sensors)),
         }
-        match link.read(Register::SYS_E_FLAG)? & FLAGS {
-            // Page 0 is chosen, as the burst needs.
-            0 => Ok(Self { spi: link.spi, scale, lag_us: settings.lag_us(), counter: Counter::new(16) }),
+        match registers.read(Register::SYS_E_FLAG)? & FLAGS {
+            // Page 0 is selected now, as the burst requires.
+            0 => Ok(Self { spi: registers.spi, scale, lag_us: settings.lag_us(), counter: Counter::new(16) }),
             flags => Err(StartFault::Status(flags)),
         }
     }
 
-    /// The measurement of the last data-ready edge, which came at `edge_us`. Call it once for every edge.
+    /// Reads the measurement of the last data-ready edge, which came at `edge_us`. Call this function once for every
+    /// edge.
     ///
     /// # Errors
-    /// There is none, for the reason given; the sample is lost.
+    /// The sample is lost for the returned reason.
     pub fn read<T: Real>(&mut self, edge_us: u64) -> Result<ImuReading<T>, ImuFault<S::Error>> {
         let read = self.try_read(edge_us);
         if read.is_err() {
-            self.counter.lose();
+            self.counter.count_reported();
         }
         read
     }
@@ -305,26 +312,26 @@ impl<S: SpiDevice> Adis16495<S> {
     }
 }
 
-/// What a burst carries, in the IMU's steps.
+/// Content of a burst in raw numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Burst {
-    /// SYS_E_FLAG.
+    /// Status word SYS_E_FLAG.
     pub flags: u16,
-    /// From 25 deg C, 0.0125 deg C each.
+    /// Temperature relative to 25 deg C, 0.0125 deg C per step.
     pub temperature: i16,
     /// Gyros x, y, z.
     pub gyro: [i32; 3],
     /// Accelerometers x, y, z.
     pub accel: [i32; 3],
-    /// Number of the output, wraps.
+    /// Sample counter. It wraps.
     pub count: u16,
 }
 
 impl Burst {
-    /// Takes a burst apart, as it came.
+    /// Decodes the received bytes of a burst.
     ///
     /// # Errors
-    /// It has no opening, or the CRC is wrong.
+    /// [`ImuFault::NoAnswer`] if the opening word is missing, [`ImuFault::Crc`] if the CRC is wrong.
     pub fn decode<E>(burst: &[u8; BURST_BYTES]) -> Result<Self, ImuFault<E>> {
         let content = content(burst).ok_or(ImuFault::NoAnswer)?;
         let word = |bytes: [u8; 2]| u16::from_be_bytes(bytes);
@@ -347,7 +354,7 @@ impl Burst {
     }
 }
 
-/// The words after the opening, which begins with one of the first three words.
+/// The content after the opening words. The content begins with the second, third or fourth word.
 fn content(burst: &[u8; BURST_BYTES]) -> Option<&[u8; CONTENT_BYTES]> {
     [2, 4, 6].into_iter().find_map(|at: usize| {
         let before = burst.get(at - 2..at)?;
@@ -356,22 +363,22 @@ fn content(burst: &[u8; BURST_BYTES]) -> Option<&[u8; CONTENT_BYTES]> {
     })
 }
 
-/// Reads and writes registers.
-struct Link<'d, S, D> {
+/// Access to the registers while the IMU starts.
+struct RegisterAccess<'d, S, D> {
     spi: S,
     delay: &'d mut D,
-    /// Page chosen, where it is known.
+    /// Selected page; `None` while it is unknown.
     page: Option<u8>,
 }
 
-impl<S: SpiDevice, D: DelayNs> Link<'_, S, D> {
+impl<S: SpiDevice, D: DelayNs> RegisterAccess<'_, S, D> {
     fn send(&mut self, word: [u8; 2], stall_us: u32) -> Result<(), StartFault<S::Error>> {
         self.spi.write(&word).map_err(StartFault::Bus)?;
         self.delay.delay_us(stall_us);
         Ok(())
     }
 
-    fn choose(&mut self, page: u8) -> Result<(), StartFault<S::Error>> {
+    fn select_page(&mut self, page: u8) -> Result<(), StartFault<S::Error>> {
         if self.page != Some(page) {
             self.send([0x80, page], STALL_US)?;
             self.page = Some(page);
@@ -380,14 +387,14 @@ impl<S: SpiDevice, D: DelayNs> Link<'_, S, D> {
     }
 
     fn write(&mut self, register: Register, value: u16) -> Result<(), StartFault<S::Error>> {
-        self.choose(register.page)?;
+        self.select_page(register.page)?;
         let [high, low] = value.to_be_bytes();
         self.send([0x80 | register.address, low], STALL_US)?;
         self.send([0x80 | (register.address + 1), high], register.stall_us)
     }
 
     fn read(&mut self, register: Register) -> Result<u16, StartFault<S::Error>> {
-        self.choose(register.page)?;
+        self.select_page(register.page)?;
         self.send([register.address, 0], STALL_US)?;
         let mut word = [0; 2];
         self.spi.read(&mut word).map_err(StartFault::Bus)?;
@@ -404,7 +411,8 @@ mod tests {
     use embedded_hal_mock::eh1::spi::{Mock, Transaction};
     use proptest::prelude::*;
 
-    /// A burst at a fast clock, from the 15 words; the CRC by its definition, a bit at a time.
+    /// A burst of the 15 words as received at a fast clock. This function computes the CRC bit by bit, independent of
+    /// the driver.
     fn burst(words: [u16; 15]) -> [u8; BURST_BYTES] {
         let crc = !words.iter().flat_map(|word| word.to_le_bytes()).fold(!0_u32, |crc, byte| {
             (0..8).fold(crc ^ u32::from(byte), |crc, _| crc >> 1 ^ (0xedb8_8320 & (crc & 1).wrapping_neg()))
@@ -416,19 +424,19 @@ mod tests {
 
     const WORDS: [u16; 15] = [0, 80, 1, 0, 0xffff, 0xffff, 0, 1, 0, 0x8000, 5, 0, 0, 4000, 513];
 
-    fn one(operation: Transaction<u8>) -> Vec<Transaction<u8>> {
+    fn transaction(operation: Transaction<u8>) -> Vec<Transaction<u8>> {
         vec![Transaction::transaction_start(), operation, Transaction::transaction_end()]
     }
 
     fn sent(words: &[u16]) -> Vec<Transaction<u8>> {
-        words.iter().flat_map(|word| one(Transaction::write_vec(word.to_be_bytes().to_vec()))).collect()
+        words.iter().flat_map(|word| transaction(Transaction::write_vec(word.to_be_bytes().to_vec()))).collect()
     }
 
     fn answered(word: u16, answer: u16) -> Vec<Transaction<u8>> {
-        [sent(&[word]), one(Transaction::read_vec(answer.to_be_bytes().to_vec()))].concat()
+        [sent(&[word]), transaction(Transaction::read_vec(answer.to_be_bytes().to_vec()))].concat()
     }
 
-    /// Reset, product and sub-model, then the settings, each read back.
+    /// Expected transfers of a start: reset, product, sub-model, then the settings, each read back.
     fn start_script(product: u16, model: u16, function: u16, errors: u16) -> Vec<Transaction<u8>> {
         [
             sent(&[0x8003, 0x8280, 0x8300, 0x8000]),
@@ -462,16 +470,16 @@ mod tests {
         .concat()
     }
 
-    /// The IMU, and its bus for the end of the test.
+    /// The IMU, and its mock bus, which the test checks at its end.
     type Started = (Adis16495<Mock<u8>>, Mock<u8>);
 
-    /// Starts on a script that goes as far as it has to.
+    /// Starts the IMU with the scripted transfers.
     fn start(script: Vec<Transaction<u8>>) -> Result<Started, StartFault<ErrorKind>> {
         let spi = Mock::new(&script);
         let mut kept = spi.clone();
-        let started = Adis16495::start(spi, &mut NoopDelay, &Settings::default());
+        let started = Adis16495::start(spi, &mut NoopDelay, &Adis16495Settings::default());
         if started.is_err() {
-            // Some of the script is left over where the start stopped.
+            // The start stopped before the end of the script; this discards the rest.
             while kept.next().is_some() {}
             kept.done();
         }
@@ -481,27 +489,27 @@ mod tests {
     fn burst_transfer(answer: [u8; BURST_BYTES]) -> Vec<Transaction<u8>> {
         let mut asked = vec![0; BURST_BYTES];
         asked[0] = 0x7c;
-        one(Transaction::transfer_in_place(asked, answer.to_vec()))
+        transaction(Transaction::transfer_in_place(asked, answer.to_vec()))
     }
 
     #[test]
-    fn the_start_is_word_for_word_that_of_the_data_sheet() {
+    fn the_start_sends_the_words_of_the_data_sheet() {
         let mut spi = Mock::new(&start_script(16_495, 0x3, 0x00cd, 0));
         let mut delay = CheckedDelay::new(&start_delays());
-        Adis16495::start(spi.clone(), &mut delay, &Settings::default()).unwrap();
+        Adis16495::start(spi.clone(), &mut delay, &Adis16495Settings::default()).unwrap();
         spi.done();
         delay.done();
     }
 
     #[test]
-    fn a_start_that_fails_says_why() {
+    fn a_failed_start_returns_its_reason() {
         let fault = |script| start(script).err().unwrap();
         assert_eq!(fault(start_script(0xffff, 0xffff, 0, 0)), StartFault::Product(0xffff));
         assert_eq!(fault(start_script(16_495, 0x5, 0, 0)), StartFault::Model(5));
         let refused = StartFault::Register { register: Register::FNCTIO_CTRL, holds: 0x000d };
         assert_eq!(fault(start_script(16_495, 0xf, 0x000d, 0)), refused);
         assert_eq!(fault(start_script(16_495, 0xf, 0x00cd, 0x0004)), StartFault::Status(4));
-        let settings = Settings { clock: Clock::External { rate_hz: 2999 }, ..Settings::default() };
+        let settings = Adis16495Settings { clock: Clock::External { rate_hz: 2999 }, ..Adis16495Settings::default() };
         let mut spi = Mock::<u8>::new(&[]);
         assert_eq!(Adis16495::start(spi.clone(), &mut NoopDelay, &settings).err(), Some(StartFault::Settings));
         spi.done();
@@ -510,7 +518,7 @@ mod tests {
     #[test]
     fn settings_become_register_bits() {
         let settings =
-            Settings { clock: Clock::Internal, decimation: 17, filter: Some(FilterBank::C), latency_us: 100 };
+            Adis16495Settings { clock: Clock::Internal, decimation: 17, filter: Some(FilterBank::C), latency_us: 100 };
         let values = settings.registers().map(|(_, value)| value);
         assert_eq!(values, [0x000d, 16, 0b0110_1101_1011_0110, 0b110]);
         assert!((settings.interval_s() - 0.004).abs() < 1e-15);
@@ -536,7 +544,7 @@ mod tests {
     }
 
     #[test]
-    fn lost_samples_are_told_once() {
+    fn lost_samples_are_reported_once() {
         let numbered = |count| burst([WORDS.as_slice()[..14].to_vec(), vec![count]].concat().try_into().unwrap());
         let mut damaged = numbered(65_535);
         damaged[20] ^= 4;
@@ -548,7 +556,7 @@ mod tests {
             .fold(start_script(16_495, 0x3, 0x00cd, 0), |script, burst| [script, burst_transfer(burst)].concat());
         let (mut imu, mut spi) = start(script).unwrap();
         let missed: Vec<_> = bursts.map(|_| imu.read::<f32>(0).map(|reading| reading.missed)).to_vec();
-        // 65535 and 0 to 2 are missing; three were told of.
+        // Samples 65535 and 0 to 2 are missing; a fault was returned for three of them.
         let expected = [Ok(0), Err(ImuFault::Crc), Err(ImuFault::Status(0x100)), Err(ImuFault::NoAnswer), Ok(1), Ok(0)];
         assert_eq!(missed, expected);
         spi.done();
@@ -562,14 +570,14 @@ mod tests {
             let mut wrong = good;
             wrong[bit / 8] ^= 1 << (bit % 8);
             let decoded = Burst::decode::<ErrorKind>(&wrong);
-            // The first word means nothing, and one of two openings is enough.
+            // The first word has no meaning, and one of the two opening words is enough.
             assert!(if bit < 32 { decoded == Ok(right) } else { decoded.is_err() }, "bit {bit}: {decoded:?}");
         }
     }
 
     proptest! {
         #[test]
-        fn a_burst_is_what_was_sent_at_any_clock(words: [u16; 15], slow: bool) {
+        fn a_burst_is_decoded_as_sent_at_any_clock(words: [u16; 15], slow: bool) {
             prop_assume!(words[0] != 0xa5a5);
             let mut came = burst(words);
             if slow {

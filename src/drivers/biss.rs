@@ -1,23 +1,27 @@
-//! Absolute rotary encoder with the BiSS-C interface, one direction, one encoder on the line, read over SPI.
+//! Driver for an absolute rotary encoder with the BiSS-C interface, read over SPI. The interface is unidirectional,
+//! with one encoder on the line.
 //!
-//! Source: BiSS Interface Protocol Description (C-mode), iC-Haus; Renishaw data sheets L-9709-9001 and L-9709-9005, BiSS
-//! C-mode (unidirectional) for RESOLUTE encoders, 26 and 32 bit.
+//! Source: BiSS Interface Protocol Description (C-mode), iC-Haus; Renishaw data sheets L-9709-9001 and L-9709-9005,
+//! BiSS C-mode (unidirectional) for RESOLUTE encoders, 26 and 32 bit.
 //!
 //! ```text
 //! MA   (SCK)   ‾‾\_/‾\_/‾\_ ...                                                              ‾‾‾
 //! SLO  (MISO)  ‾‾‾‾‾‾‾\____ack____/‾start‾\_0_| position, MSB first | error | warning | CRC |___timeout___/‾‾
 //! ```
-//! The encoder takes its position at the first edge of MA, answers low from the second rising edge on, and begins with a
-//! start bit and a zero bit when the position is ready. Error and warning are active low. The CRC is of 6 bits, polynomial
-//! x^6 + x + 1 (0x43) from zero, over position, error and warning, sent inverted; it finds every one and two wrong bits.
-//! After it the line is low until the encoder is ready for the next request, then high.
+//! The encoder latches its position at the first edge of MA. From the second rising edge on it holds the line low
+//! (acknowledgement). When the position is ready, it sends a start bit and a zero bit, then the position. Error and
+//! warning are active low. The CRC has 6 bits, polynomial x^6 + x + 1 (0x43), initial value zero, over position, error
+//! and warning, and is sent inverted. It detects every one and two wrong bits. After the CRC the line stays low until
+//! the encoder is ready for the next request; then it goes high.
 //!
-//! MA is the SPI clock, idle high: mode 2 or 3, whichever samples later after the line's delay; there is no chip select and
-//! no data to the encoder. One read clocks 96 bits, in which up to 52 of acknowledgement fit with 32 bits of position: at
-//! 4 MHz 24 us, with 13 us for the encoder to acquire (10 us at most is assumed).
+//! MA is the SPI clock and idles high. The SPI mode is 2 or 3; use the mode whose sampling edge comes later after the
+//! delay of the line. There is no chip select, and no data goes to the encoder. One read clocks 96 bits. With 32 bits
+//! of position this leaves room for up to 52 bits of acknowledgement. At 4 MHz a read takes 24 us, and the encoder has
+//! 13 us to acquire the position (assumed: at most 10 us).
 //!
-//! A wrong bit before the position could move the frame, which a CRC of 6 bits lets pass one time in 64. So the start bit
-//! may not be elsewhere than it was by more than one bit, the line's jitter against the clock, unless two reads agree.
+//! A wrong bit before the position can shift the frame, and a CRC of 6 bits misses a shifted frame once in 64 times. So
+//! the driver refuses a frame whose start bit has moved by more than one bit since the last read; one bit is the jitter
+//! of the line against the clock. If the next read has the same new start, that read is accepted.
 
 use crate::base::angle::Angle;
 use crc::{Algorithm, Crc, Table};
@@ -27,7 +31,7 @@ use embedded_hal::spi::SpiDevice;
 pub const CAPTURE_BYTES: usize = 12;
 const CAPTURE_BITS: u32 = 8 * CAPTURE_BYTES as u32;
 
-/// CRC-6 of BiSS, as sent.
+/// CRC-6 of BiSS-C, inverted as it is sent.
 pub const CRC_6_BISS: Algorithm<u8> = Algorithm {
     width: 6,
     poly: 0x03,
@@ -40,12 +44,12 @@ pub const CRC_6_BISS: Algorithm<u8> = Algorithm {
 };
 static CRC_6: Crc<u8, Table<1>> = Crc::<u8, Table<1>>::new(&CRC_6_BISS);
 
-/// Bits of position to the turn.
+/// Position bits per turn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Resolution {
-    /// 2^26 to the turn, 0.019 arcsec each.
+    /// 2^26 steps per turn, 0.019 arcsec each.
     Bits26,
-    /// 2^32 to the turn, 0.0003 arcsec each.
+    /// 2^32 steps per turn, 0.0003 arcsec each.
     Bits32,
 }
 
@@ -58,91 +62,91 @@ impl Resolution {
     }
 }
 
-/// How the encoder sits on its axis.
+/// Mounting of the encoder on its axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mounting {
-    /// What the encoder reads where the axis' angle is zero.
+    /// Encoder reading at the zero angle of the axis.
     pub zero: Angle,
-    /// Whether it counts left-handed about the axis.
+    /// Whether the encoder counts left-handed about the axis.
     pub reversed: bool,
 }
 
 impl Mounting {
-    /// Right-handed, with the encoder's own zero.
+    /// The encoder counts right-handed, and its zero is the zero of the axis.
     pub const STRAIGHT: Self = Self { zero: Angle::from_ticks(0), reversed: false };
 
-    /// The axis' angle where the encoder reads `read`.
+    /// Angle of the axis for the encoder reading `read`.
     const fn angle(&self, read: Angle) -> Angle {
         let turned = read.ticks().wrapping_sub(self.zero.ticks());
         Angle::from_ticks(if self.reversed { turned.wrapping_neg() } else { turned })
     }
 }
 
-/// Why there is no angle.
+/// Why the driver returns no angle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum EncoderFault<E> {
-    /// The bus did not carry the transfer.
+pub enum BissFault<E> {
+    /// The bus transfer failed.
     Bus(E),
-    /// The line stayed high: no encoder, no power, or a broken line.
+    /// The line stayed high: no encoder, no supply, or a broken wire.
     NoAnswer,
-    /// The line began low, or stayed low: the encoder was not ready, or has no position.
+    /// The line was low at the start, or stayed low: the encoder was not ready, or has no position.
     NotReady,
-    /// The bits are not those of a frame, or the frame does not begin where the last did.
+    /// The bits do not form a frame, or the start of the frame has moved since the last read.
     Framing,
-    /// The frame arrived damaged.
+    /// The frame has a wrong CRC.
     Crc,
-    /// The encoder does not vouch for its position.
+    /// The encoder sets its error bit: the position is not valid.
     Error,
 }
 
-/// One frame, apart from its beginning.
+/// One decoded frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Frame {
-    /// Number of the start bit in the capture.
+    /// Index of the start bit among the captured bits.
     start: u32,
     position: u32,
-    /// Whether the encoder vouches for the position.
+    /// Whether the error bit is clear, so that the position is valid.
     good: bool,
-    /// Whether it asks for attention: dirt on the scale, or wear.
+    /// Whether the warning bit is set: dirt on the scale, or wear.
     warns: bool,
 }
 
-/// The encoder of one axis.
+/// Driver of the encoder of one axis.
 #[derive(Debug)]
 pub struct BissEncoder<S> {
     spi: S,
     resolution: Resolution,
     mounting: Mounting,
-    /// Where the last frame began; `None` before the first.
+    /// Start of the last frame; `None` before the first frame.
     start: Option<u32>,
     warnings: u32,
 }
 
 impl<S: SpiDevice> BissEncoder<S> {
-    /// The encoder on `spi`.
+    /// A driver for the encoder on `spi`.
     pub fn new(spi: S, resolution: Resolution, mounting: Mounting) -> Self {
         Self { spi, resolution, mounting, start: None, warnings: 0 }
     }
 
-    /// Angles that came with a warning; the count stops at its greatest value.
+    /// Number of angles that came with a warning. The counter saturates.
     pub fn warnings(&self) -> u32 {
         self.warnings
     }
 
-    /// The angle of the axis when the read began.
+    /// Reads the angle of the axis at the time when the read begins.
     ///
     /// # Errors
-    /// There is none, for the reason given.
-    pub fn read(&mut self) -> Result<Angle, EncoderFault<S::Error>> {
+    /// The driver returns no angle, for the returned reason.
+    pub fn read(&mut self) -> Result<Angle, BissFault<S::Error>> {
         let mut capture = [0; CAPTURE_BYTES];
-        self.spi.read(&mut capture).map_err(EncoderFault::Bus)?;
+        self.spi.read(&mut capture).map_err(BissFault::Bus)?;
         let frame = decode(&capture, self.resolution)?;
         let before = self.start.replace(frame.start).unwrap_or(frame.start);
         if frame.start.abs_diff(before) > 1 {
-            return Err(EncoderFault::Framing);
+            return Err(BissFault::Framing);
         }
         if !frame.good {
-            return Err(EncoderFault::Error);
+            return Err(BissFault::Error);
         }
         self.warnings = self.warnings.saturating_add(u32::from(frame.warns));
         let ticks = frame.position << (32 - self.resolution.bits());
@@ -150,17 +154,17 @@ impl<S: SpiDevice> BissEncoder<S> {
     }
 }
 
-/// Finds the frame among the bits of a read.
-fn decode<E>(capture: &[u8; CAPTURE_BYTES], resolution: Resolution) -> Result<Frame, EncoderFault<E>> {
-    // The bits in the order they came, from the top.
+/// Finds the frame among the captured bits.
+fn decode<E>(capture: &[u8; CAPTURE_BYTES], resolution: Resolution) -> Result<Frame, BissFault<E>> {
+    // The captured bits in the order of their arrival, from the most significant bit.
     let mut line = capture.iter().fold(0, |line, byte| line << 8 | u128::from(*byte)) << (u128::BITS - CAPTURE_BITS);
     let idle = line.leading_ones();
     if idle == CAPTURE_BITS {
-        return Err(EncoderFault::NoAnswer);
+        return Err(BissFault::NoAnswer);
     }
     let start = idle + (line << idle).leading_zeros();
     if idle == 0 || start >= CAPTURE_BITS {
-        return Err(EncoderFault::NotReady);
+        return Err(BissFault::NotReady);
     }
     let mut take = |bits: u32| {
         let taken = line >> (u128::BITS - bits);
@@ -170,23 +174,23 @@ fn decode<E>(capture: &[u8; CAPTURE_BYTES], resolution: Resolution) -> Result<Fr
     let (position_bits, flag_bits, crc_bits) = (resolution.bits(), 2, 6);
     let end = start + 2 + position_bits + flag_bits + crc_bits;
     if end > CAPTURE_BITS {
-        return Err(EncoderFault::Framing);
+        return Err(BissFault::Framing);
     }
-    // Idle and acknowledgement, then the start bit.
+    // Skip idle and acknowledgement. The start bit follows.
     take(start);
     let start_and_zero = take(2);
     let content = take(position_bits + flag_bits) as u64;
     let crc = take(crc_bits) as u8;
-    // Low until the encoder is ready, then high.
+    // The line is low until the encoder is ready, then high.
     let timeout = line.leading_zeros().min(CAPTURE_BITS - end);
     let ready = (line << timeout).leading_ones();
     if start_and_zero != 0b10 || timeout + ready != CAPTURE_BITS - end {
-        return Err(EncoderFault::Framing);
+        return Err(BissFault::Framing);
     }
-    // Zeros in front do not change a CRC that begins with zero, so the content may be taken as whole bytes.
+    // Leading zeros do not change a CRC with initial value zero, so the content can be processed as whole bytes.
     let [_, _, _, bytes @ ..] = content.to_be_bytes();
     if CRC_6.checksum(&bytes) != crc {
-        return Err(EncoderFault::Crc);
+        return Err(BissFault::Crc);
     }
     Ok(Frame { start, position: (content >> flag_bits) as u32, good: content & 2 != 0, warns: content & 1 == 0 })
 }
@@ -199,7 +203,7 @@ mod tests {
     use proptest::prelude::*;
     use std::convert::Infallible;
 
-    /// CRC by long division, from the polynomial: the other way than the table's.
+    /// CRC by long division with the polynomial. The driver uses a table instead.
     fn crc_6(content: u64, bits: u32) -> u64 {
         let divisor = 0b100_0011 << (bits - 1);
         let rest =
@@ -212,7 +216,7 @@ mod tests {
         !rest & 0x3f
     }
 
-    /// What the line carries, `ack` bits of acknowledgement and as many ready bits at the end as are left.
+    /// Captured bits with `ack` bits of acknowledgement. The remaining bits at the end are high (ready).
     fn line(resolution: Resolution, ack: u32, position: u32, flags: u64) -> u128 {
         let bits = resolution.bits() + 2;
         let content = u64::from(position) << 2 | flags;
@@ -227,12 +231,12 @@ mod tests {
         std::array::from_fn(|index| (line >> (8 * (CAPTURE_BYTES - 1 - index))) as u8)
     }
 
-    fn decoded(line: u128, resolution: Resolution) -> Result<Frame, EncoderFault<Infallible>> {
+    fn decoded(line: u128, resolution: Resolution) -> Result<Frame, BissFault<Infallible>> {
         decode(&bytes(line), resolution)
     }
 
-    /// Reads one line after the other.
-    fn read(lines: &[u128], mounting: Mounting) -> Vec<Result<Angle, EncoderFault<ErrorKind>>> {
+    /// Reads the lines one after the other.
+    fn read(lines: &[u128], mounting: Mounting) -> Vec<Result<Angle, BissFault<ErrorKind>>> {
         let script: Vec<_> = lines
             .iter()
             .flat_map(|line| {
@@ -252,12 +256,12 @@ mod tests {
         let check = b"123456789".iter().fold(0_u128, |bits, byte| bits << 8 | u128::from(*byte));
         assert_eq!(Crc::<u8>::new(&CRC_6_BISS).checksum(b"123456789"), CRC_6_BISS.check);
         assert_eq!(crc_6((check & 0xffff_ffff) as u64, 32) as u8, CRC_6.checksum(b"6789"));
-        // x^6 leaves x + 1.
+        // The remainder of x^6 is x + 1.
         assert_eq!(CRC_6.checksum(&[1]), !0b11 & 0x3f);
     }
 
     #[test]
-    fn an_axis_may_count_either_way_from_anywhere() {
+    fn mounting_sets_direction_and_zero() {
         let lines = [line(Resolution::Bits32, 9, 1000, 3)];
         let mounted = |zero, reversed| Mounting { zero: Angle::from_ticks(zero), reversed };
         assert_eq!(read(&lines, Mounting::STRAIGHT), [Ok(Angle::from_ticks(1000))]);
@@ -278,21 +282,21 @@ mod tests {
     }
 
     #[test]
-    fn faults_have_names() {
+    fn each_defect_of_a_frame_has_its_fault() {
         let good = line(Resolution::Bits32, 9, 5, 3);
         let late = line(Resolution::Bits32, 12, 5, 3);
         let cases = [
-            (u128::MAX, Err(EncoderFault::NoAnswer)),
-            (0, Err(EncoderFault::NotReady)),
-            (good >> 3, Err(EncoderFault::NotReady)),
-            (1 << (CAPTURE_BITS - 1), Err(EncoderFault::NotReady)),
-            (1 << (CAPTURE_BITS - 1) | 1 << 40, Err(EncoderFault::Framing)),
-            (line(Resolution::Bits32, 9, 5, 0b01), Err(EncoderFault::Error)),
+            (u128::MAX, Err(BissFault::NoAnswer)),
+            (0, Err(BissFault::NotReady)),
+            (good >> 3, Err(BissFault::NotReady)),
+            (1 << (CAPTURE_BITS - 1), Err(BissFault::NotReady)),
+            (1 << (CAPTURE_BITS - 1) | 1 << 40, Err(BissFault::Framing)),
+            (line(Resolution::Bits32, 9, 5, 0b01), Err(BissFault::Error)),
             (good, Ok(Angle::from_ticks(5))),
-            (good ^ 1 << 60, Err(EncoderFault::Crc)),
-            // Low, high and low again behind the frame.
-            (good ^ 1, Err(EncoderFault::Framing)),
-            (late, Err(EncoderFault::Framing)),
+            (good ^ 1 << 60, Err(BissFault::Crc)),
+            // The line after the frame is low, high and low again.
+            (good ^ 1, Err(BissFault::Framing)),
+            (late, Err(BissFault::Framing)),
             (late, Ok(Angle::from_ticks(5))),
         ];
         for ((line, expected), found) in cases.iter().zip(read(&cases.map(|(line, _)| line), Mounting::STRAIGHT)) {
@@ -301,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn a_warning_is_counted_and_the_angle_believed() {
+    fn a_warning_is_counted_and_the_angle_accepted() {
         let script = [
             Transaction::transaction_start(),
             Transaction::read_vec(bytes(line(Resolution::Bits32, 4, 77, 0b10)).to_vec()),
@@ -313,7 +317,7 @@ mod tests {
         spi.done();
     }
 
-    /// All of them: no single wrong bit anywhere in a read gives another angle.
+    /// Exhaustive over the bits of a read: no single wrong bit gives another angle.
     #[test]
     fn no_wrong_bit_gives_a_wrong_angle() {
         for position in [0, 1, 0x8000_0000, 0x5555_5555, 0xaaaa_aaaa, 0x1234_5678, u32::MAX] {
@@ -330,7 +334,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_frame_is_what_was_sent(position: u32, ack in 1_u32..40, flags in 0_u64..4) {
+        fn a_frame_is_decoded_as_sent(position: u32, ack in 1_u32..40, flags in 0_u64..4) {
             for (resolution, position) in [(Resolution::Bits32, position), (Resolution::Bits26, position >> 6)] {
                 let frame = decoded(line(resolution, ack, position, flags), resolution).unwrap();
                 let expected = Frame { start: 2 + ack, position, good: flags & 2 != 0, warns: flags & 1 == 0 };
@@ -338,17 +342,17 @@ mod tests {
             }
         }
 
-        /// The CRC finds every two wrong bits in what it covers and in itself.
+        /// The CRC detects every two wrong bits in its content and in itself.
         #[test]
         fn two_wrong_bits_are_found(position: u32, ack in 1_u32..40, flags in 0_u64..4, a in 0_u32..40, b in 0_u32..40) {
             prop_assume!(a != b);
             let last = CAPTURE_BITS - (2 + ack + 2 + 40);
             let wrong = line(Resolution::Bits32, ack, position, flags) ^ 1 << (last + a) ^ 1 << (last + b);
-            prop_assert_eq!(decoded(wrong, Resolution::Bits32), Err(EncoderFault::Crc));
+            prop_assert_eq!(decoded(wrong, Resolution::Bits32), Err(BissFault::Crc));
         }
 
         #[test]
-        fn anything_is_decoded_or_refused(bytes: [u8; CAPTURE_BYTES]) {
+        fn any_bytes_are_decoded_or_refused(bytes: [u8; CAPTURE_BYTES]) {
             for resolution in [Resolution::Bits26, Resolution::Bits32] {
                 if let Ok(frame) = decode::<Infallible>(&bytes, resolution) {
                     let position = u64::from(frame.position);

@@ -1,26 +1,27 @@
-//! Motor bridge with a PWM and a direction input, an enable and a fault line where there are any.
+//! Driver for a motor bridge with a PWM input and a direction input. An enable line and a fault line are optional.
 //!
-//! Source: Texas Instruments, DRV8873 data sheet SLVSET1, PH/EN mode; other bridges of the kind agree.
+//! Source: Texas Instruments, DRV8873 data sheet SLVSET1, PH/EN mode. Other bridges with such inputs behave alike.
 //!
 //! | EN (PWM) | PH (direction) | motor |
 //! |---|---|---|
-//! | low | any | shorted by the bridge: brakes |
+//! | low | any | winding shorted by the bridge: brakes |
 //! | high | high | forward |
 //! | high | low | backward |
 //!
-//! nSLEEP, the enable line: low, the outputs are open and the motor coasts; an overcurrent that the bridge has latched is
-//! cleared by pulling it low. nFAULT: open drain, low on overcurrent, over-temperature or undervoltage. Assumed: the bridge
-//! is awake before the second command after [`Bridge::enable`], a millisecond later.
+//! nSLEEP is the enable line. While it is low, the outputs are open and the motor coasts. Pulling it low also clears an
+//! overcurrent that the bridge has latched. nFAULT is an open-drain output. It is low at overcurrent, over-temperature
+//! or undervoltage. Assumed: the bridge is awake before the second command after [`Bridge::enable`], one millisecond
+//! later.
 //!
-//! The direction changes at zero duty only: a command of the other sign first sets the duty to zero, and the one after it
-//! turns the direction, so that a PWM that takes its duty at the end of a period has it. Whatever fails switches the bridge
-//! off, and it stays off until it is enabled anew.
+//! The direction changes only at zero duty. A command with the other sign first sets the duty to zero, and the next
+//! command changes the direction. A PWM that takes over its duty at the end of a period has then reached zero. After
+//! any fault the bridge is off until it is enabled again.
 
 use core::convert::Infallible;
 use embedded_hal::digital::{self, ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 
-/// In place of a pin that the bridge does not have.
+/// Placeholder for a pin that the bridge does not have.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NoPin;
 
@@ -48,12 +49,12 @@ impl InputPin for NoPin {
 
 /// Why a bridge is off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum BridgeFault {
-    /// It has not been enabled, or not again after a fault.
+pub enum BridgeDriverFault {
+    /// The bridge has not been enabled since power-on or since the last fault.
     Off,
-    /// Its fault line is low.
+    /// The fault line is low.
     Reported,
-    /// The command is not a number.
+    /// The command is not a finite number.
     Command,
     /// The PWM failed.
     Pwm(pwm::ErrorKind),
@@ -61,7 +62,7 @@ pub enum BridgeFault {
     Pin(digital::ErrorKind),
 }
 
-/// The bridge of one motor.
+/// Driver of the bridge of one motor.
 #[derive(Debug)]
 pub struct Bridge<P, D, E = NoPin, F = NoPin> {
     pwm: P,
@@ -74,77 +75,79 @@ pub struct Bridge<P, D, E = NoPin, F = NoPin> {
 }
 
 impl<P: SetDutyCycle, D: OutputPin> Bridge<P, D> {
-    /// A bridge without further pins, off; nothing is written yet.
+    /// A bridge without enable line and fault line. It is off, and no pin has been written yet.
     pub fn new(pwm: P, direction: D) -> Self {
         Self::with_pins(pwm, direction, NoPin, NoPin)
     }
 }
 
 impl<P: SetDutyCycle, D: OutputPin, E: OutputPin, F: InputPin> Bridge<P, D, E, F> {
-    /// A bridge with an enable line, high for on, and a fault line, low for a fault; off, and nothing is written yet.
+    /// A bridge with an enable line (high: on) and a fault line (low: fault). It is off, and no pin has been written
+    /// yet.
     pub fn with_pins(pwm: P, direction: D, enable: E, fault: F) -> Self {
         Self { pwm, direction, enable, fault, on: false, forward: true, duty: 0 }
     }
 
-    /// Whether commands are carried out.
+    /// Whether the bridge is on.
     pub fn is_on(&self) -> bool {
         self.on
     }
 
-    /// Switches on, at zero duty and forward.
+    /// Switches the bridge on with zero duty in forward direction.
     ///
     /// # Errors
-    /// A pin or the PWM failed; the bridge is off.
-    pub fn enable(&mut self) -> Result<(), BridgeFault> {
+    /// A pin or the PWM failed. The bridge is off.
+    pub fn enable(&mut self) -> Result<(), BridgeDriverFault> {
         let enabled = self.try_enable();
         self.off_unless(enabled)
     }
 
-    /// Drives with a part of the supply from -1 to 1, beyond which it saturates; positive is forward.
+    /// Drives the motor with the fraction `part` of the supply voltage, -1 to 1; positive is forward. Larger values
+    /// saturate.
     ///
     /// # Errors
-    /// The bridge is off, for the reason given.
-    pub fn command(&mut self, part: f32) -> Result<(), BridgeFault> {
+    /// The bridge is off for the returned reason.
+    pub fn command(&mut self, part: f32) -> Result<(), BridgeDriverFault> {
         if !self.on {
-            return Err(BridgeFault::Off);
+            return Err(BridgeDriverFault::Off);
         }
         let driven = self.try_command(part);
         self.off_unless(driven)
     }
 
-    /// Switches off: duty zero, outputs open. Every step is tried, whether the one before it failed or not.
+    /// Switches the bridge off: zero duty, outputs open. Both steps are tried, even if the first one fails.
     ///
     /// # Errors
-    /// A pin or the PWM failed, and the motor may still be driven.
-    pub fn off(&mut self) -> Result<(), BridgeFault> {
+    /// A pin or the PWM failed. The motor may still be driven.
+    pub fn off(&mut self) -> Result<(), BridgeDriverFault> {
         (self.on, self.duty) = (false, 0);
         let duty = self.pwm.set_duty_cycle(0).map_err(pwm_fault);
         let enable = self.enable.set_low().map_err(pin_fault);
         duty.and(enable)
     }
 
-    fn off_unless(&mut self, done: Result<(), BridgeFault>) -> Result<(), BridgeFault> {
+    fn off_unless(&mut self, done: Result<(), BridgeDriverFault>) -> Result<(), BridgeDriverFault> {
         if done.is_err() {
-            // The first fault is the one to tell.
+            // Report the first fault, not a later fault of switching off.
             let _ = self.off();
         }
         done
     }
 
-    fn try_enable(&mut self) -> Result<(), BridgeFault> {
+    fn try_enable(&mut self) -> Result<(), BridgeDriverFault> {
         self.write_duty(0)?;
-        self.turn(true)?;
+        self.set_direction(true)?;
         self.enable.set_high().map_err(pin_fault)?;
         self.on = true;
         Ok(())
     }
 
-    fn try_command(&mut self, part: f32) -> Result<(), BridgeFault> {
+    fn try_command(&mut self, part: f32) -> Result<(), BridgeDriverFault> {
         if self.fault.is_low().map_err(pin_fault)? {
-            return Err(BridgeFault::Reported);
+            return Err(BridgeDriverFault::Reported);
         }
         if !part.is_finite() {
-            return Err(BridgeFault::Command);
+            return Err(BridgeDriverFault::Command);
         }
         let (forward, duty) = (part > 0.0, self.duty_of(part));
         if duty == 0 || forward == self.forward {
@@ -153,37 +156,37 @@ impl<P: SetDutyCycle, D: OutputPin, E: OutputPin, F: InputPin> Bridge<P, D, E, F
         if self.duty > 0 {
             return self.write_duty(0);
         }
-        self.turn(forward)?;
+        self.set_direction(forward)?;
         self.write_duty(duty)
     }
 
-    /// The nearest duty to this part of the supply.
+    /// Duty nearest to the fraction `part` of the supply voltage.
     fn duty_of(&self, part: f32) -> u16 {
         let highest = self.pwm.max_duty_cycle();
         let duty = part.abs() * f32::from(highest) + 0.5;
-        // Converting a float saturates.
+        // The conversion from float to integer saturates.
         (duty as u16).min(highest)
     }
 
-    fn write_duty(&mut self, duty: u16) -> Result<(), BridgeFault> {
+    fn write_duty(&mut self, duty: u16) -> Result<(), BridgeDriverFault> {
         self.pwm.set_duty_cycle(duty).map_err(pwm_fault)?;
         self.duty = duty;
         Ok(())
     }
 
-    fn turn(&mut self, forward: bool) -> Result<(), BridgeFault> {
+    fn set_direction(&mut self, forward: bool) -> Result<(), BridgeDriverFault> {
         self.direction.set_state(forward.into()).map_err(pin_fault)?;
         self.forward = forward;
         Ok(())
     }
 }
 
-fn pwm_fault(error: impl pwm::Error) -> BridgeFault {
-    BridgeFault::Pwm(error.kind())
+fn pwm_fault(error: impl pwm::Error) -> BridgeDriverFault {
+    BridgeDriverFault::Pwm(error.kind())
 }
 
-fn pin_fault(error: impl digital::Error) -> BridgeFault {
-    BridgeFault::Pin(error.kind())
+fn pin_fault(error: impl digital::Error) -> BridgeDriverFault {
+    BridgeDriverFault::Pin(error.kind())
 }
 
 #[cfg(test)]
@@ -197,7 +200,7 @@ mod tests {
 
     const MAX: u16 = 1000;
 
-    /// As enable and off set them; a command asks for the highest duty first.
+    /// Expected writes of `enable` and `off`. A command asks for the highest duty first, see `asked`.
     fn duties(duties: &[u16]) -> Vec<Duty> {
         duties.iter().map(|duty| Duty::set_duty_cycle(*duty)).collect()
     }
@@ -211,11 +214,11 @@ mod tests {
     }
 
     #[test]
-    fn a_command_of_the_other_sign_first_stops() {
+    fn a_command_with_the_other_sign_first_sets_zero_duty() {
         let script = [duties(&[0]), asked(&[500, 0, 1000, 0, 0, 1])].concat();
         let (mut pwm, mut direction) = (Pwm::new(&script), levels(&[State::High, State::Low, State::High]));
         let mut bridge = Bridge::new(pwm.clone(), direction.clone());
-        assert_eq!(bridge.command(0.5), Err(BridgeFault::Off));
+        assert_eq!(bridge.command(0.5), Err(BridgeDriverFault::Off));
         bridge.enable().unwrap();
         for part in [0.5, -3.0, -3.0, 0.0, -0.0004, 0.0006] {
             bridge.command(part).unwrap();
@@ -225,14 +228,14 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_line_switches_off_until_enabled_anew() {
+    fn a_low_fault_line_switches_off_until_enabled_again() {
         let (mut pwm, mut direction) = (Pwm::new(&duties(&[0, 0, 0])), levels(&[State::High, State::High]));
         let mut enable = levels(&[State::High, State::Low, State::High]);
         let mut fault = Pin::new(&[Level::get(State::Low)]);
         let mut bridge = Bridge::with_pins(pwm.clone(), direction.clone(), enable.clone(), fault.clone());
         bridge.enable().unwrap();
-        assert_eq!(bridge.command(0.1), Err(BridgeFault::Reported));
-        assert_eq!(bridge.command(0.1), Err(BridgeFault::Off));
+        assert_eq!(bridge.command(0.1), Err(BridgeDriverFault::Reported));
+        assert_eq!(bridge.command(0.1), Err(BridgeDriverFault::Off));
         bridge.enable().unwrap();
         assert!(bridge.is_on());
         pwm.done();
@@ -242,12 +245,12 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_a_number_switches_off() {
+    fn a_command_that_is_not_finite_switches_off() {
         for part in [f32::NAN, f32::INFINITY] {
             let (mut pwm, mut direction) = (Pwm::new(&duties(&[0, 0])), levels(&[State::High]));
             let mut bridge = Bridge::new(pwm.clone(), direction.clone());
             bridge.enable().unwrap();
-            assert_eq!(bridge.command(part), Err(BridgeFault::Command));
+            assert_eq!(bridge.command(part), Err(BridgeDriverFault::Command));
             assert!(!bridge.is_on());
             pwm.done();
             direction.done();
@@ -263,19 +266,19 @@ mod tests {
         let (mut direction, mut enable) = (levels(&[State::High]), levels(&[State::High, State::Low]));
         let mut bridge = Bridge::with_pins(pwm.clone(), direction.clone(), enable.clone(), NoPin);
         bridge.enable().unwrap();
-        assert_eq!(bridge.command(0.2), Err(BridgeFault::Pwm(pwm::ErrorKind::Other)));
+        assert_eq!(bridge.command(0.2), Err(BridgeDriverFault::Pwm(pwm::ErrorKind::Other)));
         assert!(!bridge.is_on());
         pwm.done();
         direction.done();
         enable.done();
     }
 
-    /// Pins that record: duty, direction.
+    /// Pins that record duty and direction.
     #[derive(Default)]
     struct Recorder {
         duty: u16,
         forward: bool,
-        /// Duty whenever the direction was written.
+        /// Duty at each write of the direction.
         at_turns: Vec<u16>,
     }
 
@@ -313,7 +316,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_direction_turns_at_zero_duty_and_no_command_drives_the_other_way(
+        fn the_direction_changes_at_zero_duty_and_matches_the_command(
             parts in prop::collection::vec(-1.5_f32..1.5, 1..100)
         ) {
             let recorder = std::cell::RefCell::new(Recorder::default());
@@ -323,7 +326,8 @@ mod tests {
                 bridge.command(part).unwrap();
                 let Recorder { duty, forward, .. } = *recorder.borrow();
                 prop_assert!(duty == 0 || forward == (part > 0.0));
-                // Zero while the direction is about to turn; else the command, to half a step.
+                // The duty is zero while the direction is about to change; otherwise it equals the command to half a
+                // step.
                 let driven = f32::from(duty) / f32::from(MAX);
                 prop_assert!(duty == 0 || (driven - part.abs().min(1.0)).abs() <= 0.501 / f32::from(MAX));
             }

@@ -1,36 +1,38 @@
-//! What every IMU gives: a reading or a fault, the fields of a frame, and the unit's own sample counter.
+//! Types and tools that all IMU drivers share: a reading or a fault, the fields of a frame, and the sample counter of
+//! the IMU.
 
 use crate::base::linear::{Real, Vector3};
 
 /// One measurement of an IMU.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImuReading<T: Real> {
-    /// Middle of the interval over which rate and force are means, us.
+    /// Middle of the sample interval, us. Rate and force are means over this interval.
     pub time_us: u64,
-    /// Samples between the last reading and this one that nobody was told of, by the IMU's own count.
+    /// Number of samples between the last reading and this reading that are missing without a reported fault. The
+    /// counter of the IMU shows the gap.
     pub missed: u32,
-    /// Gyro outputs on their own axes, rad/s.
+    /// Gyro outputs along the gyro axes, rad/s.
     pub omega_g: Vector3<T>,
-    /// Accelerometer outputs on their own axes, m/s^2.
+    /// Accelerometer outputs along the accelerometer axes, m/s^2.
     pub force_a: Vector3<T>,
     /// Temperature, deg C.
     pub temperature_c: f32,
 }
 
-/// Why there is no measurement of an IMU.
+/// Why an IMU driver returns no measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ImuFault<E> {
-    /// The bus did not carry the transfer.
+    /// The bus transfer failed.
     Bus(E),
-    /// What came is not the beginning of an answer.
+    /// The received bytes are not the beginning of an answer.
     NoAnswer,
-    /// The answer arrived damaged.
+    /// The answer has a wrong CRC.
     Crc,
-    /// The IMU reports these faults of its own; the bits are in the driver's head.
+    /// The IMU reports faults of its own. The documentation of the driver explains the bits.
     Status(u16),
 }
 
-/// `N` bytes from `AT` on; a field outside its frame does not compile.
+/// The `N` bytes of `frame` from byte `AT`. A field outside its frame does not compile.
 pub(super) fn field<const AT: usize, const N: usize, const L: usize>(frame: &[u8; L]) -> [u8; N] {
     const { assert!(AT + N <= L) };
     let mut bytes = [0; N];
@@ -38,32 +40,34 @@ pub(super) fn field<const AT: usize, const N: usize, const L: usize>(frame: &[u8
     bytes
 }
 
-/// Follows the sample counter of an IMU that counts modulo `2^bits`.
+/// Follows the sample counter of an IMU, which counts modulo `2^bits`, and finds missing samples.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Counter {
     mask: u32,
+    /// Number of the last sample; `None` before the first sample.
     last: Option<u32>,
-    /// Samples since then that were lost and told of.
-    told: u32,
+    /// Lost samples since the last good sample for which a fault has been reported.
+    reported: u32,
 }
 
 impl Counter {
     pub(super) const fn new(bits: u32) -> Self {
-        Self { mask: (1 << bits) - 1, last: None, told: 0 }
+        Self { mask: (1 << bits) - 1, last: None, reported: 0 }
     }
 
-    /// A sample was lost, and its reason told.
-    pub(super) fn lose(&mut self) {
-        self.told = self.told.saturating_add(1);
+    /// Notes a lost sample for which a fault has been reported.
+    pub(super) fn count_reported(&mut self) {
+        self.reported = self.reported.saturating_add(1);
     }
 
-    /// A sample came; how many before it are missing and nobody was told of. A number from the past, by less than half the
-    /// range, is an IMU that has restarted: nothing is known to be missing.
+    /// Takes the number of a good sample. Returns how many samples before it are missing without a reported fault. If
+    /// the number is behind the last number by less than half the range, the IMU has restarted; no sample is then known
+    /// to be missing.
     pub(super) fn take(&mut self, count: u32) -> u32 {
         let ahead = self.last.map_or(0, |last| count.wrapping_sub(last.wrapping_add(1)) & self.mask);
         let missing = if ahead > self.mask / 2 { 0 } else { ahead };
-        let missed = missing.saturating_sub(self.told);
-        (self.last, self.told) = (Some(count), 0);
+        let missed = missing.saturating_sub(self.reported);
+        (self.last, self.reported) = (Some(count), 0);
         missed
     }
 }
@@ -73,14 +77,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_missing_sample_is_told_once() {
+    fn every_missing_sample_is_reported_once() {
         let mut counter = Counter::new(7);
         assert_eq!(counter.take(126), 0);
         assert_eq!(counter.take(127), 0);
         assert_eq!(counter.take(3), 3, "0, 1 and 2");
-        counter.lose();
-        counter.lose();
-        assert_eq!(counter.take(7), 1, "4, 5 and 6 are missing, two were told of");
-        assert_eq!(counter.take(7), 0, "from the past: restarted");
+        counter.count_reported();
+        counter.count_reported();
+        assert_eq!(counter.take(7), 1, "4, 5 and 6 are missing, two of them were reported before");
+        assert_eq!(counter.take(7), 0, "a number behind the last one: the IMU restarted");
     }
 }

@@ -1,4 +1,4 @@
-//! Drivers of the instrument's devices over embedded-hal 1.0, each from a public data sheet named in its head.
+//! Drivers of the devices over embedded-hal 1.0. Each driver follows a public data sheet, named at the top of its file.
 //!
 //! ```text
 //! bridge     motor bridge, PWM and direction    duty from -1 to 1         -> pins
@@ -6,7 +6,8 @@
 //! adis16495  IMU on SPI with data-ready         burst of 20 words         -> ImuReading
 //! kvh1750    fibre-optic IMU on RS-422          bytes of a UART           -> ImuReading
 //! ```
-//! A driver refuses what its device does not vouch for, and says why. No driver reads a clock: times are arguments.
+//! A driver returns a fault instead of a measurement that its device does not guarantee. No driver reads a clock: times
+//! are arguments.
 
 pub mod adis16495;
 pub mod biss;

@@ -1,14 +1,15 @@
-//! The angles of one axis over the last milliseconds, and the angle at any time among them.
+//! Angles of one axis over the last milliseconds, interpolated at any time between them.
 //!
-//! The encoder is read a thousand times a second, at times of its own; a sample of the IMU is stamped with the middle of
-//! its interval, which is past when the sample arrives. Between two readings the angle goes on a straight line: an axis
-//! that accelerates at 60 deg/s^2 strays from it by 0.03 arcsec at most, and nothing remains at either end.
+//! The encoder is read once a millisecond, at times that do not depend on the IMU. The time stamp of an IMU sample is
+//! the middle of its interval, which is in the past when the sample arrives. So the angle at the stamp is interpolated
+//! between two encoder readings on a straight line. For an axis that accelerates at 60 deg/s^2 the error is at most
+//! 0.03 arcsec, and it is zero at the readings themselves.
 
 use crate::base::angle::Angle;
 
-/// Readings kept: 31 ms at 1 kHz.
+/// Number of stored readings: 31 ms at 1 kHz.
 const READINGS: usize = 32;
-/// Longest time between two readings over which the angle is believed, us: one reading may be missing.
+/// Longest time between two readings for an interpolation, us. One reading may be missing.
 const LONGEST_GAP_US: u64 = 2500;
 
 #[derive(Clone, Copy, Debug)]
@@ -17,33 +18,34 @@ struct Reading {
     angle: Angle,
 }
 
-/// The last readings of an encoder.
+/// The last readings of one encoder.
 #[derive(Clone, Debug)]
 pub struct AngleHistory {
     readings: [Reading; READINGS],
-    /// How many have been taken in.
+    /// Number of readings taken so far; once the memory is full, this count stays between `READINGS` and `2 * READINGS
+    /// - 1`.
     count: usize,
 }
 
 impl AngleHistory {
-    /// Without a reading.
+    /// A history without readings.
     pub const fn new() -> Self {
         Self { readings: [Reading { time_us: 0, angle: Angle::from_ticks(0) }; READINGS], count: 0 }
     }
 
-    /// Takes in a reading. One that is not later than the last is left out.
+    /// Adds a reading. A reading that is not later than the last one is ignored.
     pub fn push(&mut self, time_us: u64, angle: Angle) {
         if self.back(0).is_some_and(|last| last.time_us >= time_us) {
             return;
         }
         if let Some(place) = self.readings.get_mut(self.count % READINGS) {
             *place = Reading { time_us, angle };
-            // Once full it is full, however long it runs.
+            // A full memory stays full: the count wraps to `READINGS`, not to zero.
             self.count = if self.count == 2 * READINGS - 1 { READINGS } else { self.count + 1 };
         }
     }
 
-    /// The angle at a time; `None` unless readings at most two and a half milliseconds apart enclose it.
+    /// Angle at a time. `None` unless the time lies between two readings at most 2.5 ms apart.
     pub fn at(&self, time_us: u64) -> Option<Angle> {
         let earlier = (0..READINGS).find(|back| self.back(*back).is_none_or(|reading| reading.time_us <= time_us))?;
         let before = self.back(earlier)?;
@@ -56,7 +58,7 @@ impl AngleHistory {
             .then(|| before.angle.turned(part(after.angle.since(before.angle), time_us - before.time_us, gap_us)))
     }
 
-    /// The reading so many before the last.
+    /// The reading `readings` before the last one.
     fn back(&self, readings: usize) -> Option<Reading> {
         let place = self.count.checked_sub(readings + 1)?;
         self.readings.get(place % READINGS).copied()
@@ -69,7 +71,7 @@ impl Default for AngleHistory {
     }
 }
 
-/// `ticks` times `elapsed / whole`, to the nearest tick; `whole` is not zero.
+/// `ticks` times `elapsed / whole`, rounded to the nearest tick. `whole` must not be zero.
 fn part(ticks: i32, elapsed: u64, whole: u64) -> i32 {
     let (elapsed, whole) = (elapsed as i64, (whole as i64).max(1));
     (2 * i64::from(ticks) * elapsed + whole).div_euclid(2 * whole) as i32
@@ -93,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn only_times_among_the_readings_have_an_angle() {
+    fn only_times_between_readings_have_an_angle() {
         assert_eq!(AngleHistory::new().at(5), None);
         let history = history([(1000, -5), (2000, 5)]);
         assert_eq!(
@@ -103,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn the_oldest_readings_go_first() {
+    fn the_oldest_readings_are_dropped_first() {
         for count in [READINGS as u64, 1000, 1001] {
             let history = history((0..count).map(|k| (1000 * k, 7000 * k as i32)));
             let kept = (0..1000 * count).step_by(500).filter(|time_us| {
@@ -116,13 +118,13 @@ mod tests {
     }
 
     #[test]
-    fn one_missing_reading_is_bridged_and_two_are_not() {
+    fn the_angle_is_interpolated_over_one_missing_reading_but_not_over_two() {
         assert_eq!(ticks_at(&history([(0, 0), (2000, 200)]), 700), Some(70));
         assert_eq!(ticks_at(&history([(0, 0), (3000, 300)]), 700), None);
     }
 
     #[test]
-    fn a_clock_that_goes_back_changes_nothing() {
+    fn a_reading_that_is_not_later_is_ignored() {
         let mut before = history([(1000, 1), (2000, 2)]);
         before.push(2000, Angle::from_ticks(9));
         before.push(500, Angle::from_ticks(9));
@@ -131,7 +133,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_angle_goes_straight_across_the_end_of_the_turn(from: u32, step in -40_000_000_i32..40_000_000, at in 0_u64..=1000) {
+        fn interpolation_is_linear_across_a_whole_turn(
+            from: u32, step in -40_000_000_i32..40_000_000, at in 0_u64..=1000
+        ) {
             let mut history = AngleHistory::new();
             history.push(10, Angle::from_ticks(from));
             history.push(1010, Angle::from_ticks(from).turned(step));

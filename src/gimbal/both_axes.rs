@@ -1,25 +1,26 @@
-//! Both gimbal axes as one thing: the control interrupt calls [`Gimbal::control`] once a millisecond, the main loop gives
-//! commands and looks at the status.
+//! Both gimbal axes together. The control interrupt calls [`Gimbal::control`] once a millisecond; the main loop gives
+//! commands and reads the status.
 //!
 //! ```text
-//!                hold, move_to                       release
-//!   Released ------------------> Obeying ---------------------------> Releasing --(both at rest)--> Released
+//!                hold, move_to                      release
+//!   Released ------------------> Controlled ------------------------> Releasing --(both at rest)--> Released
 //!      ^                         ^     |
-//!      |            hold, move_to|     | a fault
+//!      |            hold, move_to|     | fault
 //!      |                         |     v
-//!      +-----------release------ Stopped(fault)
+//!      +-----------release------ Faulted(fault)
 //! ```
-//! Whatever fails, both axes stop. Each in the best way that is left to it:
+//! After any fault both axes are brought to rest. Each axis uses the best means that is left:
 //!
-//! | fault | the axis that has it | the other one |
+//! | fault | faulty axis | other axis |
 //! |---|---|---|
-//! | following error, end of travel | brakes under control | brakes under control |
-//! | stall, runaway, encoder | winding shorted: what it turns, it brakes | brakes under control |
-//! | overcurrent, a bridge that takes no duty | winding open | brakes under control |
+//! | following error, travel limit | brakes under control | brakes under control |
+//! | stall, runaway, encoder | winding shorted: the turning motor brakes itself | brakes under control |
+//! | bridge fault, bridge refuses commands | winding open | brakes under control |
 //!
-//! An axis that turns on a tenth of a second after it was shorted is switched off: its bridge does not obey. An axis that
-//! fails while it brakes, or for a second time, is shorted. The first fault stays until the next command, and
-//! says axis, angle and number. Moves begin when both axes stand. Nothing is controlled before the first command.
+//! If a shorted axis still turns after 0.1 s, its winding is opened, because the bridge ignores its commands. An axis
+//! that has another fault after the first one is shorted. The first fault is reported until the next command; it
+//! contains axis, angle and number. A move begins when both axes are at rest. No axis is controlled before the first
+//! command.
 
 use super::fault::{BridgeFault, EncoderFault, Fault, FaultKind};
 use crate::base::angle::Angle;
@@ -27,14 +28,14 @@ use crate::base::linear::Real;
 use crate::gimbal::axis::{Axis, AxisLimits};
 use crate::gimbal::servo::{Drive, MotorAndLoad, PERIOD_US};
 
-/// What the axes shall do.
+/// Command to both axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MotionCommand {
-    /// Come to rest and stay there, under control.
+    /// Brake, then hold both axes at rest under control.
     Hold,
-    /// Come to rest; then nothing is controlled, and the windings are shorted.
+    /// Bring both axes to rest, then stop the control and short the windings.
     Release,
-    /// Go to these angles. Both axes start together.
+    /// Move to these angles. Both axes start together.
     MoveTo {
         /// Outer and inner angle, counted over whole turns, rad.
         angles_rad: [f64; 2],
@@ -45,33 +46,33 @@ pub enum MotionCommand {
     },
 }
 
-/// What the control interrupt has read.
+/// Inputs of one control period.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sensed {
-    /// Outer and inner encoder.
+pub struct GimbalInputs {
+    /// Readings of the outer and the inner encoder.
     pub encoders: [Result<Angle, EncoderFault>; 2],
-    /// What the bridges of the outer and the inner motor have to say.
+    /// Answers of the outer and the inner bridge to their last commands.
     pub bridges: [Result<(), BridgeFault>; 2],
 }
 
-/// How the axes are.
+/// Status of both axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GimbalStatus {
     /// Time of the last control period, us.
     pub time_us: u64,
-    /// Commands that the control has taken since the start; wraps.
+    /// Number of commands taken since the start; wraps.
     pub commands: u16,
-    /// Both stand where they were told to go.
+    /// Both axes hold their target angles.
     pub arrived: bool,
-    /// Neither turns, as far as can be known.
+    /// Both axes are at rest. An axis with a faulty encoder is assumed to be at rest after a fixed time.
     pub at_rest: bool,
-    /// Nominal duration of the move under way, us.
+    /// Nominal duration of the last move, us.
     pub move_us: u64,
-    /// What stopped them.
+    /// The fault that stopped the motion, if any.
     pub fault: Option<Fault>,
 }
 
-/// A move to come.
+/// A move that waits for both axes to be at rest.
 #[derive(Clone, Copy, Debug)]
 struct Move {
     angles_rad: [f64; 2],
@@ -82,27 +83,27 @@ struct Move {
 #[derive(Clone, Copy, Debug)]
 enum State {
     Released,
-    /// The move begins when both axes stand.
-    Obeying(Option<Move>),
+    /// Both axes are controlled. A waiting move begins when both are at rest.
+    Controlled(Option<Move>),
     Releasing,
-    Stopped(Fault),
+    Faulted(Fault),
 }
 
-/// Both axes.
+/// Both axes and their common state.
 #[derive(Clone, Debug)]
 pub struct Gimbal<T: Real> {
     axes: [Axis<T>; 2],
     state: State,
     time_us: Option<u64>,
     move_us: u64,
-    /// Taken, dropped ones included; wraps.
+    /// Number of commands, ignored ones included; wraps.
     commands: u16,
-    /// The control period since which there is a fault, us.
+    /// Time of the control period in which the current fault occurred, us.
     fault_us: Option<u64>,
 }
 
 impl<T: Real> Gimbal<T> {
-    /// Axes whose encoders have not been read yet.
+    /// A gimbal before the first readings of its encoders.
     pub fn new(limits: &[AxisLimits; 2], motors: &[MotorAndLoad; 2]) -> Self {
         let ([outer, inner], [outer_motor, inner_motor]) = (limits, motors);
         Self {
@@ -115,54 +116,54 @@ impl<T: Real> Gimbal<T> {
         }
     }
 
-    /// Takes other limits and motors, while the axes stand. Axes that are held stay held where they are; after a fault, or
-    /// where they were let go, nothing is controlled.
+    /// Applies other limits and motors. Both axes must be at rest. Held axes are held again at their angles; after a
+    /// fault or a release nothing is controlled.
     pub fn reconfigure(&mut self, limits: &[AxisLimits; 2], motors: &[MotorAndLoad; 2]) {
         for ((axis, limits), motor) in self.axes.iter_mut().zip(limits).zip(motors) {
             *axis = axis.reconfigured(limits, motor);
         }
-        if matches!(self.state, State::Obeying(_)) {
-            self.state = State::Obeying(None);
+        if matches!(self.state, State::Controlled(_)) {
+            self.state = State::Controlled(None);
             let now_us = self.time_us.unwrap_or(0);
             self.axes.iter_mut().for_each(|axis| axis.hold(now_us));
         }
     }
 
-    /// One control period: what the bridges of the outer and the inner motor are told until the next one.
-    pub fn control(&mut self, now_us: u64, sensed: &Sensed) -> [Drive<T>; 2] {
+    /// Runs one control period. Returns the commands to the outer and the inner bridge until the next period.
+    pub fn control(&mut self, now_us: u64, inputs: &GimbalInputs) -> [Drive<T>; 2] {
         let since_us = self.time_us.map_or(PERIOD_US, |before_us| now_us.saturating_sub(before_us));
         self.time_us = Some(now_us);
-        for (axis, reading) in self.axes.iter_mut().zip(sensed.encoders) {
+        for (axis, reading) in self.axes.iter_mut().zip(inputs.encoders) {
             axis.observe(reading, since_us.saturating_add(PERIOD_US / 2) / PERIOD_US);
         }
-        self.watch(now_us, sensed);
-        self.proceed(now_us);
+        self.check_faults(now_us, inputs);
+        self.advance(now_us);
         self.axes.each_mut().map(|axis| axis.drive(now_us))
     }
 
-    /// Takes a command. It ends what was under way, and forgets the fault.
+    /// Takes a command. The command replaces the current motion and clears the fault.
     pub fn command(&mut self, command: MotionCommand) {
         let now_us = self.time_us.unwrap_or(0);
         self.commands = self.commands.wrapping_add(1);
         self.state = match command {
-            MotionCommand::Hold => State::Obeying(None),
+            MotionCommand::Hold => State::Controlled(None),
             MotionCommand::Release => State::Releasing,
             MotionCommand::MoveTo { angles_rad, rate_rad_s, acceleration_rad_s2 } => {
                 if let Some(fault) = self.out_of_reach(angles_rad) {
-                    return self.stop(fault, now_us);
+                    return self.react_to(fault, now_us);
                 }
-                State::Obeying(Some(Move { angles_rad, rate_rad_s, acceleration_rad_s2 }))
+                State::Controlled(Some(Move { angles_rad, rate_rad_s, acceleration_rad_s2 }))
             }
         };
         self.fault_us = None;
         if !matches!(self.state, State::Releasing) {
             self.axes.iter_mut().for_each(|axis| axis.hold(now_us));
         }
-        self.proceed(now_us);
+        self.advance(now_us);
     }
 
-    /// Takes a command that was computed from the status of the time `seen_us`. If a fault has come up since, the command
-    /// only counts: it must not end what that fault has begun.
+    /// Takes a command that was computed from the status at the time `seen_us`. If a fault has occurred since then, the
+    /// command is only counted, so that it does not end the reaction to that fault.
     pub fn command_seen(&mut self, command: MotionCommand, seen_us: u64) {
         if self.fault_us.is_none_or(|fault_us| fault_us <= seen_us) {
             self.command(command);
@@ -171,14 +172,14 @@ impl<T: Real> Gimbal<T> {
         }
     }
 
-    /// How the axes are.
+    /// Status of both axes.
     pub fn status(&self) -> GimbalStatus {
         let now_us = self.time_us.unwrap_or(0);
-        let waits = matches!(self.state, State::Obeying(Some(_)));
+        let move_waits = matches!(self.state, State::Controlled(Some(_)));
         GimbalStatus {
             time_us: now_us,
-            arrived: !waits && self.axes.iter().all(|axis| axis.has_arrived(now_us)),
-            at_rest: !waits && self.axes.iter().all(|axis| axis.is_at_rest(now_us)),
+            arrived: !move_waits && self.axes.iter().all(|axis| axis.has_arrived(now_us)),
+            at_rest: !move_waits && self.axes.iter().all(|axis| axis.is_at_rest(now_us)),
             move_us: self.move_us,
             commands: self.commands,
             fault: self.fault(),
@@ -186,68 +187,71 @@ impl<T: Real> Gimbal<T> {
     }
 
     const fn fault(&self) -> Option<Fault> {
-        if let State::Stopped(fault) = self.state { Some(fault) } else { None }
+        if let State::Faulted(fault) = self.state { Some(fault) } else { None }
     }
 
-    /// Looks for faults, and stops both axes for the first.
-    fn watch(&mut self, now_us: u64, sensed: &Sensed) {
-        for (index, bridge) in (0_u8..).zip(sensed.bridges) {
+    /// Checks both axes for faults and reacts to the first one.
+    fn check_faults(&mut self, now_us: u64, inputs: &GimbalInputs) {
+        for (index, bridge) in (0_u8..).zip(inputs.bridges) {
             let Some(axis) = self.axes.get_mut(usize::from(index)) else { continue };
             let fault = axis.fault(now_us);
-            // Of a bridge that drives nothing, nothing is to be said; but it is not switched on again to short a winding.
+            // Do not report a fault of an idle bridge. But keep the bridge off, so that it is not switched on again to
+            // short the winding.
             if bridge.is_err() && !axis.is_controlled() {
                 axis.free(Drive::Off, now_us);
             }
             let of_bridge = bridge.err().filter(|_| axis.is_controlled()).map(FaultKind::Bridge);
             let kind = of_bridge.or(fault);
-            // An axis that brakes beyond the end of its travel is doing what it can.
-            let stopping = matches!(self.state, State::Stopped(_));
-            if let Some(kind) = kind.filter(|kind| !(stopping && matches!(kind, FaultKind::Travel { .. }))) {
+            // After a fault, an axis may brake beyond its travel limit; this is not a further fault.
+            let faulted = matches!(self.state, State::Faulted(_));
+            if let Some(kind) = kind.filter(|kind| !(faulted && matches!(kind, FaultKind::Travel { .. }))) {
                 let angle_rad = axis.angle_rad() as f32;
-                self.stop(Fault { axis: index, angle_rad, kind }, now_us);
+                self.react_to(Fault { axis: index, angle_rad, kind }, now_us);
             }
         }
-        if matches!(self.state, State::Stopped(_) | State::Releasing) {
-            self.axes.iter_mut().for_each(|axis| axis.open_if_it_turns(now_us));
+        if matches!(self.state, State::Faulted(_) | State::Releasing) {
+            self.axes.iter_mut().for_each(|axis| axis.open_if_turning(now_us));
         }
     }
 
-    fn stop(&mut self, fault: Fault, now_us: u64) {
-        let failed_again = matches!(self.state, State::Stopped(_));
+    /// Reacts to a fault: opens or shorts the winding of the faulty axis or brakes it, and brings the other axis to
+    /// rest.
+    fn react_to(&mut self, fault: Fault, now_us: u64) {
+        let failed_again = matches!(self.state, State::Faulted(_));
         for (index, axis) in (0_u8..).zip(&mut self.axes) {
             if matches!(fault.kind, FaultKind::Bridge(_)) && fault.axis == index {
                 axis.free(Drive::Off, now_us);
             } else if fault.axis == index && (failed_again || !fault.kind.is_controllable()) {
                 axis.free(Drive::Brake, now_us);
             } else if !failed_again {
-                axis.stop(now_us);
+                axis.bring_to_rest(now_us);
             }
         }
         if !failed_again {
-            (self.state, self.fault_us) = (State::Stopped(fault), Some(now_us));
+            (self.state, self.fault_us) = (State::Faulted(fault), Some(now_us));
         }
     }
 
-    /// Goes on where the axes have come to rest.
-    fn proceed(&mut self, now_us: u64) {
+    /// Continues when the axes have come to rest: starts a waiting move, or completes a release.
+    fn advance(&mut self, now_us: u64) {
         match self.state {
-            State::Obeying(Some(next)) if self.axes.iter().all(Axis::is_holding) => {
+            State::Controlled(Some(next)) if self.axes.iter().all(Axis::is_holding) => {
                 for (axis, target_rad) in self.axes.iter_mut().zip(next.angles_rad) {
                     let limits = axis.motion_limits(next.rate_rad_s, next.acceleration_rad_s2);
                     axis.move_to(target_rad, &limits, now_us);
                 }
                 self.move_us = self.axes.iter().map(Axis::move_us).max().unwrap_or(0);
-                self.state = State::Obeying(None);
+                self.state = State::Controlled(None);
             }
             State::Releasing => {
-                self.axes.iter_mut().for_each(|axis| axis.stop(now_us));
+                self.axes.iter_mut().for_each(|axis| axis.bring_to_rest(now_us));
                 if self.axes.iter().all(|axis| axis.is_at_rest(now_us)) {
                     let controlled = self.axes.iter_mut().filter(|axis| axis.is_controlled());
                     controlled.for_each(|axis| axis.free(Drive::Brake, now_us));
                     self.state = State::Released;
                 }
             }
-            State::Released | State::Obeying(_) | State::Stopped(_) => {}
+            State::Released | State::Controlled(_) | State::Faulted(_) => {}
         }
     }
 
@@ -265,22 +269,22 @@ mod tests {
     use crate::base::angle::rad_to_ticks;
     use crate::base::units::DEG;
 
-    /// Whole periods in which the encoders show this, deg.
+    /// Runs `count` control periods with constant encoder angles, deg.
     fn periods(gimbal: &mut Gimbal<f64>, count: u64, angles_deg: [f64; 2]) -> [Drive<f64>; 2] {
         let encoders = angles_deg.map(|angle_deg| Ok(Angle::from_ticks(rad_to_ticks(angle_deg * DEG) as u32)));
         let mut drives = [Drive::Off; 2];
         for _ in 0..count {
             let now_us = gimbal.time_us.unwrap_or(0) + PERIOD_US;
-            drives = gimbal.control(now_us, &Sensed { encoders, bridges: [Ok(()); 2] });
+            drives = gimbal.control(now_us, &GimbalInputs { encoders, bridges: [Ok(()); 2] });
         }
         drives
     }
 
     #[test]
-    fn other_limits_leave_axes_where_they_are() {
+    fn reconfiguring_keeps_angles_and_turns() {
         let (limits, motors) = ([AxisLimits::default(); 2], [MotorAndLoad::default(); 2]);
         let mut gimbal = Gimbal::<f64>::new(&limits, &motors);
-        // The outer axis is turned by hand, at 20 deg/s and beyond a whole turn.
+        // The outer axis is turned by hand at 20 deg/s, by more than one turn.
         periods(&mut gimbal, 1, [0.0, 30.0]);
         for tenths in 0..=4000 {
             periods(&mut gimbal, 5, [f64::from(tenths) * 0.1, 30.0]);
@@ -292,26 +296,27 @@ mod tests {
         gimbal.reconfigure(&limits, &motors);
         let drives = periods(&mut gimbal, 1000, [400.0, 30.0]);
         assert_eq!(gimbal.status().fault, None);
-        assert!(drives.iter().all(|drive| matches!(drive, Drive::Duty(_))), "they are held");
+        assert!(drives.iter().all(|drive| matches!(drive, Drive::Duty(_))), "the axes are held");
         let close = |index: usize, deg: f64| (gimbal.axes[index].angle_rad() - deg * DEG).abs() < 1e-6;
         assert!(close(0, 400.0) && close(1, 30.0) && gimbal.status().arrived);
         gimbal.command(MotionCommand::Release);
         periods(&mut gimbal, 1000, [400.0, 30.0]);
         gimbal.reconfigure(&limits, &motors);
-        assert_eq!(periods(&mut gimbal, 10, [400.0, 30.0]), [Drive::Brake; 2], "let go they stay");
+        assert_eq!(periods(&mut gimbal, 10, [400.0, 30.0]), [Drive::Brake; 2], "released axes are not controlled");
     }
 
     #[test]
-    fn a_bridge_at_fault_is_not_switched_on_again_to_short_a_winding() {
+    fn a_faulty_idle_bridge_is_not_switched_on_again() {
         let mut gimbal = Gimbal::<f64>::new(&[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2]);
         periods(&mut gimbal, 10, [0.0; 2]);
-        let hot = Sensed { encoders: [Ok(Angle::default()); 2], bridges: [Err(BridgeFault::Overcurrent), Ok(())] };
-        assert_eq!(gimbal.control(11 * PERIOD_US, &hot), [Drive::Off, Drive::Brake]);
+        let overcurrent =
+            GimbalInputs { encoders: [Ok(Angle::default()); 2], bridges: [Err(BridgeFault::Overcurrent), Ok(())] };
+        assert_eq!(gimbal.control(11 * PERIOD_US, &overcurrent), [Drive::Off, Drive::Brake]);
         assert_eq!(periods(&mut gimbal, 100, [0.0; 2]), [Drive::Off, Drive::Brake]);
     }
 
     #[test]
-    fn a_bridge_that_does_not_obey_is_switched_off_while_the_axes_are_let_go() {
+    fn a_bridge_that_ignores_commands_is_switched_off_during_a_release() {
         let mut gimbal = Gimbal::<f64>::new(&[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2]);
         periods(&mut gimbal, 10, [0.0; 2]);
         gimbal.command(MotionCommand::Hold);
@@ -331,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn a_target_out_of_reach_is_a_fault_at_once() {
+    fn a_target_beyond_the_travel_is_a_fault_at_once() {
         let limits = [AxisLimits { lowest_rad: -1.0, highest_rad: 1.0, ..AxisLimits::default() }; 2];
         let mut gimbal = Gimbal::<f64>::new(&limits, &[MotorAndLoad::default(); 2]);
         periods(&mut gimbal, 10, [0.0; 2]);
@@ -340,35 +345,36 @@ mod tests {
         gimbal.command_seen(move_to, seen_us);
         assert!(gimbal.status().fault.is_some());
         gimbal.command_seen(MotionCommand::Hold, seen_us - PERIOD_US);
-        assert!(gimbal.status().fault.is_some(), "what was computed before does not end it");
+        assert!(gimbal.status().fault.is_some(), "a command from before the fault does not clear it");
         gimbal.command_seen(MotionCommand::Hold, seen_us);
         assert_eq!(gimbal.status().fault, None);
     }
 
     #[test]
-    fn a_command_from_before_a_fault_only_counts() {
+    fn a_command_from_before_a_fault_is_only_counted() {
         let mut gimbal = Gimbal::<f64>::new(&[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2]);
         periods(&mut gimbal, 10, [0.0; 2]);
         gimbal.command(MotionCommand::Hold);
         let before = gimbal.status();
-        let hot = Sensed { encoders: [Ok(Angle::default()); 2], bridges: [Err(BridgeFault::Overcurrent), Ok(())] };
-        gimbal.control(11 * PERIOD_US, &hot);
+        let overcurrent =
+            GimbalInputs { encoders: [Ok(Angle::default()); 2], bridges: [Err(BridgeFault::Overcurrent), Ok(())] };
+        gimbal.control(11 * PERIOD_US, &overcurrent);
         gimbal.command_seen(MotionCommand::Hold, before.time_us);
         assert!(gimbal.status().fault.is_some() && gimbal.status().commands == 2);
         gimbal.command_seen(MotionCommand::Hold, gimbal.status().time_us);
         assert!(gimbal.status().fault.is_none() && gimbal.status().commands == 3);
     }
 
-    /// An outer axis that goes on at 20 deg/s whatever its bridge is told, until it is switched off.
+    /// The outer axis continues at 20 deg/s until its bridge is switched off.
     #[test]
-    fn a_bridge_that_does_not_obey_is_switched_off() {
+    fn a_bridge_that_ignores_commands_is_switched_off() {
         let mut gimbal = Gimbal::<f64>::new(&[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2]);
         gimbal.command(MotionCommand::Hold);
         let (mut angle_rad, mut shorted_us, mut open_us) = (0.0, None, None);
         for period in 1..1000 {
             let (now_us, turned) = (period * PERIOD_US, Angle::from_ticks(rad_to_ticks(angle_rad) as u32));
-            let sensed = Sensed { encoders: [Ok(turned), Ok(Angle::default())], bridges: [Ok(()); 2] };
-            let [outer, _] = gimbal.control(now_us, &sensed);
+            let inputs = GimbalInputs { encoders: [Ok(turned), Ok(Angle::default())], bridges: [Ok(()); 2] };
+            let [outer, _] = gimbal.control(now_us, &inputs);
             match outer {
                 Drive::Off => open_us = open_us.or(Some(now_us)),
                 Drive::Brake => shorted_us = shorted_us.or(Some(now_us)),
@@ -378,16 +384,17 @@ mod tests {
                 angle_rad += 20.0 * DEG * 1e-3;
             }
         }
-        let fault = gimbal.status().fault.expect("it is noticed");
+        let fault = gimbal.status().fault.expect("the fault is reported");
         assert!(fault.axis == 0 && matches!(fault.kind, FaultKind::Runaway { .. }), "{fault}");
-        let (shorted_us, open_us) = (shorted_us.expect("it is shorted first"), open_us.expect("it is switched off"));
+        let (shorted_us, open_us) =
+            (shorted_us.expect("the winding is shorted first"), open_us.expect("then the winding is opened"));
         assert_eq!(open_us - shorted_us, 100_000);
         gimbal.command(MotionCommand::Release);
-        let standing = Sensed {
+        let standing = GimbalInputs {
             encoders: [Ok(Angle::from_ticks(rad_to_ticks(angle_rad) as u32)), Ok(Angle::default())],
             bridges: [Ok(()); 2],
         };
         let last = (1000..3000).map(|period| gimbal.control(period * PERIOD_US, &standing)).last();
-        assert_eq!(last, Some([Drive::Off, Drive::Brake]), "and stays so when it is let go");
+        assert_eq!(last, Some([Drive::Off, Drive::Brake]), "the winding stays open after a release");
     }
 }

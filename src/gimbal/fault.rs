@@ -1,4 +1,4 @@
-//! What can go wrong with a gimbal axis, and its text.
+//! Faults of a gimbal axis and their messages.
 
 use crate::base::units::{ARCSEC, DEG};
 use core::fmt;
@@ -7,67 +7,67 @@ use serde::{Deserialize, Serialize};
 /// Names of the axes.
 pub const AXIS_NAMES: [&str; 2] = ["outer", "inner"];
 
-/// Why there is no reading of an encoder.
+/// Why an encoder gives no valid reading.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum EncoderFault {
-    /// It does not answer, or the bus fails.
+    /// The encoder does not answer, or its bus fails.
     Silent,
-    /// Its frames are damaged.
+    /// The frames of the encoder are damaged.
     Crc,
-    /// It reports an error of its own.
+    /// The encoder reports an error of its own.
     Alarm,
-    /// It reads this far from where the axis can be, rad.
+    /// The reading is farther from the expected angle than the axis can have moved; the difference, rad.
     Jump(f32),
 }
 
-/// What a motor's bridge has against it.
+/// Fault of the bridge of a motor.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum BridgeFault {
-    /// It reports too much current.
+    /// The bridge reports a fault: overcurrent, over-temperature or undervoltage.
     Overcurrent,
-    /// It does not take commands.
+    /// The bridge does not accept commands.
     Silent,
 }
 
-/// What is wrong. Numbers are for people, so `f32`: a fault goes with every sample.
+/// Kind of a fault. The numbers are for messages only, so they are `f32`: every sample carries a copy of the fault.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[expect(missing_docs, reason = "the text of a variant says what its fields are")]
+#[expect(missing_docs, reason = "the documentation of a variant explains its fields")]
 pub enum FaultKind {
-    /// It is this far from its profile.
+    /// The axis is this far from its profile.
     Following { error_rad: f32 },
-    /// It hardly turns where it should.
+    /// The axis turns at less than a quarter of its commanded rate.
     Stall { rate_rad_s: f32, wanted_rad_s: f32 },
-    /// It turns faster than it should, or the other way.
+    /// The axis turns faster than commanded, or in the opposite direction.
     Runaway { rate_rad_s: f32, wanted_rad_s: f32 },
-    /// It turns out of its travel, or is told to.
+    /// The axis moves, or was commanded to move, beyond this travel limit.
     Travel { limit_rad: f32 },
-    /// Its encoder is not believed.
+    /// The encoder of the axis has given no valid reading for several control periods.
     Encoder(EncoderFault),
-    /// The bridge of its motor cannot be used.
+    /// The bridge of the motor failed.
     Bridge(BridgeFault),
 }
 
 /// A fault of one axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fault {
-    /// Axis: 0 outer, 1 inner.
+    /// Axis: 0 is the outer axis, 1 the inner axis.
     pub axis: u8,
-    /// Where it was, counted over whole turns, rad.
+    /// Angle of the axis at the fault, counted over whole turns, rad.
     pub angle_rad: f32,
-    /// What is wrong with it.
+    /// Kind of the fault.
     pub kind: FaultKind,
 }
 
 impl FaultKind {
-    /// Whether the encoder of the axis can be believed in spite of it, so that the axis is brought to rest under control.
+    /// Whether encoder and motor of the axis can still be trusted, so that the axis can brake under control.
     pub fn is_controllable(self) -> bool {
         matches!(self, Self::Following { .. } | Self::Travel { .. })
     }
 }
 
 impl Fault {
-    /// Whether the axes may be turned again without anyone having looked at them.
-    pub fn lets_park(&self) -> bool {
+    /// Whether the axes may move to their parking angles without an inspection by a person.
+    pub fn allows_parking(&self) -> bool {
         self.kind.is_controllable()
     }
 }
@@ -90,17 +90,19 @@ impl fmt::Display for EncoderFault {
 impl fmt::Display for FaultKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Following { error_rad } => write!(f, "{:.2} deg from its profile", degrees(*error_rad)),
+            Self::Following { error_rad } => write!(f, "following error of {:.2} deg", degrees(*error_rad)),
             Self::Stall { rate_rad_s, wanted_rad_s } => {
-                write!(f, "stalled, {:.1} deg/s where {:.1} are wanted", degrees(*rate_rad_s), degrees(*wanted_rad_s))
+                write!(f, "stalled at {:.1} deg/s, commanded {:.1} deg/s", degrees(*rate_rad_s), degrees(*wanted_rad_s))
             }
             Self::Runaway { rate_rad_s, wanted_rad_s } => {
-                write!(f, "runs away, {:.1} deg/s where {:.1} are wanted", degrees(*rate_rad_s), degrees(*wanted_rad_s))
+                write!(f, "runaway at {:.1} deg/s, commanded {:.1} deg/s", degrees(*rate_rad_s), degrees(*wanted_rad_s))
             }
-            Self::Travel { limit_rad } => write!(f, "leaves its travel, which ends at {:.1} deg", degrees(*limit_rad)),
-            Self::Encoder(fault) => write!(f, "its encoder {fault}"),
-            Self::Bridge(BridgeFault::Overcurrent) => f.write_str("too much current in its motor"),
-            Self::Bridge(BridgeFault::Silent) => f.write_str("its drive does not take commands"),
+            Self::Travel { limit_rad } => write!(f, "motion beyond the travel limit of {:.1} deg", degrees(*limit_rad)),
+            Self::Encoder(fault) => write!(f, "encoder {fault}"),
+            Self::Bridge(BridgeFault::Overcurrent) => {
+                f.write_str("motor bridge fault (overcurrent, over-temperature or undervoltage)")
+            }
+            Self::Bridge(BridgeFault::Silent) => f.write_str("motor bridge does not accept commands"),
         }
     }
 }
@@ -117,36 +119,33 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_text_names_axis_angle_and_number() {
+    fn a_message_contains_axis_angle_and_number() {
         let fault = |axis, kind| Fault { axis, angle_rad: (-90.5 * DEG) as f32, kind }.to_string();
         let cases = [
             (
                 fault(0, FaultKind::Following { error_rad: (1.004 * DEG) as f32 }),
-                "outer axis at -90.50 deg: 1.00 deg from its profile",
+                "outer axis at -90.50 deg: following error of 1.00 deg",
             ),
             (
                 fault(1, FaultKind::Runaway { rate_rad_s: (-6.0 * DEG) as f32, wanted_rad_s: (2.0 * DEG) as f32 }),
-                "inner axis at -90.50 deg: runs away, -6.0 deg/s where 2.0 are wanted",
+                "inner axis at -90.50 deg: runaway at -6.0 deg/s, commanded 2.0 deg/s",
             ),
             (
                 fault(1, FaultKind::Stall { rate_rad_s: 0.0, wanted_rad_s: (20.0 * DEG) as f32 }),
-                "inner axis at -90.50 deg: stalled, 0.0 deg/s where 20.0 are wanted",
+                "inner axis at -90.50 deg: stalled at 0.0 deg/s, commanded 20.0 deg/s",
             ),
             (
                 fault(0, FaultKind::Travel { limit_rad: (-360.0 * DEG) as f32 }),
-                "outer axis at -90.50 deg: leaves its travel, which ends at -360.0 deg",
+                "outer axis at -90.50 deg: motion beyond the travel limit of -360.0 deg",
             ),
             (
                 fault(0, FaultKind::Encoder(EncoderFault::Jump((30.0 * ARCSEC) as f32))),
-                "outer axis at -90.50 deg: its encoder jumped by 30.0 arcsec",
+                "outer axis at -90.50 deg: encoder jumped by 30.0 arcsec",
             ),
-            (
-                fault(1, FaultKind::Encoder(EncoderFault::Crc)),
-                "inner axis at -90.50 deg: its encoder sends damaged frames",
-            ),
+            (fault(1, FaultKind::Encoder(EncoderFault::Crc)), "inner axis at -90.50 deg: encoder sends damaged frames"),
             (
                 fault(0, FaultKind::Bridge(BridgeFault::Overcurrent)),
-                "outer axis at -90.50 deg: too much current in its motor",
+                "outer axis at -90.50 deg: motor bridge fault (overcurrent, over-temperature or undervoltage)",
             ),
         ];
         for (text, expected) in cases {

@@ -1,4 +1,4 @@
-//! Both axes of the gimbal, from encoder readings to motor duties, once a control period.
+//! Control of both gimbal axes: from encoder readings to motor duties, once in every control period.
 
 pub mod angle_history;
 pub mod axis;

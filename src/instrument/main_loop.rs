@@ -2,7 +2,7 @@
 
 use super::commands::{carry_out, status};
 use super::surroundings::{Archive, FoundRecord, Surroundings};
-use crate::acquisition::queue::Observed;
+use crate::acquisition::queue::SampleWithGimbal;
 use crate::base::linear::Real;
 use crate::base::restart::Restart;
 use crate::base::sample::{CorrectedSample, RawSample, SampleStatus};
@@ -19,10 +19,10 @@ use crate::run::telemetry::Message;
 /// A dual-axis RINS from power-up to power-off. The memory for link and calibrator is the caller's: statics on a board.
 ///
 /// ```
-/// use rins_selfcal::acquisition::queue::Observed;
+/// use rins_selfcal::acquisition::queue::SampleWithGimbal;
 /// use rins_selfcal::base::angle::Angle;
 /// use rins_selfcal::base::linear::Vector3;
-/// use rins_selfcal::base::loss::Losses;
+/// use rins_selfcal::base::loss::LossCounts;
 /// use rins_selfcal::base::restart::Restart;
 /// use rins_selfcal::base::sample::{CorrectedSample, RawSample, SampleStatus};
 /// use rins_selfcal::gimbal::axis::AxisLimits;
@@ -76,10 +76,10 @@ use crate::run::telemetry::Message;
 /// impl SerialLine for TestBoard {}
 /// impl Surroundings<f64> for TestBoard {
 ///     fn now_us(&self) -> u64 { 0 }
-///     fn next_sample(&mut self) -> Option<Observed<f64>> {
-///         self.samples.pop().map(|sample| Observed { sample, gimbal: self.gimbal })
+///     fn next_sample(&mut self) -> Option<SampleWithGimbal<f64>> {
+///         self.samples.pop().map(|sample| SampleWithGimbal { sample, gimbal: self.gimbal })
 ///     }
-///     fn losses(&mut self) -> Losses { Losses::default() }
+///     fn losses(&mut self) -> LossCounts { LossCounts::default() }
 ///     fn archive(&mut self) -> &mut impl Archive { &mut self.store }
 /// }
 ///
@@ -172,7 +172,11 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
         &self.run
     }
 
-    fn sample(&mut self, Observed { sample, gimbal }: &Observed<T>, outside: &mut impl Surroundings<T>) {
+    fn sample(
+        &mut self,
+        SampleWithGimbal { sample, gimbal }: &SampleWithGimbal<T>,
+        outside: &mut impl Surroundings<T>,
+    ) {
         self.samples += 1;
         let step = self.run.step(sample, gimbal, &mut |message| tell(self.link, outside, message));
         command(outside, step.motion, gimbal);

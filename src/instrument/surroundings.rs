@@ -1,9 +1,9 @@
 //! What an instrument needs around it: small traits, which a board, a virtual instrument or a test implements.
 
-use crate::acquisition::queue::Observed;
+use crate::acquisition::queue::SampleWithGimbal;
 use crate::base::angle::Angle;
 use crate::base::linear::Real;
-use crate::base::loss::Losses;
+use crate::base::loss::LossCounts;
 use crate::base::sample::{CorrectedSample, SampleStatus};
 use crate::gimbal::axis::AxisLimits;
 use crate::gimbal::servo::MotorAndLoad;
@@ -146,13 +146,13 @@ pub trait Surroundings<T: Real>: Axes + CorrectedSink<T> + Events + SerialLine +
     fn now_us(&self) -> u64;
 
     /// The next sample that the IMU's interrupt has put into the queue.
-    fn next_sample(&mut self) -> Option<Observed<T>>;
+    fn next_sample(&mut self) -> Option<SampleWithGimbal<T>>;
 
     /// The work on a sample is done; `during` is the state in which the sample found the run. For measurements of time.
     fn sample_done(&mut self, _during: State) {}
 
     /// Samples that are missing, since power-up.
-    fn losses(&mut self) -> Losses;
+    fn losses(&mut self) -> LossCounts;
 
     /// The memory that keeps calibrations.
     fn archive(&mut self) -> &mut impl Archive;

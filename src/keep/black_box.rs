@@ -9,7 +9,7 @@
 //! most likely an empty one. Starts that all end alike, as those of an instrument whose IMU is broken, are folded into one, so
 //! that what led to the first is still there.
 
-use crate::base::restart::{Restart, Stop};
+use crate::base::restart::{FatalError, Restart};
 use crate::gimbal::Fault;
 use crate::run::abort::Abort;
 use crate::run::config::ConfigError;
@@ -37,7 +37,7 @@ pub enum Event {
     /// The software has started, after this.
     Restarted(Restart),
     /// The software stops itself, motors off, and a reset follows.
-    Stopped(Stop),
+    Stopped(FatalError),
     /// The run has entered a state.
     State(State),
     /// What is done at power-up or on command, and why.
@@ -300,9 +300,9 @@ mod tests {
 
     #[test]
     fn starts_that_end_alike_are_one_with_a_count() {
-        let stop = || Event::Stopped(Stop::Overdue(Task::Sampling));
+        let stop = || Event::Stopped(FatalError::Overdue(Task::Sampling));
         let run = [Event::Restarted(Restart::PowerOn), Event::State(State::Turn(3)), stop()];
-        let again = [Event::Restarted(Restart::Stopped(Stop::Overdue(Task::Sampling))), stop()];
+        let again = [Event::Restarted(Restart::Stopped(FatalError::Overdue(Task::Sampling))), stop()];
         let mut black_box = BlackBox::<16>::new();
         record(&mut black_box, &run);
         black_box.fold();
@@ -314,7 +314,7 @@ mod tests {
         assert_eq!(events(&black_box), expected.collect::<Vec<_>>());
         // It stops before it can tell that it has started.
         let mut black_box = BlackBox::<16>::new();
-        let stuck = Event::Stopped(Stop::board("no IMU"));
+        let stuck = Event::Stopped(FatalError::board("no IMU"));
         for _ in 0..100 {
             record(&mut black_box, core::slice::from_ref(&stuck));
             black_box.fold();
@@ -324,7 +324,8 @@ mod tests {
 
     #[test]
     fn starts_that_differ_are_kept() {
-        let stops = [Task::Sampling, Task::Control, Task::Sampling].map(|task| Event::Stopped(Stop::Overdue(task)));
+        let stops =
+            [Task::Sampling, Task::Control, Task::Sampling].map(|task| Event::Stopped(FatalError::Overdue(task)));
         let mut black_box = BlackBox::<16>::new();
         for stop in &stops {
             record(&mut black_box, &[Event::Released, stop.clone()]);
@@ -343,7 +344,7 @@ mod tests {
 
     #[test]
     fn a_start_that_ends_alike_but_sooner_is_another_one() {
-        let stop = Event::Stopped(Stop::board("no IMU"));
+        let stop = Event::Stopped(FatalError::board("no IMU"));
         let mut black_box = BlackBox::<16>::new();
         record(&mut black_box, &[Event::Restarted(Restart::PowerOn), stop.clone()]);
         record(&mut black_box, core::slice::from_ref(&stop));
@@ -378,10 +379,10 @@ mod tests {
         let reason = AbortReason::Gimbal(Fault { axis: 1, angle_rad: 3.0, kind });
         let registers = Registers { pc: u32::MAX, lr: u32::MAX, status: u32::MAX, address: u32::MAX };
         let events = [
-            Event::Stopped(Stop::panic(&"x".repeat(100), u32::MAX)),
-            Event::Restarted(Restart::Stopped(Stop::Panic { file: String::try_from("y").unwrap(), line: 1 })),
-            Event::Restarted(Restart::Stopped(Stop::board(&"z".repeat(40)))),
-            Event::Restarted(Restart::Stopped(Stop::Fault(registers))),
+            Event::Stopped(FatalError::panic(&"x".repeat(100), u32::MAX)),
+            Event::Restarted(Restart::Stopped(FatalError::Panic { file: String::try_from("y").unwrap(), line: 1 })),
+            Event::Restarted(Restart::Stopped(FatalError::board(&"z".repeat(40)))),
+            Event::Restarted(Restart::Stopped(FatalError::Fault(registers))),
             Event::Aborted(Abort { reason, during: State::Turn(u16::MAX) }),
         ];
         for event in events {
@@ -394,7 +395,7 @@ mod tests {
 
     #[test]
     fn the_reason_of_a_start_is_the_last_word_unless_the_power_was_off() {
-        let stop = Stop::Overdue(Task::Main);
+        let stop = FatalError::Overdue(Task::Main);
         let said = |event: Event| Some(Entry { event, ..entry(1) });
         let stopped = || said(Event::Stopped(stop.clone()));
         let cases = [
@@ -418,6 +419,6 @@ mod tests {
                     status 0x00008200";
         assert_eq!(fault.to_string(), text);
         let path = "/long/way/to/the/sources/of/it/src/bin/firmware/main.rs";
-        assert_eq!(Stop::panic(path, 7).to_string(), "panic in s/of/it/src/bin/firmware/main.rs, line 7");
+        assert_eq!(FatalError::panic(path, 7).to_string(), "panic in s/of/it/src/bin/firmware/main.rs, line 7");
     }
 }

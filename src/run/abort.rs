@@ -27,8 +27,8 @@ impl AbortReason {
     }
 
     /// Whether the axes may be turned again after it.
-    pub(super) fn lets_park(self) -> bool {
-        if let Self::Gimbal(fault) = self { fault.lets_park() } else { true }
+    pub(super) fn allows_parking(self) -> bool {
+        if let Self::Gimbal(fault) = self { fault.allows_parking() } else { true }
     }
 }
 
@@ -85,7 +85,7 @@ mod tests {
             (
                 State::Turn(3),
                 stalled,
-                "segment 5, move of leg 3: inner axis at -37.25 deg: stalled, 0.0 deg/s where 20.0 are wanted",
+                "segment 5, move of leg 3: inner axis at -37.25 deg: stalled at 0.0 deg/s, commanded 20.0 deg/s",
             ),
             (State::Turn(0), AbortReason::TurnTimeout, "on the way to the start: the axes did not arrive in time"),
             (State::Dwell(0), AbortReason::Commanded, "segment 0, first stop: given up on command"),

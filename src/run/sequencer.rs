@@ -277,7 +277,7 @@ impl Sequencer {
             | State::Verdict => self.give_up(&input, Some(reason)),
             State::Parking if reason.is_fault() => self.enter(&input, State::Stranded, Action::Release),
             State::Stopping => {
-                self.may_park &= reason.lets_park();
+                self.may_park &= reason.allows_parking();
                 Action::Continue
             }
             State::Store | State::Correcting | State::StandBy | State::Parked | State::Stranded
@@ -313,7 +313,7 @@ impl Sequencer {
     }
 
     fn give_up(&mut self, input: &Input, reason: Option<AbortReason>) -> Action {
-        self.may_park = reason.is_none_or(AbortReason::lets_park);
+        self.may_park = reason.is_none_or(AbortReason::allows_parking);
         self.enter(input, State::Stopping, Action::GiveUp(reason))
     }
 

@@ -1,6 +1,6 @@
 //! What the instrument tells while it runs. How it gets to whoever listens is `link`'s business.
 
-use crate::base::loss::Losses;
+use crate::base::loss::LossCounts;
 use crate::base::restart::Restart;
 use crate::estimator::{SegmentInnovations, Solution};
 use crate::gimbal::Fault;
@@ -79,7 +79,7 @@ pub enum Message {
         /// Samples taken.
         samples: u64,
         /// Samples missing.
-        losses: Losses,
+        losses: LossCounts,
     },
     /// Something is wrong with an axis, and both are stopped for it.
     Fault(Fault),

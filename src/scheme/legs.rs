@@ -1,4 +1,4 @@
-//! Rotation schemes as data: which way to turn, how fast, how long to stand.
+//! A rotation scheme as data: target angles, rates and stop times.
 
 use super::library::{BAI, LIBRARY, LibraryScheme, compiled_in, of_quarters};
 use super::limits::{MAX_LEGS, MAX_NAME_BYTES};
@@ -9,24 +9,25 @@ use core::fmt;
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
 
-/// Standing time after arrival before a stop counts, s.
+/// Time from the arrival of the axes until the duration of a stop begins to count, s.
 pub const SETTLING_S: f64 = 0.3;
 
-/// Longest nominal duration, s: a week. What lasts longer is a mistake, and beyond some years times would overflow.
+/// Longest nominal duration, s: one week. A longer scheme is a mistake, and after some years the time stamps would
+/// overflow.
 const LONGEST_S: f64 = 7.0 * 86_400.0;
 
 /// One move and the stop after it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Leg {
-    /// Outer angle to move to, rad, counted over whole turns.
+    /// Target of the outer axis, counted over whole turns, rad.
     pub outer_rad: f64,
-    /// Inner angle to move to, rad, counted over whole turns.
+    /// Target of the inner axis, counted over whole turns, rad.
     pub inner_rad: f64,
-    /// Time to stand there, s.
+    /// Duration of the stop after the move, s.
     pub stop_s: f64,
 }
 
-/// A rotation scheme: it starts with a stop at (0, 0); each leg is a move and a stop.
+/// A rotation scheme. It starts with a stop at (0, 0); each leg is a move followed by a stop.
 ///
 /// ```
 /// use rins_selfcal::scheme::{Leg, Scheme};
@@ -42,7 +43,7 @@ pub struct Leg {
 ///     periods: 1,
 /// };
 /// assert_eq!(scheme.check(), Ok(()));
-/// // Three quarter turns of 5.5 s each, their ramps included; in the last leg both axes turn at once.
+/// // Three legs with a quarter turn of 5.5 s each, ramps included. In the last leg both axes turn at the same time.
 /// assert!((scheme.duration_s() - (10.0 + 3.0 * (5.5 + 8.0))).abs() < 1e-9);
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,30 +52,30 @@ pub struct Scheme {
     pub name: String<MAX_NAME_BYTES>,
     /// Rate of a turning axis, rad/s.
     pub rate_rad_s: f64,
-    /// Acceleration at the ends of a move, rad/s^2.
+    /// Acceleration at the start and the end of a move, rad/s^2.
     pub acceleration_rad_s2: f64,
-    /// The first stop, at (0, 0), s.
+    /// Duration of the first stop, at (0, 0), s.
     pub first_stop_s: f64,
-    /// The legs of one period, which ends where it began.
+    /// Legs of one period. If there are several periods, each must end at (0, 0).
     pub legs: Vec<Leg, MAX_LEGS>,
-    /// How often the period is run.
+    /// Number of periods.
     pub periods: u8,
 }
 
 /// Why a scheme is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum SchemeError {
-    /// Rate, acceleration or the number of periods is not positive and finite.
+    /// The rate, the acceleration or the number of periods is not positive and finite.
     Motion,
-    /// A stop, counted from 0, is not positive and finite.
+    /// The duration of this stop is not positive and finite. Stop 0 is the first stop; stop n follows leg n.
     Stop(u8),
-    /// A leg, counted from 1, has an angle that is not finite, or moves nothing.
+    /// An angle of this leg is not finite, or the leg moves neither axis. Legs are counted from 1.
     Leg(u8),
-    /// More legs than fit, or none.
+    /// The scheme has no legs.
     Legs,
-    /// Several periods, and the first does not end where it began.
+    /// The scheme has several periods, but one period does not end at (0, 0).
     OpenPeriod,
-    /// All of it takes longer than a week, or forever.
+    /// The scheme lasts longer than one week.
     Long,
 }
 
@@ -84,16 +85,17 @@ impl fmt::Display for SchemeError {
             Self::Motion => f.write_str("rate, acceleration and number of periods must be finite and positive"),
             Self::Stop(0) => f.write_str("the first stop must be finite and positive"),
             Self::Stop(leg) => write!(f, "the stop of leg {leg} must be finite and positive"),
-            Self::Leg(leg) => write!(f, "leg {leg} has an angle that is not finite, or moves nothing"),
-            Self::Legs => f.write_str("there are no legs"),
-            Self::OpenPeriod => f.write_str("several periods, and the first does not end where it began"),
-            Self::Long => f.write_str("it lasts longer than a week"),
+            Self::Leg(leg) => write!(f, "leg {leg} has an angle that is not finite, or moves neither axis"),
+            Self::Legs => f.write_str("the scheme has no legs"),
+            Self::OpenPeriod => f.write_str("a scheme of several periods must end each period at the angles (0, 0)"),
+            Self::Long => f.write_str("the scheme lasts longer than one week"),
         }
     }
 }
 
 impl Scheme {
-    /// Scheme "bai": `periods` of 18 moves at 20 deg/s with 19 stops of `stop_s` each. Bai stands 200 s and runs two.
+    /// Scheme "bai": `periods` periods of 18 moves at 20 deg/s and 19 stops of `stop_s` each. Bai uses two periods with
+    /// stops of 200 s.
     pub fn bai(stop_s: f64, periods: u8) -> Self {
         Self {
             name: String::try_from("bai").unwrap_or_default(),
@@ -105,25 +107,25 @@ impl Scheme {
         }
     }
 
-    /// The scheme of this name: the one that was compiled in, or one of the library.
+    /// The scheme with this name: the compiled-in scheme if it has this name, otherwise the scheme of the library.
     pub fn named(name: &str) -> Option<Self> {
         let of_library = || LIBRARY.iter().find(|entry| entry.name == name).map(LibraryScheme::scheme);
         compiled_in().filter(|scheme| scheme.name == name).or_else(of_library)
     }
 
-    /// What a method runs where no scheme is given: three minutes, or both of Bai's periods.
+    /// Default scheme of a method: three minutes for the joint method, both of Bai's periods for the two-stage method.
     pub fn default_for(method: Method) -> Self {
         match method {
-            // It is in the library.
+            // `fast-180` is in the library; a test checks every name.
             Method::Joint => Self::named("fast-180").unwrap_or_else(|| Self::bai(10.0, 1)),
             Method::TwoStage => Self::bai(200.0, 2),
         }
     }
 
-    /// Checks every number.
+    /// Checks all numbers of the scheme.
     ///
     /// # Errors
-    /// The first one that is wrong.
+    /// The first wrong number.
     pub fn check(&self) -> Result<(), SchemeError> {
         let positive = |x: f64| x.is_finite() && x > 0.0;
         if !positive(self.rate_rad_s) || !positive(self.acceleration_rad_s2) || self.periods == 0 {
@@ -154,13 +156,13 @@ impl Scheme {
         }
     }
 
-    /// Moves of all periods.
+    /// Number of moves in all periods.
     pub fn moves(&self) -> usize {
         self.legs.len() * usize::from(self.periods)
     }
 
-    /// Leg number `index` of all periods, from 0; `None` past the end. A period's first stop, at the origin, follows on
-    /// the last stop of the period before: the axes stand there for both.
+    /// Leg `index` of all periods, counted from 0; `None` after the last leg. Between two periods the axes stay at
+    /// (0, 0), so the last stop of a period is extended by the first stop of the next period.
     pub fn leg(&self, index: usize) -> Option<Leg> {
         let position = index.checked_rem(self.legs.len())?;
         let mut leg = *self.legs.get(position)?;
@@ -173,12 +175,12 @@ impl Scheme {
         Some(leg)
     }
 
-    /// Time of a trapezoidal (or, where it is short, triangular) move by `angle_rad`, s.
+    /// Duration of a move by `angle_rad` with a trapezoid of rates, s. A short move has a triangle of rates.
     pub fn move_s(&self, angle_rad: f64) -> f64 {
         Profile::trapezoid(angle_rad, self.rate_rad_s, self.acceleration_rad_s2).duration_s()
     }
 
-    /// Nominal duration of all stops and moves, s, without settling beyond the stops' own time.
+    /// Nominal duration of all stops and moves, s. The settling time [`SETTLING_S`] of each stop is not included.
     pub fn duration_s(&self) -> f64 {
         let mut from = (0.0, 0.0);
         let mut total = self.first_stop_s;

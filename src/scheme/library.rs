@@ -1,14 +1,15 @@
-//! Schemes by name, with their sources. All turn at 20 deg/s and 20 deg/s^2.
+//! Library of named schemes and their sources. All schemes use 20 deg/s and 20 deg/s^2.
 //!
-//! Schemes of the literature are given by their positions; how long they stand there is our choice where the source leaves
-//! it open. A source that counts its positions from another attitude than (0, 0) gets a move to it, after a first stop.
+//! For schemes from the literature the source gives the positions; where it does not give the duration of the stops,
+//! the duration is our choice. Some sources start at an attitude other than (0, 0); these schemes begin with a stop at
+//! (0, 0) and a move to that attitude.
 //!
-//! The modulation schemes `8-position` and `16-position` are no calibrations. Their half turns from level reverse the
-//! sensors' errors so that they average out, and leave the inner axis vertical: of the accelerometers only z ever feels
-//! gravity, so nothing tells their x and y scales, or gamma from gyro non-orthogonality. A run by them is refused, and
-//! where it is wanted all the same
-//! ([`refuse_unobserved`](crate::run::config::SelfCalibrationConfig::refuse_unobserved)) rejected in the end, with
-//! what it did find.
+//! The modulation schemes `8-position` and `16-position` cannot calibrate all parameters. Their half turns from level
+//! reverse the sensor errors, so that the errors average out, but the inner axis stays vertical. Only the z
+//! accelerometer measures gravity, so the x and y accelerometer scale factors are not observable, and gamma cannot be
+//! separated from the gyro non-orthogonality. A run with these schemes is refused. If
+//! [`refuse_unobserved`](crate::run::config::SelfCalibrationConfig::refuse_unobserved) is switched off, the run takes
+//! place, and its verdict is a rejection with the parameters that were found.
 
 use super::{Leg, Scheme};
 use crate::base::units::DEG;
@@ -17,24 +18,25 @@ use heapless::{String, Vec};
 /// A scheme of the library.
 #[derive(Clone, Copy, Debug)]
 pub struct LibraryScheme {
-    /// Name.
+    /// Name, as in a configuration.
     pub name: &'static str,
-    /// Where it comes from.
+    /// Source.
     pub source: &'static str,
-    /// The command that finds it again, for those that were planned.
+    /// Command that repeats the planning, for planned schemes.
     pub command: Option<&'static str>,
     stops: Stops,
 }
 
 #[derive(Clone, Copy, Debug)]
 enum Stops {
-    /// Quarter turns of (outer, inner) at each position after the first, and the time at all, s.
+    /// Stops of equal duration. The positions are in quarter turns (outer, inner) and begin with the second stop.
     Quarters { stop_s: f64, positions: &'static [(i8, i8)] },
-    /// First stop, s; outer deg, inner deg and stop s of each leg.
+    /// First stop, s; then for each leg the outer angle, deg, the inner angle, deg, and its stop, s.
     Legs { first_stop_s: f64, legs: &'static [(f64, f64, f64)] },
 }
 
-/// Bai's 18 moves: quarter turns of (outer, inner) at each stop after the first. (Bai, section 4: three steps, one period)
+/// Bai's 18 moves: quarter turns of (outer, inner) at each stop after the first. (Bai, section 4: three steps, one
+/// period)
 pub(super) const BAI: [(i8, i8); 18] = [
     (-1, 0),
     (-2, 0),
@@ -56,7 +58,7 @@ pub(super) const BAI: [(i8, i8); 18] = [
     (0, 0),
 ];
 
-/// The same from one quarter turn of the outer axis, where the inner axis lies level.
+/// Bai's moves from a start at one negative quarter turn of the outer axis, where the inner axis is level.
 const BAI_Y: [(i8, i8); 19] = {
     let mut positions = [(-1, 0); 19];
     let mut leg = 0;
@@ -103,45 +105,47 @@ const POSITIONS_16: [(i8, i8); 16] = {
     positions
 };
 
-const PLANNED: &str = "rins plan, the best of some seeds; within -360..0 and -270..0 deg, navigation grade noise";
+const PLANNED: &str = "planned by `rins plan`, best of several random seeds; outer axis within -360..0 deg, \
+                       inner axis within -270..0 deg, navigation-grade noise";
 
-/// The names, for messages.
+/// Names of all schemes, for messages.
 pub const NAMES: &str =
     "bai, bai-y, 19-position, 8-position, 16-position, fast-60, fast-90, fast-120, fast-180, fast-300";
 
-/// All schemes.
+/// All schemes of the library.
 pub const LIBRARY: [LibraryScheme; 10] = [
     LibraryScheme {
         name: "bai",
-        source: "Bai et al., Sensors 2019, 19, 4005, section 4; the inner axis is read as z, and the way back as the way there",
+        source: "Bai et al., Sensors 2019, 19, 4005, section 4; our reading: the inner axis is z, and the \
+                 axes return along the path that they came",
         command: None,
         stops: Stops::Quarters { stop_s: 200.0, positions: &BAI },
     },
     LibraryScheme {
         name: "bai-y",
-        source: "the same with the inner axis read as y, level at the start: our outer angle -90 deg",
+        source: "the scheme `bai` with the inner axis read as y, which is level at the start: our outer angle -90 deg",
         command: None,
         stops: Stops::Quarters { stop_s: 200.0, positions: &BAI_Y },
     },
     LibraryScheme {
         name: "19-position",
         source: "Xie et al., Multiposition calibration method of laser gyro SINS, 2011, as in Yan's PSINS toolbox \
-                 (stops of 20 s, the first of 60 s there); its y is our outer axis, and both axes are level at the start: \
-                 our outer angle -90 deg",
+                 (there the stops last 20 s and the first stop 60 s); y of the source is our outer axis, and both axes \
+                 are level at the start: our outer angle -90 deg",
         command: None,
         stops: Stops::Quarters { stop_s: 20.0, positions: &POSITIONS_19 },
     },
     LibraryScheme {
         name: "8-position",
-        source: "dual-axis rotation modulation by half turns, each position and its reverse (the cycle of Levinson and \
-                 Majure, Navigation 34, 1987, as it is commonly given); meant to average errors, not to find them",
+        source: "dual-axis rotation modulation by half turns, each position followed by its reverse (the cycle of \
+                 Levinson and Majure, Navigation 34, 1987, as commonly cited); averages sensor errors, cannot calibrate them",
         command: None,
         stops: Stops::Quarters { stop_s: 30.0, positions: &POSITIONS_8 },
     },
     LibraryScheme {
         name: "16-position",
-        source: "the eight, and again with every turn reversed (after Yuan, Liao and Han, Meas. Sci. Technol. 23, 2012, \
-                 115102, as it is commonly given)",
+        source: "the scheme `8-position`, then the same with every turn reversed (after Yuan, Liao and Han, \
+                 Meas. Sci. Technol. 23, 2012, 115102, as commonly cited)",
         command: None,
         stops: Stops::Quarters { stop_s: 30.0, positions: &POSITIONS_16 },
     },
@@ -228,7 +232,7 @@ pub const LIBRARY: [LibraryScheme; 10] = [
 ];
 
 impl LibraryScheme {
-    /// The scheme itself.
+    /// The scheme with its angles in radians.
     pub fn scheme(&self) -> Scheme {
         let (first_stop_s, legs) = match self.stops {
             Stops::Quarters { stop_s, positions } => (stop_s, of_quarters(positions, stop_s)),
@@ -245,12 +249,12 @@ impl LibraryScheme {
     }
 }
 
-/// The scheme that was compiled in from a file, if there is one: see `build.rs`.
+/// The scheme that `build.rs` compiled in from a file, if any.
 pub fn compiled_in() -> Option<Scheme> {
     include!(concat!(env!("OUT_DIR"), "/compiled_scheme.rs"))
 }
 
-/// A scheme as its file says; rates in deg/s and deg/s^2.
+/// The scheme with the numbers of its file; `rates_deg` holds the rate, deg/s, and the acceleration, deg/s^2.
 #[allow(dead_code, reason = "used where a scheme is compiled in")]
 fn of_file(name: &str, rates_deg: [f64; 2], first_stop_s: f64, periods: u8, legs: &[(f64, f64, f64)]) -> Scheme {
     let [rate_rad_s, acceleration_rad_s2] = rates_deg.map(|rate| rate * DEG);
@@ -258,7 +262,8 @@ fn of_file(name: &str, rates_deg: [f64; 2], first_stop_s: f64, periods: u8, legs
     Scheme { name, rate_rad_s, acceleration_rad_s2, first_stop_s, legs: of_degrees(legs), periods }
 }
 
-// The legs fit: a test looks at every scheme, and `build.rs` counts those of a file.
+// `take` drops no legs: a test counts the legs of every library scheme, and `build.rs` checks the number of legs in a
+// file.
 
 pub(super) fn of_quarters<const LEGS: usize>(positions: &[(i8, i8)], stop_s: f64) -> Vec<Leg, LEGS> {
     let rad = |quarters: i8| f64::from(quarters) * 90.0 * DEG;
@@ -280,7 +285,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_scheme_is_whole_and_found_by_its_name() {
+    fn every_scheme_is_valid_and_found_by_its_name() {
         for entry in &LIBRARY {
             let scheme = Scheme::named(entry.name).expect("by its name");
             assert_eq!(scheme.check(), Ok(()), "{}", entry.name);
@@ -299,7 +304,7 @@ mod tests {
     }
 
     #[test]
-    fn bai_y_is_bai_a_quarter_turn_on() {
+    fn bai_y_is_bai_shifted_by_a_quarter_turn() {
         let (bai, bai_y) = (Scheme::bai(200.0, 1), Scheme::named("bai-y").expect("there"));
         for (there, here) in bai.legs.iter().zip(&bai_y.legs[1..]) {
             assert!((there.outer_rad - 90.0 * DEG - here.outer_rad).abs() < 1e-12 && there.inner_rad == here.inner_rad);

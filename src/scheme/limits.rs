@@ -1,6 +1,6 @@
-//! What a scheme has room for. `build.rs` reads this file too.
+//! Sizes of a scheme. `build.rs` includes this file too.
 
-/// Most legs of one period.
+/// Largest number of legs in one period.
 pub const MAX_LEGS: usize = 48;
-/// Longest name, bytes.
+/// Longest name of a scheme, bytes.
 pub const MAX_NAME_BYTES: usize = 32;

@@ -1,4 +1,4 @@
-//! Rotation schemes: their legs, the library, and the form in which a file describes one.
+//! Rotation schemes: their legs, the library of named schemes, and the format of scheme files.
 
 mod legs;
 pub mod library;

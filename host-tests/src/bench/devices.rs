@@ -15,9 +15,9 @@ use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 use embedded_hal::spi::{self, Operation, SpiDevice};
 use rins_selfcal::acquisition::queue::SampleProducer;
-use rins_selfcal::acquisition::{Acquisition, Streaming, View};
+use rins_selfcal::acquisition::{Acquisition, GimbalView, Streaming};
 use rins_selfcal::base::linear::Real;
-use rins_selfcal::drivers::adis16495::{Adis16495, BURST_BYTES, Clock, Settings};
+use rins_selfcal::drivers::adis16495::{Adis16495, Adis16495Settings, BURST_BYTES, Clock};
 use rins_selfcal::drivers::biss::{BissEncoder, CAPTURE_BYTES, Mounting, Resolution};
 use rins_selfcal::drivers::bridge::Bridge;
 use rins_selfcal::drivers::kvh1750::{self, Kvh1750};
@@ -417,14 +417,14 @@ impl<'q, T: Real, P: Plant> BenchImu<'q, T, P> {
         match imu {
             Imu::Adis16495 => Self::Adis16495(acquisition(bench, rate_hz, producer)),
             Imu::Kvh1750 => {
-                let settings = kvh1750::Settings { rate_hz, ..kvh1750::Settings::default() };
+                let settings = kvh1750::Kvh1750Settings { rate_hz, ..kvh1750::Kvh1750Settings::default() };
                 Self::Kvh1750(Streaming::new(Kvh1750::new(&settings), producer))
             }
         }
     }
 
     /// What the interrupt does at the end of a control period.
-    pub fn on_period(&mut self, bench: &SharedBench<P>, view_at: impl Fn(u64) -> View) {
+    pub fn on_period(&mut self, bench: &SharedBench<P>, view_at: impl Fn(u64) -> GimbalView) {
         let (now_us, data_ready) = (bench.borrow().now_us(), bench.borrow().data_ready());
         // Samples that are lost have been counted.
         match self {
@@ -457,7 +457,8 @@ pub fn acquisition<'q, T: Real, P: Plant>(
     producer: SampleProducer<'q, T>,
 ) -> BenchAcquisition<'q, T, P> {
     let decimation = (4000.0 / rate_hz).round() as u16;
-    let settings = Settings { clock: Clock::External { rate_hz: 4000 }, decimation, ..Settings::default() };
+    let settings =
+        Adis16495Settings { clock: Clock::External { rate_hz: 4000 }, decimation, ..Adis16495Settings::default() };
     let imu = Adis16495::start(BenchSpi::new(bench, Chip::Imu), &mut NoDelay, &settings).expect("a sound IMU");
     Acquisition::new(imu, producer)
 }

@@ -5,7 +5,7 @@ use rins_selfcal::base::angle::{rad_to_ticks, ticks_to_rad};
 use rins_selfcal::base::linear::Real;
 use rins_selfcal::base::profile::{MotionLimits, Point, Profile};
 use rins_selfcal::base::units::{ARCSEC, DEG};
-use rins_selfcal::gimbal::servo::{Drive, MotorAndLoad, PERIOD_S, Servo, Wanted};
+use rins_selfcal::gimbal::servo::{Drive, MotorAndLoad, PERIOD_S, Servo, Setpoint};
 
 /// The limits of the moves: 20 deg/s with ramps of a second, 1000 deg/s^3.
 pub fn usual_limits() -> MotionLimits {
@@ -51,7 +51,7 @@ impl<T: Real> ServoBench<T> {
         self.servo.observe(step.into());
         let point = wanted(time_s);
         let ticks = rad_to_ticks(point.angle_rad.widened());
-        let duty = self.servo.duty(&Wanted { ticks, point }, self.ticks).widened();
+        let duty = self.servo.duty(&Setpoint { ticks, point }, self.ticks).widened();
         let trace = Trace {
             time_s,
             error_rad: self.motor.angle_rad() - ticks_to_rad::<f64>(ticks),

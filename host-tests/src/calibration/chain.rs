@@ -5,7 +5,7 @@ use crate::files::unit_file::{Noise, UnitConfig};
 use crate::virtual_unit::plant::Reading;
 use rins_selfcal::base::angle::Angle;
 use rins_selfcal::base::linear::{Matrix, Real, Vector3, real};
-use rins_selfcal::base::loss::Losses;
+use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::sample::RawSample;
 use rins_selfcal::base::site::Site;
@@ -231,7 +231,7 @@ pub struct Outcome {
     /// What became of the samples.
     pub counts: IntakeCounts,
     /// Samples lost between the IMU and the core; unknown of a log.
-    pub losses: Option<Losses>,
+    pub losses: Option<LossCounts>,
     /// Stops found.
     pub stops: usize,
     /// Moves found.
@@ -252,7 +252,7 @@ pub struct Record {
     verdict: Option<Verdict>,
     stored: Option<bool>,
     aborted: Option<Abort>,
-    losses: Option<Losses>,
+    losses: Option<LossCounts>,
     stops: usize,
     moves: usize,
     live: Vec<Progress>,

@@ -4,7 +4,7 @@ use crate::base::quantity;
 use crate::calibration::{Outcome, Precision, is_estimated, method_name};
 use crate::files::unit_file::Noise;
 use rins_selfcal::base::linear::{Matrix3, Vector3};
-use rins_selfcal::base::loss::Losses;
+use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::site::Site;
 use rins_selfcal::base::units::DEG;
@@ -142,7 +142,7 @@ pub struct CalibrationReport {
     moves: usize,
     left_out: u16,
     samples: IntakeCounts,
-    samples_lost: Option<Losses>,
+    samples_lost: Option<LossCounts>,
     fit: FitReport,
     sweeps: u8,
     converged: bool,

@@ -4,7 +4,7 @@ use crate::base::quantity::{self, STATES, fixed, rounded, significant, states};
 use crate::calibration::{Outcome, method_name};
 use crate::files::truth::ParameterTable;
 use comfy_table::{Cell, CellAlignment, Table, presets};
-use rins_selfcal::base::loss::Losses;
+use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::model::error_model::{PARAMETERS, ParameterInfo, block};
 use rins_selfcal::verdict::CHANNEL_NAMES;
@@ -148,7 +148,7 @@ pub fn samples(outcome: &Outcome) -> String {
         (u64::from(counts.non_finite), "not finite"),
         (u64::from(outcome.solution.left_out), "segments left out"),
     ];
-    if let Some(Losses { overrun, bus, crc, status, unread }) = outcome.losses {
+    if let Some(LossCounts { overrun, bus, crc, status, unread }) = outcome.losses {
         text += &format!("samples lost: overrun {overrun}, bus {bus}, crc {crc}, status {status}, unread {unread}\n");
     }
     let seen = oddities.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));

@@ -13,7 +13,7 @@ use crate::virtual_unit::drive::move_durations_s;
 use crate::virtual_unit::driven::DrivenRins;
 use crate::virtual_unit::plant::Paced;
 use anyhow::{Context, Result, anyhow, ensure};
-use rins_selfcal::drivers::kvh1750::Settings;
+use rins_selfcal::drivers::kvh1750::Kvh1750Settings;
 use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES};
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::gimbal::servo::PERIOD_US;
@@ -172,7 +172,7 @@ impl<'a> PowerUp<'a> {
 
     fn image(&self) -> Result<Image> {
         // Either IMU is set up for as many samples.
-        let (asked_hz, rate_hz) = (self.run.unit.rate_hz, Settings::default().rate_hz);
+        let (asked_hz, rate_hz) = (self.run.unit.rate_hz, Kvh1750Settings::default().rate_hz);
         ensure!(asked_hz == rate_hz, "the firmware samples at {rate_hz} Hz, not at {asked_hz}");
         build(self.variant())
     }

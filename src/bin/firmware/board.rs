@@ -3,8 +3,8 @@
 use crate::Scalar;
 use embedded_hal::spi::SpiDevice;
 use rins_selfcal::acquisition::queue::SampleConsumer;
+use rins_selfcal::base::restart::FatalError;
 use rins_selfcal::base::restart::Restart;
-use rins_selfcal::base::restart::Stop;
 use rins_selfcal::gimbal::Gimbal;
 use rins_selfcal::gimbal::control::{Control, MotorBridge};
 use rins_selfcal::keep::medium::Medium;
@@ -84,5 +84,5 @@ pub trait Board: Sized {
     fn feed_watchdog();
 
     /// Switches the motors off, records why, and resets. Called from everywhere, faults included.
-    fn stop(stop: &Stop) -> !;
+    fn stop(stop: &FatalError) -> !;
 }

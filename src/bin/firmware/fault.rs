@@ -7,7 +7,7 @@ use core::arch::naked_asm;
 use core::panic::PanicInfo;
 use core::{ptr, slice, str};
 use cortex_m::peripheral::SCB;
-use rins_selfcal::base::restart::{Registers, Stop};
+use rins_selfcal::base::restart::{FatalError, Registers};
 
 /// Linked only if something can panic.
 #[panic_handler]
@@ -28,7 +28,7 @@ static PANICKED: unsafe extern "C" fn(*const u8, usize, u32) -> ! = panicked;
 unsafe extern "C" fn panicked(file: *const u8, length: usize, line: u32) -> ! {
     // Safety: as demanded.
     let file = unsafe { slice::from_raw_parts(file, length) };
-    ThisBoard::stop(&Stop::panic(str::from_utf8(file).unwrap_or("?"), line))
+    ThisBoard::stop(&FatalError::panic(str::from_utf8(file).unwrap_or("?"), line))
 }
 
 /// Moves to the top of the stack, which may have overflowed, and reports.
@@ -54,9 +54,9 @@ extern "C" fn report_hard_fault(frame: usize) -> ! {
     // Return address and address of the instruction are the sixth and the seventh word.
     let [lr, pc] = [frame + 20, frame + 24].map(|place| word(place).filter(|_| !stacking).unwrap_or(0));
     ThisBoard::stop(&if overflow {
-        Stop::StackOverflow { pc }
+        FatalError::StackOverflow { pc }
     } else {
-        Stop::Fault(Registers { pc, lr, status, address })
+        FatalError::Fault(Registers { pc, lr, status, address })
     })
 }
 

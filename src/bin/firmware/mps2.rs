@@ -47,10 +47,10 @@ use kvh1750::Imu;
 use pipe_pins::{BridgePin, EncoderSpi};
 use pipe_spi::{POWERED, PipeBus};
 use register::{Register, Timer};
-use rins_selfcal::acquisition::View;
+use rins_selfcal::acquisition::GimbalView;
 use rins_selfcal::acquisition::queue::SampleQueue;
-use rins_selfcal::base::loss::Loss;
-use rins_selfcal::base::restart::Stop;
+use rins_selfcal::base::loss::LossReason;
+use rins_selfcal::base::restart::FatalError;
 use rins_selfcal::base::restart::Task;
 use rins_selfcal::drivers::biss::{BissEncoder, Mounting, Resolution};
 use rins_selfcal::drivers::bridge::Bridge;
@@ -153,8 +153,8 @@ fn with_control<R>(act: impl FnOnce(&mut BoardControl) -> R) -> Option<R> {
     critical_section::with(|cs| Some(act(CONTROL.borrow(cs).try_borrow_mut().ok()?.as_mut()?)))
 }
 
-fn view(time_us: u64) -> View {
-    with_control(|control| control.view(time_us)).unwrap_or(Err(Loss::Status))
+fn view(time_us: u64) -> GimbalView {
+    with_control(|control| control.view(time_us)).unwrap_or(Err(LossReason::Status))
 }
 
 fn now_us() -> u64 {
@@ -244,7 +244,7 @@ unsafe fn DefaultHandler(number: i16) {
         RECEIVED => serial::on_received(),
         CONTROL => on_period(),
         IMU => on_imu(),
-        _ => Mps2::stop(&Stop::Interrupt(number as u32)),
+        _ => Mps2::stop(&FatalError::Interrupt(number as u32)),
     }
 }
 
@@ -258,7 +258,7 @@ fn SysTick() {
 /// The watchdog was not fed.
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() -> ! {
-    Mps2::stop(&Stop::Unfed)
+    Mps2::stop(&FatalError::Unfed)
 }
 
 /// Lets [`SysTick`] come ten times a second.
@@ -291,7 +291,7 @@ impl Mps2 {
         let telemetry = File::open(c"telemetry", File::WRITE)?;
         let queue = cortex_m::singleton!(: SampleQueue<Scalar, QUEUE_LENGTH> = SampleQueue::new())?;
         let (producer, samples) = queue.split();
-        let Some(imu) = Imu::start(bus, producer) else { Self::stop(&Stop::board("the IMU does not start")) };
+        let Some(imu) = Imu::start(bus, producer) else { Self::stop(&FatalError::board("the IMU does not start")) };
         critical_section::with(|cs| {
             IMU.borrow(cs).set(Some(imu));
             BUS.borrow(cs).set(Some(bus));
@@ -315,7 +315,7 @@ impl Mps2 {
             with_control(|control| control.late_commands()).unwrap_or(0).into(),
             LATENCIES[0].load(Ordering::Relaxed).into(),
             LATENCIES[1].load(Ordering::Relaxed).into(),
-            self.parts.samples.deepest().into(),
+            self.parts.samples.most_waiting().into(),
             QUEUE_LENGTH as u64 - 1,
         ];
         let loads = loads();
@@ -337,7 +337,7 @@ impl Board for Mps2 {
     fn start() -> Self {
         match Self::new() {
             Some(board) => board,
-            None => Self::stop(&Stop::board("the host offers no pipes")),
+            None => Self::stop(&FatalError::board("the host offers no pipes")),
         }
     }
 
@@ -426,7 +426,7 @@ impl Board for Mps2 {
         WATCHDOG_CLEAR.write(1);
     }
 
-    fn stop(stop: &Stop) -> ! {
+    fn stop(stop: &FatalError) -> ! {
         // Control would switch them on again.
         cortex_m::interrupt::disable();
         pipe_spi::motors_off();

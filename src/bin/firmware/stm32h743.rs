@@ -50,11 +50,11 @@ use embassy_stm32::{interrupt as handler, pac};
 use embedded_hal_bus::spi::ExclusiveDevice;
 #[cfg(feature = "kvh1750")]
 use kvh1750::{Imu, Wiring};
-use rins_selfcal::acquisition::View;
+use rins_selfcal::acquisition::GimbalView;
 use rins_selfcal::acquisition::queue::SampleQueue;
-use rins_selfcal::base::loss::Loss;
+use rins_selfcal::base::loss::LossReason;
+use rins_selfcal::base::restart::FatalError;
 use rins_selfcal::base::restart::Restart;
-use rins_selfcal::base::restart::Stop;
 use rins_selfcal::base::restart::Task;
 use rins_selfcal::drivers::biss::{BissEncoder, Mounting, Resolution};
 use rins_selfcal::drivers::bridge::{Bridge, NoPin};
@@ -113,8 +113,8 @@ fn on_imu<T>(of_imu: &OfImu<T>, act: impl FnOnce(&mut T)) {
     span.put_aside();
 }
 
-fn view(time_us: u64) -> View {
-    with_control(|control| control.view(time_us)).unwrap_or(Err(Loss::Status))
+fn view(time_us: u64) -> GimbalView {
+    with_control(|control| control.view(time_us)).unwrap_or(Err(LossReason::Status))
 }
 
 #[handler]
@@ -192,7 +192,7 @@ impl Stm32h743 {
         };
         #[cfg(feature = "kvh1750")]
         let wiring = Wiring { timer: p.TIM3, request: p.PC6, port: p.USART2, rx: p.PD6 };
-        let Some(imu) = Imu::start(wiring, producer) else { Self::stop(&Stop::board("the IMU does not start")) };
+        let Some(imu) = Imu::start(wiring, producer) else { Self::stop(&FatalError::board("the IMU does not start")) };
         let line = spi_config(spi::MODE_3, 3_750_000);
         let outer = encoder(Spi::new_blocking(p.SPI3, p.PC10, p.PC12, p.PC11, line))?;
         let inner = encoder(Spi::new_blocking(p.SPI4, p.PE2, p.PE6, p.PE5, line))?;
@@ -288,7 +288,7 @@ impl Board for Stm32h743 {
     fn start() -> Self {
         match Self::new() {
             Some(board) => board,
-            None => Self::stop(&Stop::board("a device of the board does not start")),
+            None => Self::stop(&FatalError::board("a device of the board does not start")),
         }
     }
 
@@ -367,7 +367,7 @@ impl Board for Stm32h743 {
         pac::IWDG1.kr().write(|w| w.set_key(Key::RESET));
     }
 
-    fn stop(stop: &Stop) -> ! {
+    fn stop(stop: &FatalError) -> ! {
         // Control would switch them on again.
         cortex_m::interrupt::disable();
         motors_off();

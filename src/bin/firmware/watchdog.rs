@@ -5,7 +5,7 @@
 
 use crate::board::{Board, ThisBoard};
 use core::sync::atomic::{AtomicBool, Ordering};
-use rins_selfcal::base::restart::Stop;
+use rins_selfcal::base::restart::FatalError;
 use rins_selfcal::base::restart::Task;
 use rins_selfcal::keep::liveness::Liveness;
 
@@ -36,6 +36,6 @@ pub fn check(now_us: u64) {
     }
     match LIVENESS.overdue(now_us) {
         None => ThisBoard::feed_watchdog(),
-        Some(task) => ThisBoard::stop(&Stop::Overdue(task)),
+        Some(task) => ThisBoard::stop(&FatalError::Overdue(task)),
     }
 }

@@ -6,7 +6,7 @@ use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
 use host_tests::bench::chips::biss::BissChip;
 use host_tests::bench::chips::exchange;
 use rins_selfcal::base::angle::Angle;
-use rins_selfcal::drivers::biss::{BissEncoder, CAPTURE_BYTES, EncoderFault, Mounting, Resolution};
+use rins_selfcal::drivers::biss::{BissEncoder, BissFault, CAPTURE_BYTES, Mounting, Resolution};
 use std::convert::Infallible;
 use std::f64::consts::TAU;
 
@@ -81,12 +81,12 @@ impl Target for Biss {
             assert_eq!(read, expected(capture, bits, &mut start));
             outcome = match read {
                 Ok(angle) => Outcome::accepted("angle", angle.ticks()),
-                Err(EncoderFault::NoAnswer) => Outcome::refused("no-answer"),
-                Err(EncoderFault::NotReady) => Outcome::refused("not-ready"),
-                Err(EncoderFault::Framing) => Outcome::refused("framing"),
-                Err(EncoderFault::Crc) => Outcome::refused("crc"),
-                Err(EncoderFault::Error) => Outcome::refused("error"),
-                Err(EncoderFault::Bus(never)) => match never {},
+                Err(BissFault::NoAnswer) => Outcome::refused("no-answer"),
+                Err(BissFault::NotReady) => Outcome::refused("not-ready"),
+                Err(BissFault::Framing) => Outcome::refused("framing"),
+                Err(BissFault::Crc) => Outcome::refused("crc"),
+                Err(BissFault::Error) => Outcome::refused("error"),
+                Err(BissFault::Bus(never)) => match never {},
             };
         }
         outcome
@@ -108,14 +108,14 @@ fn expected(
     capture: &[u8; CAPTURE_BYTES],
     bits: usize,
     before: &mut Option<usize>,
-) -> Result<Angle, EncoderFault<Infallible>> {
+) -> Result<Angle, BissFault<Infallible>> {
     let line: Vec<bool> = (0..CAPTURE_BITS).map(|bit| capture[bit / 8] & 0x80 >> (bit % 8) != 0).collect();
-    let low = line.iter().position(|high| !high).ok_or(EncoderFault::NoAnswer)?;
-    let start = (low..CAPTURE_BITS).find(|bit| line[*bit]).filter(|_| low > 0).ok_or(EncoderFault::NotReady)?;
+    let low = line.iter().position(|high| !high).ok_or(BissFault::NoAnswer)?;
+    let start = (low..CAPTURE_BITS).find(|bit| line[*bit]).filter(|_| low > 0).ok_or(BissFault::NotReady)?;
     let content = start + 2;
     let (crc, end) = (content + bits + 2, content + bits + 8);
     if end > CAPTURE_BITS || line[start + 1] || !line[end..].is_sorted() {
-        return Err(EncoderFault::Framing);
+        return Err(BissFault::Framing);
     }
     let number = |range: std::ops::Range<usize>| line[range].iter().fold(0_u64, |sum, bit| sum << 1 | u64::from(*bit));
     let remainder = line[content..crc].iter().fold(0_u64, |rest, bit| {
@@ -123,12 +123,12 @@ fn expected(
         shifted & 0x3f
     });
     if number(crc..end) != !remainder & 0x3f {
-        return Err(EncoderFault::Crc);
+        return Err(BissFault::Crc);
     }
     let jump = before.replace(start).unwrap_or(start).abs_diff(start);
     match (jump, line[crc - 2]) {
-        (2.., _) => Err(EncoderFault::Framing),
-        (_, false) => Err(EncoderFault::Error),
+        (2.., _) => Err(BissFault::Framing),
+        (_, false) => Err(BissFault::Error),
         _ => Ok(Angle::from_ticks((number(content..crc - 2) << (32 - bits)) as u32)),
     }
 }

@@ -4,7 +4,7 @@ use crate::source::Source;
 use crate::target::{Claim, Outcome, Target, digest};
 use crc::{CRC_32_MPEG_2, Crc, Table};
 use host_tests::bench::chips::kvh1750::Kvh1750Chip;
-use rins_selfcal::drivers::kvh1750::{ALL_VALID, HEADER, Kvh1750, MESSAGE_BYTES, Settings};
+use rins_selfcal::drivers::kvh1750::{ALL_VALID, HEADER, Kvh1750, Kvh1750Settings, MESSAGE_BYTES};
 use rins_selfcal::drivers::{ImuFault, ImuReading};
 
 static CRC: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_MPEG_2);
@@ -63,11 +63,11 @@ impl Target for Stream {
     /// What comes is what a search through the whole finds, every byte is of a message or counted, and of the two messages
     /// that follow the second is read in any case.
     fn judge(&self, input: &[u8]) -> Outcome {
-        let mut unit = Kvh1750::new(&Settings::default());
+        let mut unit = Kvh1750::new(&Kvh1750Settings::default());
         let found = pushed(&mut unit, input);
         let (expected, dropped) = scanned(input);
         assert_eq!(found, expected);
-        assert_eq!(unit.dropped().bytes as usize, dropped);
+        assert_eq!(unit.discarded().bytes as usize, dropped);
         let next = Kvh1750Chip::default().message([0.25; 3], [9.806_65; 3], 20.0);
         let next = [&next[..], &next].concat();
         assert_eq!(pushed(&mut unit, &next).last(), scanned(&next).0.last(), "out of step");

@@ -8,9 +8,9 @@ use crate::target::{Claim, Outcome, Target};
 use host_tests::bench::power_up::Memory;
 use host_tests::calibration::raw_sample;
 use host_tests::virtual_unit::plant::Reading;
-use rins_selfcal::acquisition::queue::Observed;
+use rins_selfcal::acquisition::queue::SampleWithGimbal;
 use rins_selfcal::base::angle::Angle;
-use rins_selfcal::base::loss::Losses;
+use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::restart::Restart;
 use rins_selfcal::base::sample::{CorrectedSample, RawSample, SampleStatus};
 use rins_selfcal::estimator::{BASIC_STATES, MAX_SEGMENTS};
@@ -139,12 +139,12 @@ impl Surroundings<f64> for Board {
         self.now_us
     }
 
-    fn next_sample(&mut self) -> Option<Observed<f64>> {
-        self.sample.take().map(|sample| Observed { sample, gimbal: GimbalStatus::default() })
+    fn next_sample(&mut self) -> Option<SampleWithGimbal<f64>> {
+        self.sample.take().map(|sample| SampleWithGimbal { sample, gimbal: GimbalStatus::default() })
     }
 
-    fn losses(&mut self) -> Losses {
-        Losses::default()
+    fn losses(&mut self) -> LossCounts {
+        LossCounts::default()
     }
 
     fn archive(&mut self) -> &mut impl Archive {

@@ -7,7 +7,7 @@ use crate::Scalar;
 use core::sync::atomic::Ordering;
 use rins_selfcal::acquisition::Acquisition;
 use rins_selfcal::acquisition::queue::SampleProducer;
-use rins_selfcal::drivers::adis16495::{Adis16495, Settings};
+use rins_selfcal::drivers::adis16495::{Adis16495, Adis16495Settings};
 use rins_selfcal::gimbal::servo::PERIOD_US;
 
 /// What the IMU's interrupt has.
@@ -16,7 +16,7 @@ pub struct Imu(Acquisition<'static, Scalar, PipeSpi>);
 impl Imu {
     /// Sets the IMU up; `None` if it does not answer.
     pub fn start(bus: PipeBus, producer: SampleProducer<'static, Scalar>) -> Option<Self> {
-        let imu = Adis16495::start(bus.device(Chip::Imu), &mut Delay, &Settings::default()).ok()?;
+        let imu = Adis16495::start(bus.device(Chip::Imu), &mut Delay, &Adis16495Settings::default()).ok()?;
         Some(Self(Acquisition::new(imu, producer)))
     }
 

@@ -17,7 +17,7 @@ use crate::Scalar;
 use embedded_hal::spi::SpiDevice;
 use rins_selfcal::acquisition::Streaming;
 use rins_selfcal::acquisition::queue::SampleProducer;
-use rins_selfcal::drivers::kvh1750::{Kvh1750, Settings};
+use rins_selfcal::drivers::kvh1750::{Kvh1750, Kvh1750Settings};
 
 /// Most bytes of the line to a transfer.
 const MOST_BYTES: usize = (MAX_TRANSFER_BYTES - 1) / 3;
@@ -36,7 +36,7 @@ pub struct Imu {
 impl Imu {
     /// The IMU sends by itself: nothing can fail here.
     pub fn start(bus: PipeBus, producer: SampleProducer<'static, Scalar>) -> Option<Self> {
-        let streaming = Streaming::new(Kvh1750::new(&Settings::default()), producer);
+        let streaming = Streaming::new(Kvh1750::new(&Kvh1750Settings::default()), producer);
         let receiver = bus.device(Chip::Imu);
         Some(Self { receiver, fetched: [0; 1 + 3 * MOST_BYTES], taken: 0, end_us: 0, streaming })
     }

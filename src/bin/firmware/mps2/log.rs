@@ -4,7 +4,7 @@
 use super::semihosting::File;
 use crate::board::{Board, ThisBoard};
 use core::cell::UnsafeCell;
-use rins_selfcal::base::restart::Stop;
+use rins_selfcal::base::restart::FatalError;
 
 struct Log {
     restore: critical_section::RestoreState,
@@ -57,7 +57,7 @@ unsafe impl defmt::Logger for Logger {
         // Safety: released in `release`; the reference ends with this function.
         let (restore, log) = unsafe { (critical_section::acquire(), &mut *LOG.0.get()) };
         if log.open {
-            ThisBoard::stop(&Stop::board("log inside a log"));
+            ThisBoard::stop(&FatalError::board("log inside a log"));
         }
         log.open = true;
         log.restore = restore;

@@ -18,7 +18,7 @@ use embassy_stm32::{interrupt as handler, pac};
 use embedded_hal_bus::spi::ExclusiveDevice;
 use rins_selfcal::acquisition::Acquisition;
 use rins_selfcal::acquisition::queue::SampleProducer;
-use rins_selfcal::drivers::adis16495::{Adis16495, Settings};
+use rins_selfcal::drivers::adis16495::{Adis16495, Adis16495Settings};
 
 type BoardAcquisition = Acquisition<'static, Scalar, ExclusiveDevice<Bus, Output<'static>, Delay>>;
 
@@ -49,7 +49,7 @@ impl Imu {
         let clock = pulses(timer, clock, 4000, 500);
         let bus = Spi::new_blocking(bus, sclk, din, dout, spi_config(spi::MODE_3, 3_750_000));
         let device = ExclusiveDevice::new(bus, Output::new(select, Level::High, Speed::VeryHigh), Delay).ok()?;
-        let imu = Adis16495::start(device, &mut Delay, &Settings::default()).ok()?;
+        let imu = Adis16495::start(device, &mut Delay, &Adis16495Settings::default()).ok()?;
         critical_section::with(|cs| ACQUISITION.borrow(cs).set(Some(Acquisition::new(imu, producer))));
         Some(Self { _clock: clock, _data_ready: CapturePin::new(data_ready, Pull::Down) })
     }

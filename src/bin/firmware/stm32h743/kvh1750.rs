@@ -17,7 +17,7 @@ use embassy_stm32::usart::{Config, UartRx};
 use embassy_stm32::{interrupt as handler, pac};
 use rins_selfcal::acquisition::Streaming;
 use rins_selfcal::acquisition::queue::SampleProducer;
-use rins_selfcal::drivers::kvh1750::{Kvh1750, Settings};
+use rins_selfcal::drivers::kvh1750::{Kvh1750, Kvh1750Settings};
 
 /// A request is high for 60 us of 5 ms.
 const REQUEST_THOUSANDTHS: u32 = 12;
@@ -47,7 +47,7 @@ impl Imu {
     /// Opens the port, and waits for a message; `None` if none comes.
     pub fn start(wiring: Wiring, producer: SampleProducer<'static, Scalar>) -> Option<Self> {
         let Wiring { timer, request, port, rx } = wiring;
-        let settings = Settings::default();
+        let settings = Kvh1750Settings::default();
         let mut config = Config::default();
         config.baudrate = settings.baud;
         let port = UartRx::new_blocking(port, rx, config).ok()?;
@@ -90,7 +90,7 @@ fn answers(imu: &mut Kvh1750) -> bool {
 fn requested_us() -> u64 {
     let (now_us, count) = critical_section::with(|_| (clock::now_us(), pac::TIM3.cnt().read().cnt()));
     let counts = u64::from(pac::TIM3.arr().read().arr()) + 1;
-    let period_us = 1_000_000 / Settings::default().rate_hz as u64;
+    let period_us = 1_000_000 / Kvh1750Settings::default().rate_hz as u64;
     now_us.saturating_sub(u64::from(count) * period_us / counts)
 }
 
