@@ -1,33 +1,44 @@
 //! Virtual RINS, bench and reports around the core of `rins-selfcal`.
 //!
 //! ```text
-//! unit, presets, scheme_file -> kinematics, encoder -> virtual_rins -> drive \
-//!                                                                             plant -> the core
-//!                                                               file -> log  /
-//!
-//! virtual_run, replay -> calibration, signals -> report, table, page -> cli
-//! refusal: what the core has against a scheme
-//! closed_loop, prediction -> plot, monte_carlo -^
-//! inspect: what a log of any columns is
-//! saved: a result read back -> comparison; history: all that an instrument keeps
-//! bai: what the source of the method publishes; replication: what is run to be laid beside it -> page
-//! monitor: the other end of the instrument's serial line, `line` the instrument's own end in this process
-//! plan: finds schemes; prediction then says what the core makes of them
-//! faults -> fault_campaign: can a disturbed run be accepted with a wrong answer?
-//! fault_table: what the instrument does when an axis, the IMU or the power fails
-//! chips: the devices that the core's drivers read and drive
+//! base -> files -> virtual_unit -> log -> calibration -> result -> plan -> inspect \
+//!                       |                      |                     |              page, monitor -> cli
+//!                       '------> bench --------'------> study -------'             /
 //! ```
+//! Each room knows only rooms that are above it in this list:
+//! - `base`: parameters in report units, the numbers of the paper, programs of the system
+//! - `files`: what a user writes: the unit, its true errors, a scheme
+//! - `virtual_unit`: an instrument that exists in numbers only, along a scheme or with its windings driven
+//! - `log`: readings from files and into files
+//! - `calibration`: readings through the core's chain
+//! - `result`: what came of it: JSON, tables, signals, comparison
+//! - `plan`: finds schemes, and predicts what the core makes of them
+//! - `inspect`: what a log of any columns is
+//! - `bench`: the instrument's devices, and on them the core in this process or the firmware in the emulator
+//! - `study`: many runs: statistics, disturbances, failures, and the paper's own results
+//! - `page`: results as pages and figures
+//! - `monitor`: the other end of the instrument's serial line, and what its memory holds
+//! - `cli`: the commands of `rins`, each with its arguments
 
 pub mod base;
-pub mod bench;
-pub mod calibration;
-pub mod cli;
 pub mod files;
-pub mod inspect;
-pub mod log;
-pub mod monitor;
-pub mod page;
-pub mod plan;
-pub mod result;
-pub mod study;
 pub mod virtual_unit;
+
+pub mod log;
+
+pub mod calibration;
+pub mod result;
+
+pub mod plan;
+
+pub mod inspect;
+
+pub mod bench;
+
+pub mod study;
+
+pub mod page;
+
+pub mod monitor;
+
+pub mod cli;

@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use host_tests::bench::emulator::image::{Board, Image, Variant, build};
-use host_tests::bench::emulator::{Run, Setup, run};
+use host_tests::bench::emulator::{MachineSetup, Run, run};
 use host_tests::bench::power_up::{MessageDigest, Switched, in_emulator, in_process, share, shared};
 use host_tests::bench::{Bench, Chip, Imu};
 use host_tests::files::unit_file::UnitConfig;
@@ -62,13 +62,13 @@ fn image(variant: impl Into<Variant>) -> Image {
     build(variant).unwrap_or_else(|error| panic!("{error:#}"))
 }
 
-fn try_run<P: Plant>(setup: &Setup<'_>, bench: &mut Bench<P>) -> Result<Outcome> {
+fn try_run<P: Plant>(setup: &MachineSetup<'_>, bench: &mut Bench<P>) -> Result<Outcome> {
     let (mut log, mut messages) = (Vec::new(), Vec::new());
     let run = run(setup, bench, |line| log.push(line.to_owned()), |message| messages.push(message.clone()))?;
     Ok(Outcome { run, log, messages })
 }
 
-fn outcome(setup: &Setup<'_>, bench: &mut Bench<impl Plant>) -> Outcome {
+fn outcome(setup: &MachineSetup<'_>, bench: &mut Bench<impl Plant>) -> Outcome {
     try_run(setup, bench).unwrap_or_else(|error| panic!("{error:#}"))
 }
 
@@ -77,7 +77,7 @@ fn every_sample_is_delivered() {
     for board in [Board::Mps2An500, Board::Mps2An386] {
         let image = image(board);
         let mut bench = Bench::new(at_rest(2000));
-        let outcome = outcome(&Setup::new(&image), &mut bench);
+        let outcome = outcome(&MachineSetup::new(&image), &mut bench);
         assert!(outcome.run.success);
         assert_eq!(outcome.queue(), (2000, LossCounts::default()));
         assert_eq!(outcome.run.late_periods, 0);
@@ -91,14 +91,14 @@ fn every_sample_is_delivered() {
 #[test]
 fn edges_come_at_200_hz() {
     let image = image(Board::Mps2An500);
-    let run = |samples| outcome(&Setup::new(&image), &mut Bench::new(at_rest(samples))).run.elapsed_s;
+    let run = |samples| outcome(&MachineSetup::new(&image), &mut Bench::new(at_rest(samples))).run.elapsed_s;
     assert!((run(3000) - run(1000) - 10.0).abs() < 1e-4);
 }
 
 #[test]
 fn a_run_repeats_to_the_tick() {
     let image = image(Board::Mps2An500);
-    let run = || outcome(&Setup::new(&image), &mut Bench::new(at_rest(1000))).run;
+    let run = || outcome(&MachineSetup::new(&image), &mut Bench::new(at_rest(1000))).run;
     let (first, second) = (run(), run());
     assert_eq!((first.elapsed_s, first.instructions), (second.elapsed_s, second.instructions));
 }
@@ -114,7 +114,7 @@ fn damaged_frames_are_counted() {
             frame[30] ^= 4;
         }
     });
-    let outcome = outcome(&Setup::new(&image), &mut bench);
+    let outcome = outcome(&MachineSetup::new(&image), &mut bench);
     assert_eq!(outcome.queue(), (990, LossCounts { crc: 10, ..LossCounts::default() }));
 }
 
@@ -293,7 +293,7 @@ fn calibrates_with_kvh_1750(put: Put) -> (LossCounts, u64) {
 #[test]
 fn an_image_for_another_imu_is_refused() {
     let image = Image { imu: Imu::Kvh1750, ..image(Board::Mps2An500) };
-    let error = try_run(&Setup::new(&image), &mut Bench::new(at_rest(10))).err().expect("an error");
+    let error = try_run(&MachineSetup::new(&image), &mut Bench::new(at_rest(10))).err().expect("an error");
     assert!(error.to_string().contains("IMU"), "{error:#}");
 }
 
@@ -414,7 +414,7 @@ fn flip(path: &Path, offset: usize) {
 #[test]
 fn a_hang_is_an_error() {
     let image = image(Board::Mps2An500);
-    let setup = Setup { patience: Duration::ZERO, ..Setup::new(&image) };
+    let setup = MachineSetup { patience: Duration::ZERO, ..MachineSetup::new(&image) };
     // Over so many samples the host waits for the firmware at least once, however busy the machine is.
     let error = try_run(&setup, &mut Bench::new(at_rest(1_000_000))).err().expect("an error");
     assert!(error.to_string().contains("hangs"), "{error:#}");
@@ -423,6 +423,6 @@ fn a_hang_is_an_error() {
 #[test]
 fn an_image_that_is_none_is_an_error() {
     let image = Image { path: "/dev/null".into(), board: Board::Mps2An500, imu: Imu::Adis16495 };
-    let setup = Setup::new(&image);
+    let setup = MachineSetup::new(&image);
     assert!(try_run(&setup, &mut Bench::new(at_rest(10))).is_err());
 }

@@ -3,7 +3,7 @@
 use host_tests::calibration::virtual_run::VirtualRun;
 use host_tests::calibration::{Precision, Setup};
 use host_tests::files::unit_file::UnitConfig;
-use host_tests::study::fault_campaign::{Campaign, Faults, Outcome, Summary};
+use host_tests::study::fault_campaign::{Campaign, DisturbedRun, Faults, Summary};
 use host_tests::study::faults::{Fault, FaultKind, readings};
 use host_tests::study::monte_carlo::{ErrorSource, MonteCarlo};
 use host_tests::study::statistics::ErrorStatistics;
@@ -16,7 +16,7 @@ use rins_selfcal::model::error_model::{PARAMETERS, block};
 use rins_selfcal::model::options::Options;
 use rins_selfcal::scheme::Scheme;
 
-fn run(runs: u64, faults: Faults, precision: Precision) -> Vec<Outcome> {
+fn run(runs: u64, faults: Faults, precision: Precision) -> Vec<DisturbedRun> {
     Campaign { runs, seed: 2, faults, precision }.run(|| ())
 }
 

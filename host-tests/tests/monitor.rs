@@ -3,7 +3,7 @@
 
 use host_tests::bench::Bench;
 use host_tests::bench::emulator::image::{Board, build};
-use host_tests::bench::emulator::{Run, Setup, run};
+use host_tests::bench::emulator::{MachineSetup, Run, run};
 use host_tests::bench::line::{Terminal, Unconnected};
 use host_tests::bench::memory::VirtualEeprom;
 use host_tests::bench::power_up::{Listener, Memory, self_calibrate, shared};
@@ -149,7 +149,7 @@ fn firmware(serial: &Path, eeprom: Option<&Path>, off: &Arc<AtomicBool>) -> Run 
     let (config, rins) = assignment();
     let mut buffer = [0; MAX_ASSIGNMENT_BYTES];
     let configuration = postcard::to_slice(&Assignment::SelfCalibrate(config), &mut buffer).expect("it fits");
-    let setup = Setup { configuration, serial: Some(serial), eeprom, ..Setup::new(&image) };
+    let setup = MachineSetup { configuration, serial: Some(serial), eeprom, ..MachineSetup::new(&image) };
     let mut bench = Bench::new(Paced::new(Unit(rins, Arc::clone(off)), Duration::from_micros(50)));
     run(&setup, &mut bench, |_| (), |_| ()).unwrap_or_else(|error| panic!("{error:#}"))
 }

@@ -4,7 +4,7 @@
 use anyhow::Result;
 use host_tests::bench::Bench;
 use host_tests::bench::emulator::image::{Board, Image, build};
-use host_tests::bench::emulator::{Setup, run};
+use host_tests::bench::emulator::{MachineSetup, run};
 use host_tests::monitor::history::{History, MemoryKind};
 use host_tests::virtual_unit::drive::move_durations_s;
 use host_tests::virtual_unit::driven::DrivenRins;
@@ -54,7 +54,7 @@ fn boot(image: &Image, eeprom: &Path, policy: PowerUpPolicy, seed: u64, periods:
     let configuration = postcard::to_slice(&assignment, &mut buffer)?;
     let (left, cut, off) = (Cell::new(None), Cell::new(false), Cell::new(false));
     let mut bench = Bench::new(Counted { rins, left: &left, cut: &cut, off: &off });
-    let setup = Setup { eeprom: Some(eeprom), configuration, cut: Some(&cut), ..Setup::new(image) };
+    let setup = MachineSetup { eeprom: Some(eeprom), configuration, cut: Some(&cut), ..MachineSetup::new(image) };
     let mut messages = Vec::new();
     let on_message = |message: &Message| {
         match message {

@@ -5,7 +5,7 @@ use anyhow::Result;
 use host_tests::bench::Bench;
 use host_tests::bench::emulator::debugger::{Debugger, function};
 use host_tests::bench::emulator::image::{Board, build};
-use host_tests::bench::emulator::{Setup, run};
+use host_tests::bench::emulator::{MachineSetup, run};
 use host_tests::virtual_unit::drive::move_durations_s;
 use host_tests::virtual_unit::driven::DrivenRins;
 use host_tests::virtual_unit::plant::{Output, Plant, Tick};
@@ -80,7 +80,7 @@ fn restart_after(harm: impl Fn(&[u8], &mut Debugger) -> Result<()> + Sync) -> (R
     let configuration = postcard::to_slice(&assignment, &mut buffer).expect("it fits");
     let directory = tempfile::tempdir().expect("a directory");
     let socket = directory.path().join("debugger");
-    let setup = Setup { configuration, reboots: true, debugger: Some(&socket), ..Setup::new(&image) };
+    let setup = MachineSetup { configuration, reboots: true, debugger: Some(&socket), ..MachineSetup::new(&image) };
     let (harmed, off, driven) = (AtomicBool::new(false), AtomicBool::new(false), AtomicU32::new(0));
     let mut bench = Bench::new(Watched { rins, harmed: &harmed, off: &off, driven: &driven, stopped: false });
     let (turning, turns) = channel();

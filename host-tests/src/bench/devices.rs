@@ -3,11 +3,12 @@
 //!
 //! Time goes by in control periods. The IMU samples as often as the plant does, whatever its decimation has been set to.
 
-use super::bus::{Chip, Damage, PERIOD_BYTES, input};
+use super::bus::{Chip, Damage};
 use super::chips::biss::BissChip;
-use super::chips::bridge::{BridgeChip, DUTY_STEPS};
+use super::chips::bridge::BridgeChip;
 use super::chips::exchange;
 use super::imu::{Imu, ImuChip, Received};
+use super::wire::{DUTY_STEPS, PERIOD_BYTES, input, pin};
 use crate::virtual_unit::plant::{Output, Plant, Tick};
 use embedded_hal::delay::DelayNs;
 use embedded_hal::digital::{self, InputPin, OutputPin};
@@ -273,7 +274,7 @@ impl<P: Plant> Bench<P> {
         let Ok(frame) = <&mut [u8; PERIOD_BYTES]>::try_from(frame) else { return };
         for (axis, pins) in self.axes.iter_mut().zip(frame.as_chunks::<3>().0) {
             let [low, high, pins] = *pins;
-            axis.bridge.set(u16::from_le_bytes([low, high]), pins & 1 != 0, pins & 2 != 0);
+            axis.bridge.set(u16::from_le_bytes([low, high]), pins & pin::DIRECTION != 0, pins & pin::ENABLE != 0);
         }
         let (inputs, captures) = frame.split_first_mut().expect("its length is known");
         *inputs = self.inputs();

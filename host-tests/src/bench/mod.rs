@@ -11,6 +11,8 @@ pub mod line;
 pub mod memory;
 pub mod power_up;
 pub mod servo_bench;
+#[path = "../../../src/bin/firmware/mps2/wire.rs"]
+pub mod wire;
 
 pub use bus::*;
 pub use devices::*;

@@ -3,7 +3,7 @@
 
 use super::devices::{Bench, BenchControl, BenchImu, SharedBench, control};
 use super::emulator::image::Image;
-use super::emulator::{Run, Setup, run};
+use super::emulator::{MachineSetup, Run, run};
 use super::line::{Line, Unconnected};
 use crate::calibration::refusal::refused;
 
@@ -303,7 +303,7 @@ pub fn in_emulator<P: Plant>(
 ) -> Result<Run> {
     let mut buffer = [0; MAX_ASSIGNMENT_BYTES];
     let configuration = postcard::to_slice(assignment, &mut buffer).context("the scheme is too long for the board")?;
-    let setup = Setup { eeprom, configuration, ..Setup::new(image) };
+    let setup = MachineSetup { eeprom, configuration, ..MachineSetup::new(image) };
     run(&setup, bench, on_log, on_message)
 }
 

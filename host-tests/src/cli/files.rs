@@ -7,14 +7,14 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// An option, or the name of an argument, and its file where there is one.
-pub type Named<'a> = (&'static str, Option<&'a Path>);
+pub type NamedFile<'a> = (&'static str, Option<&'a Path>);
 
 /// Checks that no output is an input or another output, and that all outputs can be written. Leaves no trace.
 ///
 /// # Errors
 /// One line that names options and file.
-pub fn check(inputs: &[Named<'_>], outputs: &[Named<'_>]) -> anyhow::Result<()> {
-    let given = |files: &[Named<'_>]| -> Vec<(&'static str, PathBuf)> {
+pub fn check(inputs: &[NamedFile<'_>], outputs: &[NamedFile<'_>]) -> anyhow::Result<()> {
+    let given = |files: &[NamedFile<'_>]| -> Vec<(&'static str, PathBuf)> {
         let paths = files.iter().filter_map(|(name, path)| Some((*name, path.as_ref()?.to_path_buf())));
         paths.collect()
     };
@@ -67,7 +67,7 @@ mod tests {
         std::os::unix::fs::symlink(at("log.csv"), at("link.csv")).unwrap();
         let (log, new, link) = (at("log.csv"), at("new.json"), at("link.csv"));
         let same_new = at("folder").join("..").join("new.json");
-        let message = |inputs: &[Named<'_>], outputs: &[Named<'_>]| {
+        let message = |inputs: &[NamedFile<'_>], outputs: &[NamedFile<'_>]| {
             let line = check(inputs, outputs).map_or_else(|error| format!("{error:#}"), |()| "fine".into());
             line.replace(&format!("{}/", folder.path().display()), "")
         };

@@ -18,7 +18,10 @@ use crate::plan::prediction::Prediction;
 use crate::result::report::{Named, ParameterReport, SOFTWARE, Software, parameters};
 use crate::result::table;
 use crate::study::monte_carlo::MonteCarlo;
-use crate::study::replication::{Foresight, Replication, Series, Study};
+use crate::study::replication::{Foresight, Replication, ShownRun, Study};
+use crate::virtual_unit::presets::{
+    Listed, REAL_ACCEL_BIAS, REAL_ACCEL_SCALE, REAL_AXES, REAL_BASE, REAL_GYRO_BIAS, REAL_GYRO_SCALE,
+};
 use anyhow::{Context, bail};
 use clap::{Args, FromArgMatches};
 use rayon::prelude::*;
@@ -26,6 +29,7 @@ use rins_selfcal::base::method::Method;
 use rins_selfcal::model::error_model::{INSTALLATION_STATES, PARAMETER_INFO};
 use rins_selfcal::run::telemetry::Progress as Segmented;
 use serde::Serialize;
+use std::fmt;
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -50,65 +54,63 @@ pub struct ReplicateArguments {
 
 /// Runs of each effect alone: their mean shows it from the noise.
 const IGNORED_RUNS: u64 = 4;
+/// Errors of a study.
+#[derive(Clone, Copy)]
+enum Errors {
+    /// By name, or what would be in a file of them.
+    Of(&'static str),
+    /// These of the unit `real`, and more in the same words.
+    Only(&'static Listed, &'static str),
+}
+
+impl fmt::Display for Errors {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Of(errors) => f.write_str(errors),
+            Self::Only(parameters, more) => {
+                let parameters: Vec<_> = parameters.iter().map(|(name, value)| format!("{name} = {value:?}")).collect();
+                write!(f, "parameters = {{ {}{more} }}", parameters.join(", "))
+            }
+        }
+    }
+}
+
 /// What is studied: name, title, errors, and further options of the joint method.
-const STUDIES: [(&str, &str, &str, &str); 14] = [
-    ("table1", "the unit of Table 1", "table1", ""),
-    ("table3", "the twelve errors of Table 3, all else zero", "table3", ""),
-    ("real", "the twelve errors of Table 3, and all else that a real unit has", "real", ""),
-    ("nothing", "no errors at all: noise alone", "parameters = {}", ""),
-    (
-        "accel-bias",
-        "accelerometer biases of 30 ug",
-        "parameters = { accel_bias_x = 30.0, accel_bias_y = -30.0, accel_bias_z = 30.0 }",
-        "",
-    ),
-    (
-        "accel-scale",
-        "accelerometer scale factors off by 100 ppm",
-        "parameters = { accel_scale_x = -100.0, accel_scale_y = 100.0, accel_scale_z = 100.0 }",
-        "",
-    ),
-    (
-        "gyro-bias",
-        "gyro biases of 0.005 deg/h",
-        "parameters = { gyro_bias_x = 0.005, gyro_bias_y = 0.005, gyro_bias_z = -0.005 }",
-        "",
-    ),
-    (
-        "gyro-scale",
-        "gyro scale factors off by 20 ppm",
-        "parameters = { gyro_scale_x = 20.0, gyro_scale_y = -20.0, gyro_scale_z = 20.0 }",
-        "",
-    ),
-    ("axes", "rotation axes 4 arcsec off perpendicular", "parameters = { axis_nonperpendicularity = 4.0 }", ""),
-    (
-        "attitude",
-        "base tilted by 1.7 and -2.3 deg, heading 137 deg",
-        "parameters = { base_roll = 1.7, base_pitch = -2.3, heading = 137.0 }",
-        "",
-    ),
+const STUDIES: [(&str, &str, Errors, &str); 14] = [
+    ("table1", "the unit of Table 1", Errors::Of("table1"), ""),
+    ("table3", "the twelve errors of Table 3, all else zero", Errors::Of("table3"), ""),
+    ("real", "the twelve errors of Table 3, and all else that a real unit has", Errors::Of("real"), ""),
+    ("nothing", "no errors at all: noise alone", Errors::Of("parameters = {}"), ""),
+    ("accel-bias", "accelerometer biases of 30 ug", Errors::Only(REAL_ACCEL_BIAS, ""), ""),
+    ("accel-scale", "accelerometer scale factors off by 100 ppm", Errors::Only(REAL_ACCEL_SCALE, ""), ""),
+    ("gyro-bias", "gyro biases of 0.005 deg/h", Errors::Only(REAL_GYRO_BIAS, ""), ""),
+    ("gyro-scale", "gyro scale factors off by 20 ppm", Errors::Only(REAL_GYRO_SCALE, ""), ""),
+    ("axes", "rotation axes 4 arcsec off perpendicular", Errors::Only(REAL_AXES, ""), ""),
+    ("attitude", "base tilted by 1.7 and -2.3 deg, heading 137 deg", Errors::Only(REAL_BASE, ", heading = 137.0"), ""),
     (
         "eccentricity",
         "encoder eccentricity of 2 arcsec",
-        "effects.encoder_eccentricity = [{ amplitude_arcsec = 2.0 }, { amplitude_arcsec = 2.0 }]",
+        Errors::Of("effects.encoder_eccentricity = [{ amplitude_arcsec = 2.0 }, { amplitude_arcsec = 2.0 }]"),
         "--effects eccentricity",
     ),
     (
         "second-harmonic",
         "second harmonic of the encoders of 2 arcsec",
-        "effects.encoder_second_harmonic = [{ amplitude_arcsec = 2.0, phase_deg = 90.0 }, { amplitude_arcsec = 2.0, phase_deg = 90.0 }]",
+        Errors::Of(
+            "effects.encoder_second_harmonic = [{ amplitude_arcsec = 2.0, phase_deg = 90.0 }, { amplitude_arcsec = 2.0, phase_deg = 90.0 }]",
+        ),
         "--effects second-harmonic",
     ),
     (
         "tilt-drift",
         "base that tilts by 2 arcsec/h",
-        "effects.base_tilt_drift_arcsec_h = [2.0, 2.0]",
+        Errors::Of("effects.base_tilt_drift_arcsec_h = [2.0, 2.0]"),
         "--effects tilt-drift",
     ),
     (
         "bias-ramp",
         "accelerometer biases that drift by 1 ug/h",
-        "effects.accel_bias_ramp_ug_h = [1.0, 1.0, 1.0]",
+        Errors::Of("effects.accel_bias_ramp_ug_h = [1.0, 1.0, 1.0]"),
         "--effects bias-ramp",
     ),
 ];
@@ -155,12 +157,13 @@ struct Planned {
 }
 
 fn studies(arguments: &ReplicateArguments) -> anyhow::Result<Vec<Planned>> {
-    let planned = |(number, (name, title, errors, effects)): (usize, &(&'static str, &'static str, &str, &str))| {
+    let planned = |(number, (name, title, errors, effects)): (usize, &(&'static str, &'static str, Errors, &str))| {
         let runs = if number < FULL_STUDIES { arguments.runs } else { arguments.runs.min(IGNORED_RUNS) };
         let (runs, motion, seed) = (runs.to_string(), motion(arguments), arguments.seed.to_string());
         let mut words = vec!["montecarlo", "--runs", &runs, "--method", "both", "--scheme", "bai"];
         words.extend(motion.iter().map(String::as_str));
-        words.extend(["--errors", errors, "--noise", "bai", "--seed", &seed]);
+        let errors = errors.to_string();
+        words.extend(["--errors", &errors, "--noise", "bai", "--seed", &seed]);
         words.extend(effects.split_whitespace());
         let parsed: MonteCarloArguments = parsed(&words)?;
         let monte_carlo = monte_carlo::monte_carlo(&parsed)?;
@@ -201,7 +204,7 @@ fn replicate(arguments: &ReplicateArguments, studies: &[Planned], bar: &Progress
     let setup = of_table_1.monte_carlo.setup(Method::TwoStage).on_scheme(&of_table_1.monte_carlo.scheme);
     let series = |planned: &Planned, errors| {
         let commands = series_commands(arguments, errors)?;
-        anyhow::Ok(Series::new(commands, &planned.monte_carlo.virtual_run(0), &setup))
+        anyhow::Ok(ShownRun::new(commands, &planned.monte_carlo.virtual_run(0), &setup))
     };
     let (simulation, laboratory) = rayon::join(|| series(of_table_1, "table1"), || series(of_real, "real"));
     let stop = arguments.stop.to_string();
@@ -275,7 +278,7 @@ struct EstimateReport {
     parameters: Named<ParameterReport>,
 }
 
-fn estimates(series: &Series) -> Vec<EstimateReport> {
+fn estimates(series: &ShownRun) -> Vec<EstimateReport> {
     let report = |progress: &Segmented| EstimateReport {
         segment: progress.segments - 1,
         time_s: progress.end_us as f64 * 1e-6,

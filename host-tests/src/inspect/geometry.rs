@@ -8,7 +8,7 @@
 //! component. So all pairs of columns are tried as encoders, in all units; the pair counts whose worst component finds a
 //! column that correlates best. Factor and sign of each channel follow by regression.
 
-use super::sketch::{Series, Sketch};
+use super::sketch::{ColumnSketch, Sketch};
 use crate::log::Unit;
 use rins_selfcal::base::units::{ARCSEC, DEG};
 use std::f64::consts::TAU;
@@ -120,7 +120,7 @@ fn pairs(sketch: &Sketch, free: &[usize]) -> Vec<Encoders> {
 }
 
 /// In which units a column may be an angle that stands and moves.
-fn countings(series: &Series) -> Vec<Counting> {
+fn countings(series: &ColumnSketch) -> Vec<Counting> {
     let plain = |(unit, rad)| Counting { unit, counts_per_turn: None, rad, zero: 0.0, reversed: false };
     let units = [("rad", 1.0), ("deg", DEG), ("arcsec", ARCSEC), ("turns", TAU)].map(plain);
     let binary = (10..=32).map(|bits| f64::from(bits).exp2());
@@ -134,14 +134,14 @@ fn countings(series: &Series) -> Vec<Counting> {
         .collect()
 }
 
-fn stands_and_moves(series: &Series, counting: &Counting) -> bool {
+fn stands_and_moves(series: &ColumnSketch, counting: &Counting) -> bool {
     let steps = turns(series, counting.rad);
     let standing = steps.iter().filter(|step| step.abs() < STANDING_RAD).count();
     let travel = series.span() * counting.rad;
     (TRAVEL_RAD[0]..TRAVEL_RAD[1]).contains(&travel) && standing as f64 > STANDING_PART * steps.len() as f64
 }
 
-fn with_zeros(series: &Series, counting: Counting) -> Vec<Counting> {
+fn with_zeros(series: &ColumnSketch, counting: Counting) -> Vec<Counting> {
     let first = series.head.first().copied().unwrap_or(0.0);
     let within_turn = (first * counting.rad + TAU / 2.0).rem_euclid(TAU) - TAU / 2.0;
     let mut all = vec![counting];
@@ -158,7 +158,7 @@ fn round_reading(reading: f64, rad: f64) -> f64 {
 }
 
 /// From point to point the shorter way, rad.
-fn turns(series: &Series, rad: f64) -> Vec<f64> {
+fn turns(series: &ColumnSketch, rad: f64) -> Vec<f64> {
     let shorter = |turn: f64| turn - TAU * (turn / TAU).round();
     series.lasts.windows(2).map(|pair| shorter((pair[1] - pair[0]) * rad)).collect()
 }

@@ -3,7 +3,7 @@
 use super::geometry::{Channel, Counting, Geometry, unit_of};
 use super::names::{Role, role, unit};
 use super::shape::{Shape, grows_evenly};
-use super::sketch::{Series, Sketch};
+use super::sketch::{ColumnSketch, Sketch};
 use crate::log::{
     ACCEL_UNITS, Column, EncoderTable, GYRO_UNITS, Mapping, Moment, TEMPERATURE_COLUMN, TIME_UNITS, TemperatureTable,
     TimeTable, TriadTable, Unit,
@@ -68,7 +68,7 @@ impl Guess {
         if sketch.rows < LEAST_ROWS {
             return Err(format!("only {} rows", sketch.rows));
         }
-        let name = |series: &Series| if let Column::Name(name) = &series.column { role(name) } else { None };
+        let name = |series: &ColumnSketch| if let Column::Name(name) = &series.column { role(name) } else { None };
         let named: Vec<Option<Role>> = sketch.series.iter().map(name).collect();
         let even = |index: &usize| grows_evenly(&sketch.series[*index].head);
         let mut times: Vec<usize> = (0..sketch.series.len()).filter(even).collect();
@@ -125,12 +125,12 @@ fn by_names(sketch: &Sketch, named: &[Option<Role>], temperature: Option<usize>)
     Ok(Roles { clock: None, encoders, channels, temperature, shown: false })
 }
 
-fn hint(series: &Series) -> Option<&'static str> {
+fn hint(series: &ColumnSketch) -> Option<&'static str> {
     if let Column::Name(name) = &series.column { unit(name) } else { None }
 }
 
 /// Mean of the regular steps of the beginning.
-fn mean_step(series: &Series) -> f64 {
+fn mean_step(series: &ColumnSketch) -> f64 {
     let mut steps: Vec<f64> = series.head.windows(2).map(|pair| pair[1] - pair[0]).collect();
     steps.sort_by(f64::total_cmp);
     let median = steps.get(steps.len() / 2).copied().unwrap_or(f64::NAN);
@@ -326,7 +326,8 @@ impl Roles {
                 _ => String::new(),
             }
         };
-        let taken = |(index, series): (usize, &Series)| Taken { column: series.column.to_string(), role: role(index) };
+        let taken =
+            |(index, series): (usize, &ColumnSketch)| Taken { column: series.column.to_string(), role: role(index) };
         sketch.series.iter().enumerate().map(taken).collect()
     }
 }

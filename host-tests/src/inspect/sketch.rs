@@ -1,7 +1,7 @@
 //! All columns of a log in some thousand points each, however long it is, whatever they are.
 
 use super::shape::Shape;
-use crate::log::{Column, FIELDS, Layout, LogError, Wrong};
+use crate::log::{Column, FIELDS, Layout, LogError, WrongKey};
 use std::path::Path;
 
 /// Points kept: when there are twice as many, neighbours are put together.
@@ -11,7 +11,7 @@ const HEAD_ROWS: usize = 4096;
 
 /// A column.
 #[derive(Clone, Debug)]
-pub struct Series {
+pub struct ColumnSketch {
     /// The column.
     pub column: Column,
     /// Means of neighbouring rows, so many to each.
@@ -29,7 +29,7 @@ pub struct Series {
     sum: (f64, u32),
 }
 
-impl Series {
+impl ColumnSketch {
     fn new(column: &Column) -> Self {
         Self {
             column: column.clone(),
@@ -73,7 +73,7 @@ impl Series {
 #[derive(Clone, Debug)]
 pub struct Sketch {
     /// The columns.
-    pub series: Vec<Series>,
+    pub series: Vec<ColumnSketch>,
     /// Rows.
     pub rows: u64,
     /// Rows to a point.
@@ -88,7 +88,7 @@ pub enum SketchError {
     Log(#[from] LogError),
     /// What is known of the file contradicts itself.
     #[error("[{}] {}: {}", .0.0, .0.1, .0.2)]
-    Shape(Wrong),
+    Shape(WrongKey),
 }
 
 impl Sketch {
@@ -113,8 +113,8 @@ fn of_columns(
     layout: &Layout,
     columns: &[Column],
     on_rows: &mut impl FnMut(u64),
-) -> Result<(Vec<Series>, u64, u32), LogError> {
-    let mut series: Vec<Series> = columns.iter().map(Series::new).collect();
+) -> Result<(Vec<ColumnSketch>, u64, u32), LogError> {
+    let mut series: Vec<ColumnSketch> = columns.iter().map(ColumnSketch::new).collect();
     let mut rows = layout.open_raw(path)?;
     let (mut fields, mut before) = ([f64::NAN; FIELDS], None);
     let (mut count, mut rows_to_a_point) = (0, 1);
@@ -128,7 +128,7 @@ fn of_columns(
             on_rows(count);
         }
         if series.first().is_some_and(|series| series.means.len() >= 2 * POINTS) {
-            series.iter_mut().for_each(Series::halve);
+            series.iter_mut().for_each(ColumnSketch::halve);
             rows_to_a_point *= 2;
         }
     }
@@ -141,7 +141,7 @@ mod tests {
 
     #[test]
     fn a_long_column_keeps_its_mean_its_range_and_its_end() {
-        let mut series = Series::new(&Column::Number(1));
+        let mut series = ColumnSketch::new(&Column::Number(1));
         let mut rows_to_a_point = 1;
         for row in 0..50_000_u32 {
             series.note(f64::from(row), row.checked_sub(1).map(f64::from), rows_to_a_point);

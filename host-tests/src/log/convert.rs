@@ -5,7 +5,7 @@
 //! interpolated between two rows; the first or last row keeps its own.
 
 use super::columns::Fields;
-use super::error::{Fault, LATEST_S, LogError};
+use super::error::{LATEST_S, LogError, LogFault};
 use super::layout::{Encoder, Layout, Triad};
 use super::mapping::Moment;
 use crate::virtual_unit::plant::Reading;
@@ -43,7 +43,7 @@ impl Conversion {
         let interval_s = layout.rate_hz.map(f64::recip).or_else(|| mean_interval_s(&stamps));
         let needed = layout.gyro.is_increment || layout.accel.is_increment || layout.stamp != Moment::Middle;
         if needed && interval_s.is_none() {
-            return Err(LogError::at(path, head[0].0, Fault::NoInterval(layout.column_name(0))));
+            return Err(LogError::at(path, head[0].0, LogFault::NoInterval(layout.column_name(0))));
         }
         let interval_s = interval_s.unwrap_or(0.0);
         let per_interval = |triad: Triad| Triad {
@@ -90,12 +90,12 @@ impl Conversion {
     }
 
     /// Refuses what would turn to infinity in the sums.
-    fn check(&self, reading: &Reading) -> Result<(), Fault> {
+    fn check(&self, reading: &Reading) -> Result<(), LogFault> {
         let angles = [reading.outer_rad, reading.inner_rad];
         let values = [("rad/s", &reading.omega_g[..]), ("m/s^2", &reading.force_a), ("rad", &angles)];
         let all = values.into_iter().flat_map(|(unit, values)| values.iter().map(move |value| (unit, *value)));
         match all.enumerate().find(|(_, (_, value))| value.abs() > IMMENSE) {
-            Some((number, (unit, value))) => Err(Fault::Immense { column: self.column_of(number), value, unit }),
+            Some((number, (unit, value))) => Err(LogFault::Immense { column: self.column_of(number), value, unit }),
             None => Ok(()),
         }
     }
@@ -111,7 +111,7 @@ impl Conversion {
         self.layout.column_name(field)
     }
 
-    fn time_us(&mut self, stamp: f64) -> Result<u64, Fault> {
+    fn time_us(&mut self, stamp: f64) -> Result<u64, LogFault> {
         let counted = self.rows as f64;
         self.rows += 1;
         let time_s = match self.layout.rate_hz {
@@ -120,11 +120,11 @@ impl Conversion {
         };
         let column = || self.layout.column_name(0);
         if !(0.0..=LATEST_S).contains(&time_s) {
-            return Err(Fault::TimeRange { column: column(), time_s, scaled: self.layout.time_factor_s != 1.0 });
+            return Err(LogFault::TimeRange { column: column(), time_s, scaled: self.layout.time_factor_s != 1.0 });
         }
         let time_us = ((time_s + self.shift_s) * 1e6).round() as u64;
         if time_us < self.previous_us {
-            return Err(Fault::TimeBack { column: column(), time_us, previous_us: self.previous_us });
+            return Err(LogFault::TimeBack { column: column(), time_us, previous_us: self.previous_us });
         }
         self.previous_us = time_us;
         Ok(time_us)

@@ -41,7 +41,7 @@ pub enum LogError {
         /// Line of a text, row of a binary file, from 1.
         line: u64,
         /// What is wrong there.
-        fault: Fault,
+        fault: LogFault,
     },
 }
 
@@ -50,14 +50,14 @@ impl LogError {
         move |cause| Self::Io { path: path.into(), cause }
     }
 
-    pub(super) fn at(path: &Path, line: u64, fault: Fault) -> Self {
+    pub(super) fn at(path: &Path, line: u64, fault: LogFault) -> Self {
         Self::At { path: path.into(), line, fault }
     }
 }
 
 /// What is wrong at a place in a log.
 #[derive(Debug, thiserror::Error)]
-pub enum Fault {
+pub enum LogFault {
     /// Reading, or decompressing, fails on the way.
     #[error("{0}")]
     Read(io::Error),

@@ -2,9 +2,10 @@
 
 use super::columns::{FIELDS, TEMPERATURE};
 use super::error::LogError;
-use super::mapping::{Column, EncoderTable, Format, Mapping, Moment, TriadTable, Wrong};
+use super::mapping::{Column, EncoderTable, Format, Mapping, Moment, TriadTable, WrongKey};
 use super::unit_names::{ACCEL_UNITS, ANGLE_UNITS, GYRO_UNITS, TEMPERATURE_UNITS, TIME_UNITS, Unit, named};
 use crate::files::toml_file::TomlFile;
+use rins_selfcal::gimbal::fault::AXIS_NAMES;
 use std::f64::consts::TAU;
 use std::path::Path;
 
@@ -68,7 +69,7 @@ impl Layout {
     ///
     /// # Errors
     /// What is wrong in the mapping.
-    pub fn of_columns(mapping: &Mapping, log: &Path, columns: &[Column]) -> Result<Self, Wrong> {
+    pub fn of_columns(mapping: &Mapping, log: &Path, columns: &[Column]) -> Result<Self, WrongKey> {
         let wanted = |field: usize| columns.get(field).map(|column| Wanted { column: column.clone(), required: false });
         Ok(Self {
             delimiter: mapping.delimiter()?,
@@ -113,12 +114,12 @@ impl Mapping {
     ///
     /// # Errors
     /// What is wrong.
-    pub fn layout(&self, log: &Path) -> Result<Layout, Wrong> {
+    pub fn layout(&self, log: &Path) -> Result<Layout, WrongKey> {
         let format = self.format.unwrap_or_else(|| Format::of(log));
         self.clone().or(if format.is_matrix() { Self::psins() } else { Self::standard() }).check(format)
     }
 
-    fn check(self, format: Format) -> Result<Layout, Wrong> {
+    fn check(self, format: Format) -> Result<Layout, WrongKey> {
         let stamp = self.time.stamp.unwrap_or_default();
         let time = self.unit("time", &TIME_UNITS, self.time.unit.as_deref())?;
         let temperature = self.unit("temperature", &TEMPERATURE_UNITS, self.temperature.unit.as_deref())?;
@@ -136,18 +137,18 @@ impl Mapping {
             angles: self.time.angles.unwrap_or(stamp),
             gyro: triad("gyro", &self.gyro, &GYRO_UNITS)?,
             accel: triad("accel", &self.accel, &ACCEL_UNITS)?,
-            encoders: [encoder("outer", &self.outer)?, encoder("inner", &self.inner)?],
+            encoders: [encoder(AXIS_NAMES[0], &self.outer)?, encoder(AXIS_NAMES[1], &self.inner)?],
             temperature_offset_c: if temperature.name == "K" { -ZERO_C_K } else { 0.0 },
         };
         self.check_columns(&layout)?;
         Ok(layout)
     }
 
-    fn unit(&self, table: &'static str, units: &[Unit], name: Option<&str>) -> Result<Unit, Wrong> {
+    fn unit(&self, table: &'static str, units: &[Unit], name: Option<&str>) -> Result<Unit, WrongKey> {
         name.map_or(Ok(units[0]), |name| named(units, name)).map_err(|what| (table, "unit", what))
     }
 
-    fn delimiter(&self) -> Result<u8, Wrong> {
+    fn delimiter(&self) -> Result<u8, WrongKey> {
         let wrong = |what: &str| Err(("text", "delimiter", what.to_string()));
         match self.text.delimiter.as_str() {
             "," if self.text.decimal_comma => wrong("\",\", and decimal_comma = true"),
@@ -175,7 +176,7 @@ impl Mapping {
     }
 
     /// Columns by name need names; no column is there for two fields.
-    fn check_columns(&self, layout: &Layout) -> Result<(), Wrong> {
+    fn check_columns(&self, layout: &Layout) -> Result<(), WrongKey> {
         let matrix = layout.format.is_matrix();
         if matrix && !(1..=MOST_COLUMNS).contains(&layout.matrix_columns) {
             return Err(("matrix", "columns", format!("must be between 1 and {MOST_COLUMNS}")));
@@ -210,18 +211,17 @@ fn place(field: usize) -> (&'static str, &'static str) {
         0 => ("time", "column"),
         1..=3 => ("gyro", "columns"),
         4..=6 => ("accel", "columns"),
-        7 => ("outer", "column"),
-        8 => ("inner", "column"),
+        7 | 8 => (AXIS_NAMES[field - 7], "column"),
         _ => ("temperature", "column"),
     }
 }
 
-fn positive(table: &'static str, key: &'static str, value: Option<f64>) -> Result<f64, Wrong> {
+fn positive(table: &'static str, key: &'static str, value: Option<f64>) -> Result<f64, WrongKey> {
     let value = value.unwrap_or(1.0);
     if value.is_finite() && value > 0.0 { Ok(value) } else { Err((table, key, "must be finite and positive".into())) }
 }
 
-fn rate(table: &'static str, rate_hz: Option<f64>) -> Result<Option<f64>, Wrong> {
+fn rate(table: &'static str, rate_hz: Option<f64>) -> Result<Option<f64>, WrongKey> {
     match rate_hz {
         Some(rate) if !(1.0..=100_000.0).contains(&rate) => {
             Err((table, "rate_hz", "must be between 1 and 100000".into()))
@@ -230,7 +230,7 @@ fn rate(table: &'static str, rate_hz: Option<f64>) -> Result<Option<f64>, Wrong>
     }
 }
 
-fn triad(name: &'static str, table: &TriadTable, units: &[Unit]) -> Result<Triad, Wrong> {
+fn triad(name: &'static str, table: &TriadTable, units: &[Unit]) -> Result<Triad, WrongKey> {
     let unit = table.unit.as_deref().map_or(Ok(units[0]), |unit| named(units, unit));
     let unit = unit.map_err(|what| (name, "unit", what))?;
     let scale = table.scale.unwrap_or(1.0);
@@ -257,7 +257,7 @@ fn parsed_axes(names: &[String; 3]) -> Option<[(usize, f64); 3]> {
     Some(axes)
 }
 
-fn encoder(name: &'static str, table: &EncoderTable) -> Result<Encoder, Wrong> {
+fn encoder(name: &'static str, table: &EncoderTable) -> Result<Encoder, WrongKey> {
     let unit = table.unit.as_deref().map_or(Ok(ANGLE_UNITS[0]), |unit| named(&ANGLE_UNITS, unit));
     let unit = unit.map_err(|what| (name, "unit", what))?;
     let factor = match (unit.name, table.counts_per_turn) {

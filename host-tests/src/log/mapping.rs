@@ -281,7 +281,7 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 }
 
 /// What is wrong in a mapping: table, key, and what of it.
-pub type Wrong = (&'static str, &'static str, String);
+pub type WrongKey = (&'static str, &'static str, String);
 
 impl Mapping {
     /// Of a standard log.

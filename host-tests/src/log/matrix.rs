@@ -1,7 +1,7 @@
 //! Raw little-endian matrices, row by row.
 
 use super::columns::{FIELDS, Fields};
-use super::error::{Fault, LogError};
+use super::error::{LogError, LogFault};
 use super::layout::Layout;
 use super::mapping::{Column, Format};
 use super::rows::{RawRows, open_input};
@@ -40,17 +40,17 @@ impl MatrixRows {
     }
 
     /// Reads a row; whether there was one.
-    fn read_row(&mut self) -> Result<bool, Fault> {
+    fn read_row(&mut self) -> Result<bool, LogFault> {
         let mut filled = 0;
         while filled < self.row.len() {
             match self.input.read(&mut self.row[filled..]) {
                 Ok(0) if filled == 0 => return Ok(false),
                 Ok(0) => {
-                    return Err(Fault::Cut { column: filled / self.width + 1, columns: self.layout.matrix_columns });
+                    return Err(LogFault::Cut { column: filled / self.width + 1, columns: self.layout.matrix_columns });
                 }
                 Ok(length) => filled += length,
                 Err(cause) if cause.kind() == ErrorKind::Interrupted => {}
-                Err(cause) => return Err(Fault::Read(cause)),
+                Err(cause) => return Err(LogFault::Read(cause)),
             }
         }
         Ok(true)
@@ -64,11 +64,11 @@ impl MatrixRows {
         }
     }
 
-    fn parse(&self, fields: &mut Fields) -> Result<(), Fault> {
+    fn parse(&self, fields: &mut Fields) -> Result<(), LogFault> {
         for (field, (value, position)) in fields.iter_mut().zip(&self.positions).enumerate() {
             *value = position.map_or(f64::NAN, |position| self.number(position));
             if self.layout.must_be_finite(field) && !value.is_finite() {
-                return Err(Fault::NotFinite { column: self.layout.column_name(field), text: value.to_string() });
+                return Err(LogFault::NotFinite { column: self.layout.column_name(field), text: value.to_string() });
             }
         }
         Ok(())

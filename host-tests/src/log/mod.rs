@@ -25,10 +25,10 @@ mod unit_names;
 mod writer;
 
 pub use columns::{COLUMNS, FIELDS, Fields, TEMPERATURE_COLUMN};
-pub use error::{Fault, LogError};
+pub use error::{LogError, LogFault};
 pub use layout::Layout;
 pub use mapping::{
-    Column, EncoderTable, Format, Mapping, Moment, TemperatureTable, TextTable, TimeTable, TriadTable, Wrong,
+    Column, EncoderTable, Format, Mapping, Moment, TemperatureTable, TextTable, TimeTable, TriadTable, WrongKey,
 };
 pub use parquet::parquet_columns;
 pub use player::LogPlayer;

@@ -1,7 +1,7 @@
 //! Apache Parquet: columns of numbers, read in batches.
 
 use super::columns::{FIELDS, Fields};
-use super::error::{Fault, LogError};
+use super::error::{LogError, LogFault};
 use super::layout::{Layout, Wanted};
 use super::mapping::Column;
 use super::rows::{RawRows, open_file};
@@ -34,7 +34,7 @@ pub(super) struct ParquetRows {
 
 impl ParquetRows {
     pub(super) fn open(path: &Path, layout: &Layout) -> Result<Self, LogError> {
-        let refused = |fault: Fault| LogError::at(path, 1, fault);
+        let refused = |fault: LogFault| LogError::at(path, 1, fault);
         let file = SerializedFileReader::new(open_file(path)?).map_err(|error| refused(of(&error)))?;
         let schema = file.metadata().file_metadata().schema_descr();
         let mut columns = [const { None }; FIELDS];
@@ -57,7 +57,7 @@ impl ParquetRows {
     }
 
     /// Reads rows ahead; whether there are any.
-    fn fill(&mut self) -> Result<bool, Fault> {
+    fn fill(&mut self) -> Result<bool, LogFault> {
         self.next_in_batch = 0;
         loop {
             self.rows_in_batch = self.read_batch()?;
@@ -71,7 +71,7 @@ impl ParquetRows {
         }
     }
 
-    fn open_group(&mut self) -> Result<(), Fault> {
+    fn open_group(&mut self) -> Result<(), LogFault> {
         let group = self.file.get_row_group(self.next_group).map_err(|error| of(&error))?;
         self.next_group += 1;
         let open =
@@ -82,7 +82,7 @@ impl ParquetRows {
         Ok(())
     }
 
-    fn read_batch(&mut self) -> Result<usize, Fault> {
+    fn read_batch(&mut self) -> Result<usize, LogFault> {
         let mut rows = 0;
         for (reader, (values, column)) in self.readers.iter_mut().zip(self.batch.iter_mut().zip(&self.columns)) {
             values.clear();
@@ -94,13 +94,17 @@ impl ParquetRows {
         Ok(rows)
     }
 
-    fn take(&mut self, fields: &mut Fields) -> Result<(), Fault> {
+    fn take(&mut self, fields: &mut Fields) -> Result<(), LogFault> {
         for (field, (value, values)) in fields.iter_mut().zip(&self.batch).enumerate() {
             *value = values.get(self.next_in_batch).copied().unwrap_or(f64::NAN);
             if self.layout.must_be_finite(field) && !value.is_finite() {
                 let column = self.layout.column_name(field);
                 let text = value.to_string();
-                return Err(if is_null(*value) { Fault::Null { column } } else { Fault::NotFinite { column, text } });
+                return Err(if is_null(*value) {
+                    LogFault::Null { column }
+                } else {
+                    LogFault::NotFinite { column, text }
+                });
             }
         }
         self.next_in_batch += 1;
@@ -111,7 +115,7 @@ impl ParquetRows {
 impl RawRows for ParquetRows {
     fn next_row(&mut self, fields: &mut Fields) -> Result<Option<u64>, LogError> {
         let row = self.number + 1;
-        let at = |path: &Path, fault: Fault| LogError::at(path, row, fault);
+        let at = |path: &Path, fault: LogFault| LogError::at(path, row, fault);
         if self.next_in_batch == self.rows_in_batch && !self.fill().map_err(|fault| at(&self.path, fault))? {
             return Ok(None);
         }
@@ -121,8 +125,8 @@ impl RawRows for ParquetRows {
     }
 }
 
-fn of(error: &ParquetError) -> Fault {
-    Fault::Format(format!("not readable as Parquet: {error}"))
+fn of(error: &ParquetError) -> LogFault {
+    LogFault::Format(format!("not readable as Parquet: {error}"))
 }
 
 /// What stands for a missing value: a not-a-number that no arithmetic gives.
@@ -132,20 +136,20 @@ fn is_null(value: f64) -> bool {
     value.to_bits() == NULL
 }
 
-fn find(columns: &[ColumnDescPtr], wanted: Option<&Wanted>) -> Result<Option<(usize, ColumnDescPtr)>, Fault> {
+fn find(columns: &[ColumnDescPtr], wanted: Option<&Wanted>) -> Result<Option<(usize, ColumnDescPtr)>, LogFault> {
     let Some(Wanted { column, required }) = wanted else { return Ok(None) };
     let found = match column {
         Column::Number(number) => Some(number - 1).filter(|position| *position < columns.len()),
         Column::Name(name) => columns.iter().position(|column| column.path().string() == *name),
     };
     let Some(position) = found else {
-        return if *required { Err(Fault::MissingColumn(column.to_string())) } else { Ok(None) };
+        return if *required { Err(LogFault::MissingColumn(column.to_string())) } else { Ok(None) };
     };
     let description = &columns[position];
     if !holds_numbers(description) {
         let kind = if description.max_rep_level() > 0 { "lists" } else { "values of type" };
         let found = format!("{kind} {}", description.physical_type());
-        return Err(Fault::NotNumbers { column: column.to_string(), found });
+        return Err(LogFault::NotNumbers { column: column.to_string(), found });
     }
     Ok(Some((position, description.clone())))
 }
@@ -182,14 +186,14 @@ pub fn parquet_columns(path: &Path) -> Result<Vec<String>, LogError> {
     Ok(numbers.map(|column| column.path().string()).collect())
 }
 
-fn read_values(reader: &mut ColumnReader, description: &ColumnDescPtr, values: &mut Vec<f64>) -> Result<(), Fault> {
+fn read_values(reader: &mut ColumnReader, description: &ColumnDescPtr, values: &mut Vec<f64>) -> Result<(), LogFault> {
     let depth = description.max_def_level();
     match reader {
         ColumnReader::Int32ColumnReader(reader) => read_typed(reader, depth, values, f64::from),
         ColumnReader::Int64ColumnReader(reader) => read_typed(reader, depth, values, |value| value as f64),
         ColumnReader::FloatColumnReader(reader) => read_typed(reader, depth, values, f64::from),
         ColumnReader::DoubleColumnReader(reader) => read_typed(reader, depth, values, |value| value),
-        _ => Err(Fault::Format("a column changed its type".into())),
+        _ => Err(LogFault::Format("a column changed its type".into())),
     }
 }
 
@@ -199,7 +203,7 @@ fn read_typed<T: DataType>(
     depth: i16,
     values: &mut Vec<f64>,
     widen: impl Fn(T::T) -> f64,
-) -> Result<(), Fault> {
+) -> Result<(), LogFault> {
     let (mut levels, mut present) = (Vec::with_capacity(BATCH), Vec::with_capacity(BATCH));
     let levels_wanted = (depth > 0).then_some(&mut levels);
     let read = reader.read_records(BATCH, levels_wanted, None, &mut present);

@@ -1,7 +1,7 @@
 //! Writes a standard log as Parquet.
 
 use super::columns::{COLUMNS, TEMPERATURE_COLUMN};
-use super::error::{Fault, LogError};
+use super::error::{LogError, LogFault};
 use crate::virtual_unit::plant::Reading;
 use parquet::basic::Compression;
 use parquet::data_type::DoubleType;
@@ -69,5 +69,5 @@ fn write_columns(writer: &mut SerializedFileWriter<File>, columns: &[Vec<f64>]) 
 }
 
 fn of(path: &Path, error: &ParquetError) -> LogError {
-    LogError::Io { path: path.into(), cause: std::io::Error::other(Fault::Format(error.to_string())) }
+    LogError::Io { path: path.into(), cause: std::io::Error::other(LogFault::Format(error.to_string())) }
 }

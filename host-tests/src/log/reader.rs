@@ -2,7 +2,7 @@
 
 use super::columns::{FIELDS, Fields, TEMPERATURE};
 use super::convert::Conversion;
-use super::error::{Fault, LogError};
+use super::error::{LogError, LogFault};
 use super::layout::Layout;
 use super::mapping::Format;
 use super::matrix::MatrixRows;
@@ -75,7 +75,7 @@ impl LogReader {
         }
         if head.is_empty() {
             let line = rows.header_lines() + 1;
-            let fault = if line == 1 { Fault::NoSamples } else { Fault::HeaderOnly };
+            let fault = if line == 1 { LogFault::NoSamples } else { LogFault::HeaderOnly };
             return Err(LogError::at(path, line, fault));
         }
         let conversion = Conversion::new(path, layout, head.make_contiguous())?;

@@ -1,7 +1,7 @@
 //! Lines of numbers, separated by commas, semicolons or tabs.
 
 use super::columns::{FIELDS, Fields};
-use super::error::{Fault, LogError};
+use super::error::{LogError, LogFault};
 use super::layout::{Layout, Wanted};
 use super::mapping::Column;
 use super::rows::{RawRows, open_input};
@@ -61,7 +61,7 @@ impl TextRows {
     /// The header, or the first row, which says how many columns there are.
     fn read_head(&mut self) -> Result<(), LogError> {
         if !self.read_line()? {
-            return Err(self.at(1, if self.layout.has_header { Fault::Empty } else { Fault::NoSamples }));
+            return Err(self.at(1, if self.layout.has_header { LogFault::Empty } else { LogFault::NoSamples }));
         }
         if self.layout.has_header {
             self.header =
@@ -82,7 +82,7 @@ impl TextRows {
         let other = kinds.iter().find(|kind| kind.0 != self.layout.delimiter && self.line.contains(&kind.0));
         match other {
             Some((_, found)) if self.columns == 1 => {
-                Err(self.at(self.number, Fault::Delimiter { found, expected: name(self.layout.delimiter) }))
+                Err(self.at(self.number, LogFault::Delimiter { found, expected: name(self.layout.delimiter) }))
             }
             _ => Ok(()),
         }
@@ -95,7 +95,7 @@ impl TextRows {
             Column::Name(name) => find_column(&self.header, name).map_err(|fault| self.at(self.number, fault))?,
         };
         match found {
-            None if *required => Err(self.at(self.number, Fault::MissingColumn(column.to_string()))),
+            None if *required => Err(self.at(self.number, LogFault::MissingColumn(column.to_string()))),
             found => Ok(found),
         }
     }
@@ -105,7 +105,7 @@ impl TextRows {
         self.line.clear();
         let read = self.input.read_until(b'\n', &mut self.line);
         self.number += 1;
-        read.map(|length| length > 0).map_err(|cause| self.at(self.number, Fault::Read(cause)))
+        read.map(|length| length > 0).map_err(|cause| self.at(self.number, LogFault::Read(cause)))
     }
 
     /// Finds the fields of the line. Quotes are rare, and taken out first.
@@ -139,14 +139,14 @@ impl TextRows {
     }
 
     /// A row that cannot be read; of damaged compressed data, that is what is wrong with it, and the end tells.
-    fn wrong_row(&mut self, fault: Fault) -> LogError {
+    fn wrong_row(&mut self, fault: LogFault) -> LogError {
         let rest = std::io::copy(&mut self.input, &mut std::io::sink());
-        self.at(self.number, rest.map_or_else(Fault::Read, |_| fault))
+        self.at(self.number, rest.map_or_else(LogFault::Read, |_| fault))
     }
 
-    fn check_length(&self) -> Result<(), Fault> {
+    fn check_length(&self) -> Result<(), LogFault> {
         if self.quote_is_open {
-            return Err(Fault::OpenQuote);
+            return Err(LogFault::OpenQuote);
         }
         let (found, expected) = (self.ends.len(), self.columns);
         if found == expected {
@@ -154,10 +154,10 @@ impl TextRows {
         }
         let number = if found < expected { found } else { expected } + 1;
         let column = self.header.get(found).cloned().unwrap_or_else(|| number.to_string());
-        Err(Fault::RowLength { found, expected, column, header: self.layout.has_header })
+        Err(LogFault::RowLength { found, expected, column, header: self.layout.has_header })
     }
 
-    fn parse(&self, fields: &mut Fields) -> Result<(), Fault> {
+    fn parse(&self, fields: &mut Fields) -> Result<(), LogFault> {
         self.check_length()?;
         for (number, (value, position)) in fields.iter_mut().zip(&self.positions).enumerate() {
             *value = match position {
@@ -168,18 +168,18 @@ impl TextRows {
         Ok(())
     }
 
-    fn value(&self, field: usize, text: &[u8]) -> Result<f64, Fault> {
+    fn value(&self, field: usize, text: &[u8]) -> Result<f64, LogFault> {
         let required = self.layout.must_be_finite(field);
         if text.is_empty() && !required {
             return Ok(f64::NAN);
         }
         let column = || self.layout.column_name(field);
         let number = self.number(text).ok_or_else(|| match std::str::from_utf8(text) {
-            Ok(text) => Fault::NotANumber { column: column(), text: text.into() },
-            Err(_) => Fault::NotUtf8 { column: column() },
+            Ok(text) => LogFault::NotANumber { column: column(), text: text.into() },
+            Err(_) => LogFault::NotUtf8 { column: column() },
         })?;
         if required && !number.is_finite() {
-            return Err(Fault::NotFinite { column: column(), text: String::from_utf8_lossy(text).into() });
+            return Err(LogFault::NotFinite { column: column(), text: String::from_utf8_lossy(text).into() });
         }
         Ok(number)
     }
@@ -195,7 +195,7 @@ impl TextRows {
         parsed(text)
     }
 
-    fn at(&self, line: u64, fault: Fault) -> LogError {
+    fn at(&self, line: u64, fault: LogFault) -> LogError {
         LogError::at(&self.path, line, fault)
     }
 }
@@ -225,24 +225,24 @@ impl RawRows for TextRows {
     }
 }
 
-fn split_header(line: &[u8], delimiter: u8) -> Result<Vec<String>, Fault> {
+fn split_header(line: &[u8], delimiter: u8) -> Result<Vec<String>, LogFault> {
     let mut csv = csv::ReaderBuilder::new().has_headers(false).delimiter(delimiter).from_reader(line);
     let mut record = csv::ByteRecord::new();
     let read = csv.read_byte_record(&mut record);
-    read.map_err(|error| Fault::Read(std::io::Error::other(error)))?;
+    read.map_err(|error| LogFault::Read(std::io::Error::other(error)))?;
     let name = |(number, field): (usize, &[u8])| match std::str::from_utf8(field) {
         // Some programs begin a file with a mark of its byte order.
         Ok(name) => Ok(name.trim_start_matches('\u{feff}').trim().to_string()),
-        Err(_) => Err(Fault::NotUtf8 { column: number.to_string() }),
+        Err(_) => Err(LogFault::NotUtf8 { column: number.to_string() }),
     };
     (1..).zip(record.iter()).map(name).collect()
 }
 
-fn find_column(header: &[String], column: &str) -> Result<Option<usize>, Fault> {
+fn find_column(header: &[String], column: &str) -> Result<Option<usize>, LogFault> {
     let mut places = header.iter().enumerate().filter(|(_, name)| *name == column).map(|(position, _)| position);
     match (places.next(), places.next()) {
         (Some(first), Some(second)) => {
-            Err(Fault::DuplicateColumn { column: column.into(), numbers: [first + 1, second + 1] })
+            Err(LogFault::DuplicateColumn { column: column.into(), numbers: [first + 1, second + 1] })
         }
         (place, _) => Ok(place),
     }
@@ -259,7 +259,7 @@ pub fn lines(path: &Path, count: usize) -> Result<Vec<String>, LogError> {
     while lines.len() < count {
         line.clear();
         let read = input.read_until(b'\n', &mut line);
-        if read.map_err(|cause| LogError::at(path, lines.len() as u64 + 1, Fault::Read(cause)))? == 0 {
+        if read.map_err(|cause| LogError::at(path, lines.len() as u64 + 1, LogFault::Read(cause)))? == 0 {
             break;
         }
         lines.push(String::from_utf8_lossy(&line).trim_end_matches(['\r', '\n']).to_string());

@@ -43,12 +43,12 @@ pub fn figure(size: (u32, u32), draw: impl FnOnce(&Area) -> DrawResult) -> Drawn
 }
 
 /// One named line or cloud of points.
-pub struct Line {
+pub struct Curve {
     name: String,
     points: Vec<(f64, f64)>,
 }
 
-impl Line {
+impl Curve {
     /// A line through points.
     pub fn new(name: &str, points: impl Iterator<Item = (f64, f64)>) -> Self {
         Self { name: name.into(), points: points.filter(|(x, y)| x.is_finite() && y.is_finite()).collect() }
@@ -85,7 +85,7 @@ impl<'a> Figure<'a> {
     }
 
     /// Lines, with a legend where there are several.
-    pub fn lines(self, lines: &[Line]) -> Drawn {
+    pub fn lines(self, lines: &[Curve]) -> Drawn {
         let all = || lines.iter().flat_map(|line| line.points.iter().copied());
         let x = with_legend(range(all().map(|(x, _)| x), 0.0), lines);
         let y = range(all().map(|(_, y)| y), 0.05);
@@ -115,7 +115,7 @@ impl<'a> Figure<'a> {
     }
 
     /// Clouds of points with levels.
-    pub fn points(self, clouds: &[Line], levels: &[f64]) -> Drawn {
+    pub fn points(self, clouds: &[Curve], levels: &[f64]) -> Drawn {
         let all = || clouds.iter().flat_map(|cloud| cloud.points.iter().copied());
         let x = with_legend(range(all().map(|(x, _)| x), 0.02), clouds);
         let y = range(all().map(|(_, y)| y).chain(levels.iter().copied()), 0.1);
@@ -195,7 +195,7 @@ impl<'a> Figure<'a> {
 type BoxedError = Box<dyn std::error::Error>;
 type Chart<'b, Y> = ChartContext<'b, SVGBackend<'b>, Cartesian2d<plotters::coord::types::RangedCoordf64, Y>>;
 
-fn draw_lines<Y: Ranged<ValueType = f64>>(chart: &mut Chart<Y>, lines: &[Line]) -> DrawResult {
+fn draw_lines<Y: Ranged<ValueType = f64>>(chart: &mut Chart<Y>, lines: &[Curve]) -> DrawResult {
     for (number, line) in lines.iter().enumerate() {
         let style = colour(number).stroke_width(if lines.len() > 6 { 1 } else { 2 });
         let drawn = chart.draw_series(LineSeries::new(line.points.iter().copied(), style))?;
@@ -244,7 +244,7 @@ fn range(values: impl Iterator<Item = f64>, margin: f64) -> Range<f64> {
 }
 
 /// With room for the legend on the right, where there is one.
-fn with_legend(x: Range<f64>, lines: &[Line]) -> Range<f64> {
+fn with_legend(x: Range<f64>, lines: &[Curve]) -> Range<f64> {
     let room = if lines.len() > 1 { 0.12 * (x.end - x.start) } else { 0.0 };
     x.start..x.end + room
 }

@@ -1,6 +1,6 @@
 //! The figures of the page, each an SVG in the page's own ink, so that it is legible on light and dark.
 
-use super::canvas::{Drawn, Figure, Line, Scale, figure, shade, shade_signed};
+use super::canvas::{Curve, Drawn, Figure, Scale, figure, shade, shade_signed};
 use crate::base::quantity;
 use crate::calibration::Outcome;
 use crate::files::truth::ParameterTable;
@@ -24,7 +24,7 @@ const SHOWN_SIGMAS: f64 = 12.0;
 /// Outer and inner angle against time. (Bai et al., Figure 5)
 pub fn angles(signals: &Signals) -> Drawn {
     let line = |axis: usize, name: &str| {
-        Line::new(name, signals.points().iter().map(|point| (point.time_s, point.angles_rad[axis] / DEG)))
+        Curve::new(name, signals.points().iter().map(|point| (point.time_s, point.angles_rad[axis] / DEG)))
     };
     Figure::new("gimbal angles, deg, against time, s", WIDE).lines(&[line(0, AXIS_NAMES[0]), line(1, AXIS_NAMES[1])])
 }
@@ -32,7 +32,7 @@ pub fn angles(signals: &Signals) -> Drawn {
 /// Gyro outputs against time. (Bai et al., Figure 7)
 pub fn gyros(signals: &Signals) -> Drawn {
     let line = |axis: usize| {
-        Line::new(AXES[axis], signals.points().iter().map(|point| (point.time_s, point.omega_g[axis] / DEG)))
+        Curve::new(AXES[axis], signals.points().iter().map(|point| (point.time_s, point.omega_g[axis] / DEG)))
     };
     Figure::new("gyro outputs, deg/s, against time, s", WIDE).lines(&[line(0), line(1), line(2)])
 }
@@ -40,7 +40,7 @@ pub fn gyros(signals: &Signals) -> Drawn {
 /// Accelerometer outputs against time. (Bai et al., Figure 8)
 pub fn accelerometers(signals: &Signals) -> Drawn {
     let line =
-        |axis: usize| Line::new(AXES[axis], signals.points().iter().map(|point| (point.time_s, point.force_a[axis])));
+        |axis: usize| Curve::new(AXES[axis], signals.points().iter().map(|point| (point.time_s, point.force_a[axis])));
     Figure::new("accelerometer outputs, m/s², against time, s", WIDE).lines(&[line(0), line(1), line(2)])
 }
 
@@ -84,12 +84,12 @@ pub fn singular_values(scheme: &Scheme, site: &Site, base: &InstrumentErrors<f64
     along_scheme(scheme, site, base, |time_s, seen| trace.push((time_s, *seen)));
     let line = |number: usize| {
         let value = move |(time_s, seen): &(f64, _)| (*time_s, singular_value(seen, number));
-        Line::new(&format!("{}", number + 1), trace.iter().map(value))
+        Curve::new(&format!("{}", number + 1), trace.iter().map(value))
     };
     let lines: Vec<_> = (0..INSTALLATION_STATES).map(line).collect();
     // It rises at once, at the later of two times.
     let steps = trace.windows(2).flat_map(|pair| [(pair[1].0, pair[0].1.rank), (pair[1].0, pair[1].1.rank)]);
-    let rank = Line::new("rank", steps.map(|(time_s, rank)| (time_s, rank as f64)));
+    let rank = Curve::new("rank", steps.map(|(time_s, rank)| (time_s, rank as f64)));
     [
         Figure::new("singular values of the stripped observability matrix against scheme time, s", WIDE)
             .scaled(Scale::Logarithmic)
@@ -110,7 +110,7 @@ pub fn innovations(outcome: &Outcome) -> Drawn {
         let of = outcome.innovations.iter().filter_map(move |innovations| {
             Some((f64::from(innovations.segment), f64::from(innovations.normalized[channel]?)))
         });
-        Line::new(CHANNEL_NAMES[channel], of)
+        Curve::new(CHANNEL_NAMES[channel], of)
     };
     let channels: Vec<_> = (0..CHANNEL_NAMES.len()).map(points).collect();
     Figure::new("normalized innovations by segment", WIDE).points(&channels, &[-3.0, 3.0])

@@ -6,7 +6,7 @@ use crate::base::bai::{FULL_RANK_S, TABLE_1, TABLE_1_ERRORS, TABLE_3, TABLE_3_DI
 use crate::base::quantity::{self, fixed, significant};
 use crate::plan::prediction::{RankAt, duration_s};
 use crate::result::table::{GROUPS, Group, number_or_none};
-use crate::study::replication::{Foresight, Replication, Series, Study};
+use crate::study::replication::{Foresight, Replication, ShownRun, Study};
 use anyhow::Context;
 use maud::{Markup, html};
 use rins_selfcal::base::method::Method;
@@ -123,7 +123,7 @@ fn conditions(found: &Replication) -> Markup {
 
 // -------------------------------------------------------------------------------------------------- motion and signals
 
-fn motion(series: &Series) -> anyhow::Result<Markup> {
+fn motion(series: &ShownRun) -> anyhow::Result<Markup> {
     let signals = &series.signals;
     Ok(html! {
         (shown(figures::angles(signals), "figure-5", "Figure 5: rotation scheme, first period.")?)
@@ -207,7 +207,7 @@ fn of_twelve(id: &str, columns: &[&str], cells: impl Fn(usize) -> Vec<String>) -
 }
 
 /// What one run of a series is off by, arcsec.
-fn error_of(series: &Series, index: usize) -> f64 {
+fn error_of(series: &ShownRun, index: usize) -> f64 {
     let value = quantity::values(&series.outcome.estimate().errors)[index];
     value - series.truth.0[index].unwrap_or_default()
 }
@@ -305,7 +305,7 @@ fn between(found: &Replication) -> String {
     format!("above the root mean square of the first for {above} of 12, and below that of the second for {below} of 12")
 }
 
-fn estimates(found: &Replication, series: &Series, which: &str) -> anyhow::Result<Markup> {
+fn estimates(found: &Replication, series: &ShownRun, which: &str) -> anyhow::Result<Markup> {
     let groups = [
         block::GYRO_NON_ORTHOGONALITY..block::ACCEL_NON_ORTHOGONALITY,
         block::ACCEL_NON_ORTHOGONALITY..block::MOUNTING,

@@ -159,9 +159,14 @@ impl<'a> PowerUp<'a> {
         let mut bench = Bench::with_imu(paced, self.imu);
         let mut buffer = [0; MAX_ASSIGNMENT_BYTES];
         let configuration = postcard::to_slice(&self.assignment(), &mut buffer).context("too long for the board")?;
-        let usual = emulator::Setup::new(&image);
-        let setup =
-            emulator::Setup { eeprom: Some(eeprom), configuration, reboots: true, serial: Some(serial), ..usual };
+        let usual = emulator::MachineSetup::new(&image);
+        let setup = emulator::MachineSetup {
+            eeprom: Some(eeprom),
+            configuration,
+            reboots: true,
+            serial: Some(serial),
+            ..usual
+        };
         emulator::run(&setup, &mut bench, on_log, |_| ()).map(drop)
     }
 

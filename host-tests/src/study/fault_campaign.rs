@@ -53,7 +53,7 @@ pub struct Wrong {
 
 /// What became of one run.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Outcome {
+pub struct DisturbedRun {
     /// Seed of the run.
     pub seed: u64,
     /// What went wrong.
@@ -68,7 +68,7 @@ pub struct Outcome {
 
 impl Campaign {
     /// Runs all, on all cores; `done` is called after each.
-    pub fn run(&self, done: impl Fn() + Sync) -> Vec<Outcome> {
+    pub fn run(&self, done: impl Fn() + Sync) -> Vec<DisturbedRun> {
         let one = |number| {
             let outcome = self.run_one(number);
             done();
@@ -77,7 +77,7 @@ impl Campaign {
         (0..self.runs).into_par_iter().map(one).collect()
     }
 
-    fn run_one(&self, number: u64) -> Outcome {
+    fn run_one(&self, number: u64) -> DisturbedRun {
         let seed = derived_seed(self.seed, number, Stream::Noise);
         let config = UnitConfig::default();
         let errors = RandomErrors::default().draw(derived_seed(self.seed, number, Stream::Errors));
@@ -98,7 +98,7 @@ impl Campaign {
         }
         let calibration::Outcome { solution, verdict, .. } = chain.conclude();
         let (worst, wrong) = compare(&solution, &run.unit.errors);
-        Outcome { seed, fault, verdict, wrong, worst }
+        DisturbedRun { seed, fault, verdict, wrong, worst }
     }
 }
 
@@ -135,7 +135,7 @@ pub struct Count {
 }
 
 impl Count {
-    fn add(&mut self, outcome: &Outcome) {
+    fn add(&mut self, outcome: &DisturbedRun) {
         let (accepted, wrong) = (outcome.verdict.accepted(), outcome.wrong.is_some());
         self.runs += 1;
         self.accepted += u32::from(accepted);
@@ -157,7 +157,7 @@ pub struct Summary {
 
 impl Summary {
     /// Counts.
-    pub fn new(outcomes: &[Outcome]) -> Self {
+    pub fn new(outcomes: &[DisturbedRun]) -> Self {
         let mut summary = Self::default();
         for outcome in outcomes {
             summary.kinds.entry(outcome.fault.as_ref().map(|fault| fault.kind)).or_default().add(outcome);

@@ -57,7 +57,7 @@ impl Study {
 
 /// One calibration by the two-stage method, with all that it shows.
 #[derive(Clone, Debug)]
-pub struct Series {
+pub struct ShownRun {
     /// The commands that give signals and final estimates alone.
     pub commands: [String; 2],
     /// The calibration. Its estimate after a segment is the final one of all segments up to there.
@@ -68,7 +68,7 @@ pub struct Series {
     pub signals: Signals,
 }
 
-impl Series {
+impl ShownRun {
     /// Runs a unit through its scheme.
     pub fn new(commands: [String; 2], run: &VirtualRun, setup: &Setup) -> Self {
         let mut signals = Signals::default();
@@ -126,9 +126,9 @@ pub struct Replication {
     /// What the paper's scheme makes observable.
     pub observability: Foresight,
     /// The simulated unit of Table 1.
-    pub simulation: Series,
+    pub simulation: ShownRun,
     /// A virtual unit with the errors of Table 3 and all else that a real one has.
-    pub laboratory: Series,
+    pub laboratory: ShownRun,
     /// Many runs of Table 1.
     pub table_1: Study,
     /// Many runs of Table 3's twelve with all else zero.

@@ -22,14 +22,14 @@ use rins_selfcal::base::units::{ARCSEC, DEG_H, MICRO_G};
 
 /// A vector in proportion to time.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Line {
+pub struct Drift {
     /// Value at time zero.
     pub start: Vec3,
     /// Slope, per second.
     pub per_s: Vec3,
 }
 
-impl Line {
+impl Drift {
     /// Value at a time, s.
     pub fn at(&self, time_s: f64) -> Vec3 {
         add_scaled(self.start, self.per_s, time_s)
@@ -90,15 +90,15 @@ pub struct RigidTruth {
     inner_axis_r: Vec3,
     lever_r: Vec3,
     /// Reaction to gravity in r at gimbal angles (0, 0).
-    up_r0: Line,
+    up_r0: Drift,
     /// Earth rate in r at gimbal angles (0, 0).
-    earth_r0: Line,
+    earth_r0: Drift,
     /// Linear part of (4) on r-components.
     force_matrix_ar: Mat3,
     /// Linear part of (5) on r-components.
     rate_matrix_gr: Mat3,
-    accel_bias_a: Line,
-    gyro_bias_g: Line,
+    accel_bias_a: Drift,
+    gyro_bias_g: Drift,
 }
 
 /// Fractions of an interval where two-point Gauss-Legendre quadrature looks; both weigh a half.
@@ -116,7 +116,7 @@ impl RigidTruth {
             let start_b = base_from_level(unit, v_n);
             // A frame that turns by phi sees v + v x phi.
             let per_s_b = cross(start_b, [tilt[0], tilt[1], 0.0]);
-            Line { start: start_b, per_s: per_s_b }
+            Drift { start: start_b, per_s: per_s_b }
         };
         let (sin, cos) = errors.axis_non_perpendicularity.sin_cos();
         Self {
@@ -126,11 +126,11 @@ impl RigidTruth {
             earth_r0: in_b(unit.site.earth_rate_n()),
             force_matrix_ar: sensor_matrix(&accel_axes(&errors.accel_non_orthogonality), errors.accel_scale, &rot_sr),
             rate_matrix_gr: sensor_matrix(&gyro_axes(&errors.gyro_non_orthogonality), errors.gyro_scale, &rot_sr),
-            accel_bias_a: Line {
+            accel_bias_a: Drift {
                 start: errors.accel_bias_a,
                 per_s: scale(effects.accel_bias_ramp_ug_h, MICRO_G / HOUR_S),
             },
-            gyro_bias_g: Line {
+            gyro_bias_g: Drift {
                 start: errors.gyro_bias_g,
                 per_s: scale(effects.gyro_bias_ramp_deg_h_h, DEG_H / HOUR_S),
             },
@@ -138,9 +138,9 @@ impl RigidTruth {
     }
 
     /// What the sensors read while the axes stand at these angles, rad, against time.
-    pub fn at_rest(&self, angles_rad: [f64; 2]) -> Sensed<Line> {
+    pub fn at_rest(&self, angles_rad: [f64; 2]) -> Sensed<Drift> {
         let turn = Turn::new(angles_rad);
-        let rotated = |line: &Line, matrix: &Mat3| line.mapped(|v| apply(matrix, self.rotate_rr0(v, &turn)));
+        let rotated = |line: &Drift, matrix: &Mat3| line.mapped(|v| apply(matrix, self.rotate_rr0(v, &turn)));
         Sensed {
             force_a: rotated(&self.up_r0, &self.force_matrix_ar).plus(&self.accel_bias_a),
             omega_g: rotated(&self.earth_r0, &self.rate_matrix_gr).plus(&self.gyro_bias_g),

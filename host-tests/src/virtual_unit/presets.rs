@@ -12,6 +12,7 @@
 
 use super::unit::Effects;
 use crate::base::bai::{TABLE_1, TABLE_3, Twelve};
+use crate::base::quantity::parameter;
 use crate::files::toml_file::{TomlFile, TomlFileError};
 use crate::files::truth::ParameterTable;
 use crate::files::unit_file::Noise;
@@ -101,27 +102,46 @@ pub fn table3() -> InstrumentErrors<f64> {
     installation(&TABLE_3)
 }
 
+/// Parameters by name, in report units.
+pub type Listed = [(&'static str, f64)];
+/// Accelerometer biases of the unit `real`.
+pub const REAL_ACCEL_BIAS: &Listed = &[("accel_bias_x", 30.0), ("accel_bias_y", -30.0), ("accel_bias_z", 30.0)];
+/// Its accelerometer scale-factor errors.
+pub const REAL_ACCEL_SCALE: &Listed = &[("accel_scale_x", -100.0), ("accel_scale_y", 100.0), ("accel_scale_z", 100.0)];
+/// Its gyro biases.
+pub const REAL_GYRO_BIAS: &Listed = &[("gyro_bias_x", 0.005), ("gyro_bias_y", 0.005), ("gyro_bias_z", -0.005)];
+/// Its gyro scale-factor errors.
+pub const REAL_GYRO_SCALE: &Listed = &[("gyro_scale_x", 20.0), ("gyro_scale_y", -20.0), ("gyro_scale_z", 20.0)];
+/// Non-perpendicularity of its axes.
+pub const REAL_AXES: &Listed = &[("axis_nonperpendicularity", 4.0)];
+/// Tilt of its base.
+pub const REAL_BASE: &Listed = &[("base_roll", 1.7), ("base_pitch", -2.3)];
+
 /// A real unit: the twelve of Table 3, biases and scale-factor errors of mixed signs, axes that are not perpendicular, a
 /// base that is not level, and a heading drawn from the seed.
 pub fn real(seed: u64) -> InstrumentErrors<f64> {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
-    InstrumentErrors {
-        accel_bias_a: [30.0, -30.0, 30.0].map(|bias| bias * MICRO_G),
-        accel_scale: [-100.0, 100.0, 100.0].map(|scale| scale * PPM),
-        gyro_bias_g: [0.005, 0.005, -0.005].map(|bias| bias * DEG_H),
-        gyro_scale: [20.0, -20.0, 20.0].map(|scale| scale * PPM),
-        axis_non_perpendicularity: 4.0 * ARCSEC,
-        base_roll: 1.7 * DEG,
-        base_pitch: -2.3 * DEG,
-        heading: uniform(&mut rng, 0.0, TAU),
-        ..table3()
+    let mut table = installation_table(&TABLE_3);
+    let groups = [REAL_ACCEL_BIAS, REAL_ACCEL_SCALE, REAL_GYRO_BIAS, REAL_GYRO_SCALE, REAL_AXES, REAL_BASE];
+    for (name, value) in groups.into_iter().flatten() {
+        table.0[parameter(name).expect("a parameter of the core")] = Some(*value);
     }
+    InstrumentErrors { heading: uniform(&mut rng, 0.0, TAU), ..table.to_errors() }
+}
+
+/// Size of the parameters of a group, which differ by their signs.
+fn size(group: &Listed) -> f64 {
+    group[0].1.abs()
 }
 
 fn installation(arcsec: &Twelve) -> InstrumentErrors<f64> {
+    installation_table(arcsec).to_errors()
+}
+
+fn installation_table(arcsec: &Twelve) -> ParameterTable {
     let mut table = ParameterTable::default();
     table.0[..12].copy_from_slice(&arcsec.map(Some));
-    table.to_errors()
+    table
 }
 
 /// Sizes of random errors: standard deviations of normal ones, except where it says "within".
@@ -149,7 +169,7 @@ pub struct RandomErrors {
 }
 
 impl Default for RandomErrors {
-    /// The size of Bai's Table 3: each group's root mean square there.
+    /// The size of Bai's Table 3: each group's root mean square there; all else as large as that of the unit `real`.
     fn default() -> Self {
         let group =
             |from: usize, to: usize| (TABLE_3[from..to].iter().map(|x| x * x).sum::<f64>() / (to - from) as f64).sqrt();
@@ -157,11 +177,11 @@ impl Default for RandomErrors {
             gyro_non_orthogonality_arcsec: group(block::GYRO_NON_ORTHOGONALITY, block::ACCEL_NON_ORTHOGONALITY),
             accel_non_orthogonality_arcsec: group(block::ACCEL_NON_ORTHOGONALITY, block::MOUNTING),
             mounting_arcsec: group(block::MOUNTING, block::ACCEL_BIAS),
-            accel_bias_ug: 30.0,
-            accel_scale_ppm: 100.0,
-            gyro_bias_deg_h: 0.005,
-            gyro_scale_ppm: 20.0,
-            axis_non_perpendicularity_arcsec: 4.0,
+            accel_bias_ug: size(REAL_ACCEL_BIAS),
+            accel_scale_ppm: size(REAL_ACCEL_SCALE),
+            gyro_bias_deg_h: size(REAL_GYRO_BIAS),
+            gyro_scale_ppm: size(REAL_GYRO_SCALE),
+            axis_non_perpendicularity_arcsec: size(REAL_AXES),
             base_tilt_within_deg: 5.0,
         }
     }

@@ -5,7 +5,7 @@
 //! The first interval starts at time zero, with the axes standing at (0, 0).
 
 use super::encoder::{EncoderErrors, Harmonic};
-use super::kinematics::{Line, Motion, RigidTruth, Sensed};
+use super::kinematics::{Drift, Motion, RigidTruth, Sensed};
 use super::plant::Reading;
 use super::unit::{Effects, VirtualUnit};
 use super::vec3::{Vec3, add};
@@ -35,7 +35,7 @@ pub struct VirtualRins {
     rates_rad_s: [f64; 2],
     commanded_rad_s: [f64; 2],
     /// What the sensors read at the angles where the axes stand.
-    standing: Option<Sensed<Line>>,
+    standing: Option<Sensed<Drift>>,
 }
 
 impl VirtualRins {

@@ -26,6 +26,7 @@ mod pipe_spi;
 mod register;
 mod semihosting;
 mod serial;
+mod wire;
 
 use crate::board::{Board, Parts};
 use crate::work::{Span, Work, count, loads};
@@ -43,7 +44,7 @@ use critical_section::Mutex;
 use eeprom::{Eeprom, eeprom};
 #[cfg(feature = "kvh1750")]
 use kvh1750::Imu;
-use pipe_pins::{BridgePin, EncoderSpi, input};
+use pipe_pins::{BridgePin, EncoderSpi};
 use pipe_spi::{POWERED, PipeBus};
 use register::{Register, Timer};
 use rins_selfcal::acquisition::GimbalView;
@@ -60,9 +61,8 @@ use rins_selfcal::keep::black_box::Event;
 use rins_selfcal::keep::store::CalibrationStore;
 use rins_selfcal::link::Link;
 use semihosting::{File, exit};
+use wire::{TICKS_PER_S, input};
 
-/// Ticks of the system clock per second.
-const TICKS_PER_S: u32 = 25_000_000;
 /// Ticks to a control period: 1 kHz.
 const TICKS_PER_PERIOD: u32 = (TICKS_PER_S / 1_000_000) * PERIOD_US as u32;
 /// Depth of the sample queue plus one: 0.31 s at 200 Hz. The main loop is busy longest when it writes a record to the

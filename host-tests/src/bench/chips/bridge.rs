@@ -1,5 +1,6 @@
 //! A motor bridge with PWM and direction: what its outputs do.
 
+use crate::bench::wire::DUTY_STEPS;
 use crate::virtual_unit::plant::Output;
 
 /// The bridge, as its pins are.
@@ -16,9 +17,6 @@ pub struct BridgeChip {
     /// Times that the direction changed while the PWM was on.
     pub hard_turns: u32,
 }
-
-/// Duties of the PWM from 0 to 1: 20 kHz from a timer of 160 MHz.
-pub const DUTY_STEPS: u16 = 8000;
 
 impl BridgeChip {
     /// Sets the pins.

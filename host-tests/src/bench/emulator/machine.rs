@@ -8,6 +8,7 @@ use super::image::Image;
 use crate::base::apt::ensure_installed;
 use crate::bench::bus::Chip;
 use crate::bench::devices::Bench;
+use crate::bench::wire;
 use crate::virtual_unit::plant::Plant;
 use anyhow::{Context, Result, anyhow, bail, ensure};
 use defmt_decoder::{DecodeError, Table};
@@ -31,13 +32,13 @@ pub const EEPROM_BYTES: usize = 8192;
 const EMULATOR: &str = "qemu-system-arm";
 /// Virtual time of one instruction, ns: `-icount shift=1`.
 const NS_PER_INSTRUCTION: f64 = 2.0;
-const TICKS_PER_S: f64 = 25e6;
+const TICKS_PER_S: f64 = wire::TICKS_PER_S as f64;
 
 // ----------------------------------------------------------------------------------------------------------------- run
 
 /// One run of an image.
 #[derive(Clone, Copy, Debug)]
-pub struct Setup<'a> {
+pub struct MachineSetup<'a> {
     /// The image.
     pub image: &'a Image,
     /// Content of the EEPROM, kept from run to run; a blank one is made where there is none. `None`: blank, not kept.
@@ -56,7 +57,7 @@ pub struct Setup<'a> {
     pub debugger: Option<&'a Path>,
 }
 
-impl<'a> Setup<'a> {
+impl<'a> MachineSetup<'a> {
     /// A run with a blank EEPROM, no configuration and a patience of a minute.
     pub fn new(image: &'a Image) -> Self {
         let patience = Duration::from_secs(60);
@@ -146,7 +147,7 @@ fn instructions(ticks: u64) -> f64 {
 /// # Errors
 /// The emulator cannot be started, the firmware faults, hangs, or ends without its report.
 pub fn run<P: Plant>(
-    setup: &Setup<'_>,
+    setup: &MachineSetup<'_>,
     bench: &mut Bench<P>,
     mut on_log: impl FnMut(&str),
     mut on_message: impl FnMut(&Message),
@@ -257,7 +258,7 @@ impl Drop for Host {
 }
 
 impl Host {
-    fn start(setup: &Setup<'_>, directory: &Path) -> Result<Self> {
+    fn start(setup: &MachineSetup<'_>, directory: &Path) -> Result<Self> {
         for name in ["requests", "answers", "telemetry", "log"] {
             nix::unistd::mkfifo(&directory.join(name), Mode::S_IRUSR | Mode::S_IWUSR)?;
         }
@@ -292,7 +293,7 @@ impl Host {
     /// Serves the pipes until the emulator ends.
     fn serve<P: Plant>(
         &mut self,
-        setup: &Setup<'_>,
+        setup: &MachineSetup<'_>,
         bench: &mut Bench<P>,
         log: &mut dyn FnMut(&[u8]),
         telemetry: &mut dyn FnMut(&[u8]),
@@ -355,8 +356,7 @@ impl Host {
         self.partial.extend_from_slice(&bytes[..count]);
         while let [chip, length, frame @ ..] = self.partial.as_mut_slice() {
             let Some(frame) = frame.get_mut(..usize::from(*length)) else { break };
-            let chip =
-                *Chip::ALL.get(usize::from(*chip)).ok_or_else(|| anyhow!("the firmware asks for chip {chip}"))?;
+            let chip = Chip::numbered(*chip).ok_or_else(|| anyhow!("the firmware asks for chip {chip}"))?;
             bench.transfer(chip, frame);
             match self.answers.write_all(frame) {
                 // The emulator has ended; its status says how.
@@ -404,7 +404,7 @@ fn listening(socket: &Path) -> Result<String> {
     Ok(format!("unix:{},server=on,wait=off", socket.replace(',', ",,")))
 }
 
-fn spawn(setup: &Setup<'_>, eeprom: &Path, directory: &Path) -> Result<Child> {
+fn spawn(setup: &MachineSetup<'_>, eeprom: &Path, directory: &Path) -> Result<Child> {
     let image = setup.image;
     let mut command = Command::new(EMULATOR);
     if !setup.reboots {

@@ -1,7 +1,7 @@
 //! Which scheme is run.
 
 use super::value::{number_in, of_option};
-use crate::cli::files::Named;
+use crate::cli::files::NamedFile;
 use crate::files::scheme_file::scheme_named;
 use clap::Args;
 use rins_selfcal::base::method::Method;
@@ -31,7 +31,7 @@ impl SchemeArguments {
     }
 
     /// The file that it may be.
-    pub fn input(&self) -> Named<'_> {
+    pub fn input(&self) -> NamedFile<'_> {
         ("--scheme", self.scheme.as_deref().map(Path::new))
     }
 }

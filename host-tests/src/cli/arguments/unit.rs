@@ -2,7 +2,7 @@
 
 use super::value::{number_in, of_option};
 use crate::calibration::virtual_run::{Stream, VirtualRun, derived_seed};
-use crate::cli::files::Named;
+use crate::cli::files::NamedFile;
 use crate::files::unit_file::UnitConfig;
 use crate::study::monte_carlo::ErrorSource;
 use crate::virtual_unit::presets::noise_named;
@@ -36,7 +36,7 @@ impl UnitArguments {
     }
 
     /// The files that describe it.
-    pub fn inputs(&self) -> [Named<'_>; 3] {
+    pub fn inputs(&self) -> [NamedFile<'_>; 3] {
         unit_inputs(&self.errors, self.noise.as_deref(), self.config.as_deref())
     }
 
@@ -60,7 +60,7 @@ pub fn errors(name: &str) -> anyhow::Result<ErrorSource> {
 }
 
 /// The files that may describe a unit.
-pub fn unit_inputs<'a>(errors: &'a str, noise: Option<&'a str>, config: Option<&'a Path>) -> [Named<'a>; 3] {
+pub fn unit_inputs<'a>(errors: &'a str, noise: Option<&'a str>, config: Option<&'a Path>) -> [NamedFile<'a>; 3] {
     [("--errors", Some(Path::new(errors))), ("--noise", noise.map(Path::new)), ("--config", config)]
 }
 

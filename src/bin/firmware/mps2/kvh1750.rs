@@ -11,6 +11,7 @@
 //! bytes came, and not on when they were fetched or taken in.
 
 use super::pipe_spi::{Chip, PipeBus, PipeSpi};
+use super::wire::MAX_TRANSFER_BYTES;
 use super::{now_us, view};
 use crate::Scalar;
 use embedded_hal::spi::SpiDevice;
@@ -18,8 +19,8 @@ use rins_selfcal::acquisition::Streaming;
 use rins_selfcal::acquisition::queue::SampleProducer;
 use rins_selfcal::drivers::kvh1750::{Kvh1750, Kvh1750Settings};
 
-/// Most bytes of the line to a transfer: a transfer on SPI has at most 96.
-const MOST_BYTES: usize = 31;
+/// Most bytes of the line to a transfer.
+const MOST_BYTES: usize = (MAX_TRANSFER_BYTES - 1) / 3;
 
 /// What the IMU's interrupt has.
 pub struct Imu {

@@ -2,14 +2,10 @@
 //!
 //! The outputs of a period are latched and go to the host when the next one begins, in one transfer with which the inputs and
 //! what the encoders have to say come back: a transfer costs far more than what is in it.
-//!
-//! ```text
-//! sent      0-5    duty of the outer bridge, u16, direction (1) and enable (2); the same of the inner bridge
-//! received  0      bits of `input`
-//!           1-24   96 bits of the outer and of the inner encoder's line
-//! ```
+//! [`PERIOD_BYTES`] says what is where.
 
 use super::pipe_spi::{PipeBus, PipeFault};
+use super::wire::{DUTY_STEPS, PERIOD_BYTES, input, pin};
 use core::cell::Cell;
 use core::convert::Infallible;
 use critical_section::Mutex;
@@ -17,21 +13,6 @@ use embedded_hal::digital::{self, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 use embedded_hal::spi::{self, Operation, SpiDevice};
 use rins_selfcal::drivers::biss::CAPTURE_BYTES;
-
-/// Length of a period's transfer, bytes.
-pub const PERIOD_BYTES: usize = 1 + 2 * CAPTURE_BYTES;
-/// Duties of the PWM from 0 to 1: 20 kHz from a timer of 160 MHz.
-const DUTY_STEPS: u16 = 8000;
-
-/// Bits of the inputs.
-pub mod input {
-    /// The instrument is switched on.
-    pub const POWERED: u8 = 1;
-    /// The IMU asks for its interrupt: its data-ready line had an edge, or bytes came from it.
-    pub const IMU: u8 = 2;
-    /// The fault lines of the outer and the inner bridge, high if there is none.
-    pub const FAULT: [u8; 2] = [4, 8];
-}
 
 /// The pins of a bridge that are outputs.
 #[derive(Clone, Copy)]
@@ -51,7 +32,7 @@ static RECEIVED: Mutex<Cell<[u8; PERIOD_BYTES]>> = Mutex::new(Cell::new([0xff; P
 pub fn period(bus: PipeBus) -> Option<u8> {
     let [outer, inner] = critical_section::with(|cs| OUTPUTS.borrow(cs).get()).map(|outputs| {
         let [low, high] = outputs.duty.to_le_bytes();
-        [low, high, u8::from(outputs.forward) | u8::from(outputs.enabled) << 1]
+        [low, high, (u8::from(outputs.forward) * pin::DIRECTION) | (u8::from(outputs.enabled) * pin::ENABLE)]
     });
     let mut frame = [0; PERIOD_BYTES];
     for (place, byte) in frame.iter_mut().zip(outer.into_iter().chain(inner)) {

@@ -2,14 +2,11 @@
 //! number, length and bytes, answered by as many bytes. A semihosting call stops the virtual processor, so host and guest go in
 //! lock step.
 
-use super::pipe_pins::{PERIOD_BYTES, input};
 use super::semihosting::File;
+use super::wire::{MAX_TRANSFER_BYTES, PERIOD_BYTES, chip, input};
 use crate::work::Span;
 use core::sync::atomic::{AtomicBool, Ordering};
 use embedded_hal::spi::{Error, ErrorKind, ErrorType, Operation, SpiDevice};
-
-/// Longest transfer on SPI, bytes.
-const MAX_TRANSFER_BYTES: usize = 96;
 
 /// Whether the instrument is switched on. Cleared by the interrupt, read by the main loop.
 pub static POWERED: AtomicBool = AtomicBool::new(true);
@@ -18,11 +15,11 @@ pub static POWERED: AtomicBool = AtomicBool::new(true);
 #[derive(Clone, Copy)]
 pub enum Chip {
     /// The IMU, or the receiver of its serial line.
-    Imu = 0,
+    Imu = chip::IMU as isize,
     /// A control period: see [`super::pipe_pins`].
-    Period = 3,
+    Period = chip::PERIOD as isize,
     /// The line that switches both motors off until the next period.
-    MotorsOff = 4,
+    MotorsOff = chip::MOTORS_OFF as isize,
 }
 
 /// The bus: one pipe for requests and one for answers.
