@@ -155,7 +155,10 @@ fn find(columns: &[ColumnDescPtr], wanted: Option<&Wanted>) -> Result<Option<(us
 }
 
 /// Refuses columns whose compression this program was built without.
-fn check_codecs(file: &SerializedFileReader<File>, columns: impl Iterator<Item = usize> + Clone) -> Result<(), Fault> {
+fn check_codecs(
+    file: &SerializedFileReader<File>,
+    columns: impl Iterator<Item = usize> + Clone,
+) -> Result<(), LogFault> {
     for group in file.metadata().row_groups() {
         for chunk in columns.clone().filter_map(|position| group.columns().get(position)) {
             let codec = match chunk.compression() {
@@ -164,7 +167,7 @@ fn check_codecs(file: &SerializedFileReader<File>, columns: impl Iterator<Item =
                 Compression::LZO => "lzo",
                 _ => continue,
             };
-            return Err(Fault::Codec { column: chunk.column_path().string(), codec });
+            return Err(LogFault::Codec { column: chunk.column_path().string(), codec });
         }
     }
     Ok(())
