@@ -1,47 +1,84 @@
 //! Power-up self-calibration of a dual-axis rotational inertial navigation system (RINS).
 //!
+//! This page is the map. Each room is a module, and a room names only rooms above it in this list:
+//!
+//! | room | one job |
+//! |---|---|
+//! | [`base`] | shared types and mathematics: angles, samples, units, sites, motion profiles |
+//! | [`drivers`] | IMUs, encoders and motor bridges over embedded-hal |
+//! | [`segment`] | samples become segments: one segment is one stop or one move |
+//! | [`scheme`] | rotation schemes and their library |
+//! | [`model`] | the error model, the measurements that a segment gives, the correction of a sample |
+//! | [`estimator`] | segments become parameters with a covariance |
+//! | [`verdict`] | a solution becomes a verdict with reasons |
+//! | [`gimbal`] | the control interrupt: encoder readings become motor duties |
+//! | [`acquisition`] | the IMU's interrupt: readings become samples in a queue |
+//! | [`run`] | one calibration run: configuration, policy, sequence, messages |
+//! | [`keep`] | what outlasts a power-off or a reset: stored calibrations, black box, liveness |
+//! | [`link`] | frames and payloads of the serial line |
+//! | [`instrument`] | the one main loop |
+//! | [`guide`] | chapters for users, no code |
+//!
 //! ```text
-//! data-ready interrupt                                main loop
-//! drivers -> acquisition -> queue->| intake -> segment -> measurement -> kalman -> estimator -> verdict -> store
-//!                                  |    '------------- calibrator -------------'
-//!                                  | sequencer -> motion commands
-//!                                  '---------------- self_calibration ------------------------> telemetry
+//! IMU interrupt -> acquisition -> queue -> instrument (main loop)
+//!                                             |
+//!       segment -> model -> estimator -> verdict -> run -> keep, link
+//!                                                    |-> motion commands -> gimbal -> drivers
+//!                                                    '-> corrected samples -> sink
 //! ```
-//! Rooms decide and return values; only drivers touch pins. Time is an argument. Dictionaries, which every room may use:
-//! `units`, `angle`, `linear`, `site`, `sample`, `error_model`, `profile`, `scheme`, `method`, `policy`.
 //!
-//! The control interrupt, once a millisecond, is `control`: encoders -> gimbal (both axes, faults) -> axis (profile) -> servo
-//! -> bridges. Its angles go through `angle_history` into the samples.
+//! # Where to look
 //!
-//! Beside the estimator: `options` (further states), `scatter`, `reading` and `white_noise` (what a stop shows of it), `weighting`
-//! (gains of the two-stage method), `constancy` (tests for change), `observability`, and `rehearsal`, which before anything
-//! turns gives the estimator the segments that a scheme would bring. Beside the verdict: `wiring`. Beside all: `liveness`, for the watchdog, and `black_box`, for
-//! the next start. `assignment` is the configuration
-//! of all rooms. `telemetry` is the messages of all rooms; calibrator and self_calibration tell them to whoever calls.
-//! `link` carries them over a serial line, and commands back.
+//! | question | place |
+//! |---|---|
+//! | What do the accelerometers measure at a stop? | [`model::stop_force`] |
+//! | What do the gyros measure in a move? | [`model::rotation`] |
+//! | How is one sample corrected? | [`model::correction::Calibration::correct`] |
+//! | When was a stop not at rest? | [`verdict::unrest`] |
+//! | What happens at power-up? | [`instrument::Instrument::power_up`], then the edges of [`run::sequencer`] |
 //!
-//! Frames: n local level (east, north, up); b vehicle, which is r at gimbal angles (0, 0); r fixed to the inner gimbal, x
-//! along the outer and z along the inner axis; s IMU; a, g the accelerometers' and the gyros' own axes. `rot_ab` takes
-//! b-components to a-components. SI units, radians.
+//! # Conventions
 //!
-//! [`guide`] leads from a first calibration to the reasons of a rejected one.
+//! Frames: n local level (east, north, up); b vehicle, equal to r at gimbal angles (0, 0); r fixed to the inner gimbal, x
+//! along the outer axis and z along the inner axis; s IMU; a and g the own axes of the accelerometers and of the gyros.
+//! `rot_ab` takes b-components to a-components. All values are in SI units and radians. Rooms decide and return values; only
+//! drivers touch pins. Time is an argument: no room reads a clock.
+//!
+//! # Features
+//!
+//! The library has one feature, `defmt`: the public types that a firmware logs implement `defmt::Format`. All other features
+//! belong to the firmware binary: a board (`mps2-an500`, `mps2-an386`, `stm32h743`), the IMU (`kvh1750` in place of the
+//! ADIS16495), the scalar (`single-precision`: f32 in place of f64) and the size of the filter (`optional-states`).
 //!
 //! Source of the method: Bai et al., "A System-Level Self-Calibration Method for Installation Errors in a Dual-Axis
 //! Rotational Inertial Navigation System", Sensors 2019, 19(18), 4005.
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
-pub mod acquisition;
 pub mod base;
+
 pub mod drivers;
-pub mod estimator;
-pub mod gimbal;
-pub mod guide;
-pub mod instrument;
-pub mod keep;
-pub mod link;
-pub mod model;
-pub mod run;
-pub mod scheme;
+
 pub mod segment;
+
+pub mod scheme;
+
+pub mod model;
+
+pub mod estimator;
+
 pub mod verdict;
+
+pub mod gimbal;
+
+pub mod acquisition;
+
+pub mod run;
+
+pub mod keep;
+
+pub mod link;
+
+pub mod instrument;
+
+pub mod guide;
