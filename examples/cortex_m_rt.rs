@@ -16,7 +16,7 @@ use critical_section::Mutex;
 use defmt_rtt as _;
 use embassy_stm32::pac::Interrupt;
 use embassy_stm32::{interrupt, pac};
-use rins_selfcal::acquisition::queue::{SampleAndStatus, SampleConsumer, SampleProducer, SampleQueue};
+use rins_selfcal::acquisition::queue::{SampleConsumer, SampleProducer, SampleQueue, SampleWithGimbal};
 use rins_selfcal::base::angle::Angle;
 use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::restart::Restart;
@@ -57,7 +57,7 @@ fn EXTI15_10() {
         let gimbal = GIMBAL.borrow_ref(cs).as_ref().map(Gimbal::status);
         if let (Some(producer), Some(gimbal)) = (PRODUCER.borrow_ref_mut(cs).as_mut(), gimbal) {
             // A sample that finds the queue full is counted by it.
-            let _ = producer.push(SampleAndStatus { sample: SensorBoard::at_external_memory().sample(), gimbal });
+            let _ = producer.push(SampleWithGimbal { sample: SensorBoard::at_external_memory().sample(), gimbal });
         }
     });
 }
@@ -123,7 +123,7 @@ impl Surroundings<f64> for Devices {
         now_us()
     }
 
-    fn next_sample(&mut self) -> Option<SampleAndStatus<f64>> {
+    fn next_sample(&mut self) -> Option<SampleWithGimbal<f64>> {
         self.samples.pop()
     }
 

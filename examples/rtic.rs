@@ -12,7 +12,7 @@ use defmt_rtt as _;
 mod app {
     use crate::sensor_board::SensorBoard;
     use cortex_m::peripheral::syst::SystClkSource;
-    use rins_selfcal::acquisition::queue::{SampleAndStatus, SampleConsumer, SampleProducer, SampleQueue};
+    use rins_selfcal::acquisition::queue::{SampleConsumer, SampleProducer, SampleQueue, SampleWithGimbal};
     use rins_selfcal::base::angle::Angle;
     use rins_selfcal::base::loss::LossCounts;
     use rins_selfcal::base::restart::Restart;
@@ -83,8 +83,10 @@ mod app {
         let mut shared = context.shared;
         let gimbal = shared.gimbal.lock(|gimbal| gimbal.status());
         // A sample that finds the queue full is counted by it.
-        let _ =
-            context.local.producer.push(SampleAndStatus { sample: SensorBoard::at_external_memory().sample(), gimbal });
+        let _ = context
+            .local
+            .producer
+            .push(SampleWithGimbal { sample: SensorBoard::at_external_memory().sample(), gimbal });
     }
 
     /// Control: 1 kHz.
@@ -134,7 +136,7 @@ mod app {
             self.now_us
         }
 
-        fn next_sample(&mut self) -> Option<SampleAndStatus<f64>> {
+        fn next_sample(&mut self) -> Option<SampleWithGimbal<f64>> {
             self.samples.pop()
         }
 

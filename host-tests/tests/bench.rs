@@ -4,7 +4,7 @@ use host_tests::bench::power_up::{Interrupts, share, shared};
 use host_tests::bench::{Bench, Chip, Imu, Trouble, acquisition, control};
 use host_tests::virtual_unit::plant::Output;
 use host_tests::virtual_unit::plant::{Plant, Tick, at_rest};
-use rins_selfcal::acquisition::queue::{SampleAndStatus, SampleQueue};
+use rins_selfcal::acquisition::queue::{SampleQueue, SampleWithGimbal};
 use rins_selfcal::base::angle::Angle;
 use rins_selfcal::base::loss::{LossCounts, LossReason};
 use rins_selfcal::base::units::{ARCSEC, DEG};
@@ -38,7 +38,7 @@ fn samples_go_through_the_drivers() {
         if !bench.borrow().data_ready() {
             continue;
         }
-        let SampleAndStatus { sample, gimbal } = consumer.pop().expect("a sample");
+        let SampleWithGimbal { sample, gimbal } = consumer.pop().expect("a sample");
         // Half a step of the IMU is 1.9e-8 m/s^2.
         assert!((sample.force_a.z - 9.8_f64).abs() < 2e-8);
         assert_eq!((sample.time_us, sample.temperature_c), (edges * 5000 + 2500, 20.0));
@@ -62,7 +62,7 @@ fn bytes_go_through_the_driver() {
     }
     let times: Vec<_> = samples.iter().map(|(now_us, observed)| (*now_us, observed.sample.time_us)).collect();
     assert_eq!(times, [(6000, 2500), (11_000, 7500)], "the third was on its way when the plant ended");
-    for (now_us, SampleAndStatus { sample, gimbal }) in samples {
+    for (now_us, SampleWithGimbal { sample, gimbal }) in samples {
         // Half a step of a single precision number of 1 g is 3e-8 g.
         assert!((sample.force_a.z - 9.8_f64).abs() < 3e-7);
         assert_eq!((sample.temperature_c, gimbal.time_us, gimbal.fault), (20.0, now_us, None));

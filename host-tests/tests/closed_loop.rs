@@ -5,11 +5,10 @@ use host_tests::bench::power_up::{Interrupts, in_process, shared};
 use host_tests::bench::{Bench, Chip, Trouble};
 use host_tests::virtual_unit::drive::move_durations_s;
 use host_tests::virtual_unit::driven::DrivenRins;
-use host_tests::virtual_unit::plant::Output;
-use host_tests::virtual_unit::plant::{Plant, Tick};
+use host_tests::virtual_unit::plant::{Output, Plant, Tick};
 use host_tests::virtual_unit::presets;
 use host_tests::virtual_unit::unit::VirtualUnit;
-use rins_selfcal::acquisition::queue::{SampleAndStatus, SampleQueue};
+use rins_selfcal::acquisition::queue::{SampleQueue, SampleWithGimbal};
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::units::{ARCSEC, DEG};
 use rins_selfcal::estimator::{BASIC_STATES, Solution};
@@ -266,7 +265,7 @@ fn usual(scheme: Scheme) -> SelfCalibrationConfig {
 fn by_hand(
     config: SelfCalibrationConfig,
     run_s: f64,
-    mut act: impl FnMut(&mut Run64<'_>, u32, &mut SampleAndStatus<f64>, &mut dyn FnMut(&Message)) -> Option<MotionCommand>,
+    mut act: impl FnMut(&mut Run64<'_>, u32, &mut SampleWithGimbal<f64>, &mut dyn FnMut(&Message)) -> Option<MotionCommand>,
     mut on_message: impl FnMut(&Message),
 ) -> (DrivenRins, State) {
     let mut rins = DrivenRins::new(&unit(), 1);

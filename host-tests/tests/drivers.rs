@@ -14,7 +14,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use rins_selfcal::acquisition::Streaming;
-use rins_selfcal::acquisition::queue::{SampleAndStatus, SampleQueue};
+use rins_selfcal::acquisition::queue::{SampleQueue, SampleWithGimbal};
 use rins_selfcal::base::angle::Angle;
 use rins_selfcal::base::loss::{LossCounts, LossReason};
 use rins_selfcal::drivers::adis16495::{self, Adis16495, Clock, FilterBank, StartFault};
@@ -347,7 +347,7 @@ fn a_streaming_imu_fills_the_queue_with_the_angles_of_its_stamps() {
     assert_eq!(samples.losses(), LossCounts { crc: 20, ..LossCounts::default() });
     let taken: Vec<_> = std::iter::from_fn(|| samples.pop()).collect();
     assert_eq!(taken.len(), 180);
-    for (interval, SampleAndStatus { sample, gimbal }) in (1..).filter(|interval| interval % 10 != 0).zip(taken) {
+    for (interval, SampleWithGimbal { sample, gimbal }) in (1..).filter(|interval| interval % 10 != 0).zip(taken) {
         // The middle of the interval, to a microsecond of rounding.
         assert!(sample.time_us.abs_diff(interval * 5000 - 2500) <= 1, "{} {interval}", sample.time_us);
         assert_eq!((sample.outer, gimbal), (outer(sample.time_us), status(sample.time_us)));

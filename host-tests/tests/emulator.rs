@@ -9,8 +9,7 @@ use host_tests::files::unit_file::UnitConfig;
 use host_tests::log::{LogPlayer, LogReader};
 use host_tests::virtual_unit::drive::move_durations_s;
 use host_tests::virtual_unit::driven::DrivenRins;
-use host_tests::virtual_unit::plant::Output;
-use host_tests::virtual_unit::plant::{Plant, Recording, at_rest};
+use host_tests::virtual_unit::plant::{Output, Plant, Recording, at_rest};
 use host_tests::virtual_unit::presets;
 use host_tests::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::loss::LossCounts;
@@ -273,7 +272,7 @@ fn harm(message: u64) -> Option<Harm> {
     (rest == 25).then_some(harm)
 }
 
-/// Lost samples, and how many messages came or were missed.
+/// Lost samples, and how many messages were received or missed.
 fn calibrates_with_kvh_1750(put: Put) -> (LossCounts, u64) {
     let image = image(Variant { imu: Imu::Kvh1750, ..Board::Mps2An500.into() });
     let scheme = Scheme::named("fast-60").expect("in the library");

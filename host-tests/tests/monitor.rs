@@ -4,23 +4,30 @@
 use host_tests::bench::Bench;
 use host_tests::bench::emulator::image::{Board, build};
 use host_tests::bench::emulator::{Run, Setup, run};
-use host_tests::bench::line::Terminal;
-use host_tests::bench::power_up::{Memory, self_calibrate, shared};
+use host_tests::bench::line::{Terminal, Unconnected};
+use host_tests::bench::memory::VirtualEeprom;
+use host_tests::bench::power_up::{Listener, Memory, self_calibrate, shared};
 use host_tests::virtual_unit::drive::move_durations_s;
 use host_tests::virtual_unit::driven::DrivenRins;
-use host_tests::virtual_unit::plant::{Output, Paced, Plant, Tick};
+use host_tests::virtual_unit::plant::{self, Paced, Plant, Tick};
 use host_tests::virtual_unit::presets;
 use host_tests::virtual_unit::unit::VirtualUnit;
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::pty::openpty;
 use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
 use rins_selfcal::base::method::Method;
+use rins_selfcal::base::sample::RawSample;
 use rins_selfcal::estimator::BASIC_STATES;
+use rins_selfcal::keep::medium::Eeprom;
+use rins_selfcal::keep::store::CalibrationStore;
 use rins_selfcal::link::PROTOCOL_VERSION;
+use rins_selfcal::model::correction::Calibration;
+use rins_selfcal::model::error_model::PARAMETERS;
 use rins_selfcal::run::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::run::calibrator::CalibratorConfig;
 use rins_selfcal::run::config::SelfCalibrationConfig;
 use rins_selfcal::run::policy::PowerUpPolicy;
+use rins_selfcal::run::result::{StoredCalibration, StoredVerdict};
 use rins_selfcal::run::telemetry::Message;
 use rins_selfcal::scheme::Scheme;
 use std::fs::File;
@@ -35,7 +42,7 @@ use std::time::Duration;
 struct Unit(DrivenRins, Arc<AtomicBool>);
 
 impl Plant for Unit {
-    fn advance(&mut self, outputs: [Output; 2]) -> Option<Tick> {
+    fn advance(&mut self, outputs: [plant::Output; 2]) -> Option<Tick> {
         if self.1.load(Ordering::Relaxed) { None } else { self.0.advance(outputs) }
     }
 }
@@ -133,12 +140,12 @@ fn an_instrument_is_commanded_followed_read_and_erased_over_a_line() {
 }
 
 /// The firmware, twenty times as fast as real time: half a minute, for which an unlock lasts, must not be over at once.
-fn firmware(serial: &Path, off: &Arc<AtomicBool>) -> Run {
+fn firmware(serial: &Path, eeprom: Option<&Path>, off: &Arc<AtomicBool>) -> Run {
     let image = build(Board::Mps2An500).unwrap_or_else(|error| panic!("{error:#}"));
     let (config, rins) = assignment();
     let mut buffer = [0; MAX_ASSIGNMENT_BYTES];
     let configuration = postcard::to_slice(&Assignment::SelfCalibrate(config), &mut buffer).expect("it fits");
-    let setup = Setup { configuration, serial: Some(serial), ..Setup::new(&image) };
+    let setup = Setup { configuration, serial: Some(serial), eeprom, ..Setup::new(&image) };
     let mut bench = Bench::new(Paced::new(Unit(rins, Arc::clone(off)), Duration::from_micros(50)));
     run(&setup, &mut bench, |_| (), |_| ()).unwrap_or_else(|error| panic!("{error:#}"))
 }
@@ -149,7 +156,7 @@ fn so_is_the_firmware_over_its_serial_port() {
     let serial = directory.path().join("serial");
     let off = Arc::new(AtomicBool::new(false));
     let (socket, switch) = (serial.clone(), Arc::clone(&off));
-    let instrument = thread::spawn(move || firmware(&socket, &switch));
+    let instrument = thread::spawn(move || firmware(&socket, None, &switch));
     while !serial.exists() && !instrument.is_finished() {
         thread::sleep(Duration::from_millis(10));
     }
@@ -158,4 +165,88 @@ fn so_is_the_firmware_over_its_serial_port() {
     let run = instrument.join().expect("the instrument ends");
     assert!(run.success);
     assert_eq!(run.late_periods, 0);
+}
+
+/// The samples of an instrument in this process, raw, until it is switched off.
+struct Raw {
+    samples: Vec<RawSample<f64>>,
+    until_us: u64,
+    off: Arc<AtomicBool>,
+}
+
+impl Listener<f64> for Raw {
+    fn message(&mut self, _message: &Message) {}
+
+    fn raw(&mut self, sample: &RawSample<f64>) {
+        self.samples.push(*sample);
+        if sample.time_us >= self.until_us {
+            self.off.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
+fn record() -> StoredCalibration {
+    StoredCalibration {
+        errors: presets::real(5),
+        sigmas: [1e-6; PARAMETERS],
+        method: Method::Joint,
+        scheme: "fast-180".try_into().expect("it fits"),
+        site: VirtualUnit::default().site,
+        utc_s: None,
+        temperature_c: 25.0,
+        chi_square: 50.0,
+        degrees_of_freedom: 50,
+        software_version: "0".try_into().expect("it fits"),
+        verdict: StoredVerdict::default(),
+    }
+}
+
+/// Every corrected sample that the firmware sends is the correction of the same sample on the host, bit by bit.
+#[test]
+fn recorded_samples_of_the_firmware_are_those_that_the_host_corrects() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let [serial, eeprom, out] = ["serial", "eeprom", "corrected.csv"].map(|name| directory.path().join(name));
+    let mut store = CalibrationStore::new(Eeprom(VirtualEeprom::blank(8192)));
+    store.save(&record()).expect("it is stored");
+    std::fs::write(&eeprom, store.release().0.bytes).expect("the memory is written");
+    let off = Arc::new(AtomicBool::new(false));
+    let (socket, switch) = (serial.clone(), Arc::clone(&off));
+    let instrument = thread::spawn(move || firmware(&socket, Some(&eeprom), &switch));
+    while !serial.exists() && !instrument.is_finished() {
+        thread::sleep(Duration::from_millis(10));
+    }
+    let recorded = monitor(&serial, &["--record", out.to_str().expect("UTF-8"), "--seconds", "4"]);
+    off.store(true, Ordering::Relaxed);
+    instrument.join().expect("the instrument ends");
+    let said = text(&recorded.stdout);
+    assert!(recorded.status.success(), "{said}{}", text(&recorded.stderr));
+    let csv = std::fs::read_to_string(&out).expect("the recording");
+    let rows: Vec<Vec<f64>> =
+        csv.lines().skip(1).map(|row| row.split(',').map(|field| field.parse().expect("a number")).collect()).collect();
+    assert!(said.contains(&format!("{} corrected samples recorded, 0 missing", rows.len())), "{said}");
+    let numbers: Vec<_> = rows.iter().map(|row| row[10] as usize).collect();
+    assert_eq!(numbers, (0..rows.len()).collect::<Vec<_>>());
+
+    let until_us = (rows.last().expect("rows")[0] * 1e6).round() as u64;
+    let off = Arc::new(AtomicBool::new(false));
+    let mut raw = Raw { samples: Vec::new(), until_us, off: Arc::clone(&off) };
+    let (config, rins) = assignment();
+    let mut memory = Memory { stored: Some(record()), ..Memory::default() };
+    self_calibrate::<f64, BASIC_STATES, _>(&config, &mut memory, &shared(Unit(rins, off)), &mut Unconnected, &mut raw)
+        .expect("it powers up");
+    let calibration = Calibration::new(&record().errors);
+    let first_us = (rows[0][0] * 1e6).round() as u64;
+    let expected: Vec<Vec<u64>> = raw
+        .samples
+        .iter()
+        .filter(|sample| (first_us..=until_us).contains(&sample.time_us))
+        .map(|sample| {
+            let corrected = calibration.correct(sample);
+            let angles = [sample.outer, sample.inner].map(|angle| angle.rad::<f64>());
+            corrected.omega_is_s.iter().chain(&corrected.force_s).chain(&angles).map(|x| x.to_bits()).collect()
+        })
+        .collect();
+    let got: Vec<Vec<u64>> = rows.iter().map(|row| row[1..9].iter().map(|x| x.to_bits()).collect()).collect();
+    assert!(got.len() > 1000, "{} samples", got.len());
+    assert_eq!(got, expected);
 }

@@ -12,7 +12,7 @@ use heapless::spsc;
 
 /// A raw sample and the gimbal status at that time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct SampleAndStatus<T: Real> {
+pub struct SampleWithGimbal<T: Real> {
     /// The sample.
     pub sample: RawSample<T>,
     /// Status of the gimbal.
@@ -31,7 +31,7 @@ struct Counters {
 
 /// Memory of the queue. It holds `N - 1` samples.
 pub struct SampleQueue<T: Real, const N: usize> {
-    samples: spsc::Queue<SampleAndStatus<T>, N>,
+    samples: spsc::Queue<SampleWithGimbal<T>, N>,
     counters: Counters,
 }
 
@@ -71,7 +71,7 @@ fn has_memory(capacity: usize) -> bool {
 
 /// The interrupt's end of the queue.
 pub struct SampleProducer<'q, T: Real> {
-    samples: spsc::Producer<'q, SampleAndStatus<T>>,
+    samples: spsc::Producer<'q, SampleWithGimbal<T>>,
     counters: &'q Counters,
 }
 
@@ -80,7 +80,7 @@ impl<T: Real> SampleProducer<'_, T> {
     ///
     /// # Errors
     /// [`LossReason::Overrun`] if the queue is full. The loss is already counted.
-    pub fn push(&mut self, sample: SampleAndStatus<T>) -> Result<(), LossReason> {
+    pub fn push(&mut self, sample: SampleWithGimbal<T>) -> Result<(), LossReason> {
         if has_memory(self.samples.capacity()) && self.samples.enqueue(sample).is_ok() {
             let most_waiting = &self.counters.most_waiting;
             most_waiting.store(most_waiting.load(Ordering::Relaxed).max(self.samples.len() as u32), Ordering::Relaxed);
@@ -106,13 +106,13 @@ impl<T: Real> SampleProducer<'_, T> {
 
 /// The main loop's end of the queue.
 pub struct SampleConsumer<'q, T: Real> {
-    samples: spsc::Consumer<'q, SampleAndStatus<T>>,
+    samples: spsc::Consumer<'q, SampleWithGimbal<T>>,
     counters: &'q Counters,
 }
 
 impl<T: Real> SampleConsumer<'_, T> {
     /// Takes the oldest sample out of the queue.
-    pub fn pop(&mut self) -> Option<SampleAndStatus<T>> {
+    pub fn pop(&mut self) -> Option<SampleWithGimbal<T>> {
         if has_memory(self.samples.capacity()) { self.samples.dequeue() } else { None }
     }
 
@@ -143,8 +143,8 @@ impl<T: Real> SampleConsumer<'_, T> {
 mod tests {
     use super::*;
 
-    fn sample(time_us: u64) -> SampleAndStatus<f32> {
-        SampleAndStatus { sample: RawSample { time_us, ..RawSample::default() }, ..SampleAndStatus::default() }
+    fn sample(time_us: u64) -> SampleWithGimbal<f32> {
+        SampleWithGimbal { sample: RawSample { time_us, ..RawSample::default() }, ..SampleWithGimbal::default() }
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Work of the IMU interrupt (data-ready or UART): read the IMU, combine its reading with the gimbal angles at the time
 //! stamp, and queue this sample with the gimbal status.
 
-use crate::acquisition::queue::{SampleAndStatus, SampleProducer};
+use crate::acquisition::queue::{SampleProducer, SampleWithGimbal};
 use crate::base::angle::Angle;
 use crate::base::linear::Real;
 use crate::base::loss::LossReason;
@@ -48,11 +48,11 @@ impl<'q, T: Real> Sampler<'q, T> {
         &mut self,
         reading: Result<ImuReading<T>, ImuFault<E>>,
         view_at: impl FnOnce(u64) -> GimbalView,
-    ) -> Result<SampleAndStatus<T>, LossReason> {
+    ) -> Result<SampleWithGimbal<T>, LossReason> {
         let ImuReading { time_us, missed, omega_g, force_a, temperature_c } = reading.map_err(loss_of)?;
         self.producer.count(LossReason::Unread, missed);
         let ([outer, inner], gimbal) = view_at(time_us)?;
-        Ok(SampleAndStatus { sample: RawSample { time_us, omega_g, force_a, outer, inner, temperature_c }, gimbal })
+        Ok(SampleWithGimbal { sample: RawSample { time_us, omega_g, force_a, outer, inner, temperature_c }, gimbal })
     }
 }
 
@@ -119,7 +119,7 @@ impl<'q, T: Real> Streaming<'q, T> {
         self.imu.push(byte, now_us).map(|reading| self.sampler.take(reading, view_at))
     }
 
-    /// The IMU.
+    /// Driver of the IMU.
     pub fn imu(&self) -> &Kvh1750 {
         &self.imu
     }
@@ -154,7 +154,7 @@ mod tests {
     /// Takes each reading with its angles. Returns the outcomes, the queued samples and the counters.
     fn run(
         readings: &[(Read, Result<u32, LossReason>)],
-    ) -> (Vec<Result<(), LossReason>>, Vec<SampleAndStatus<f64>>, LossCounts) {
+    ) -> (Vec<Result<(), LossReason>>, Vec<SampleWithGimbal<f64>>, LossCounts) {
         let mut queue = SampleQueue::<f64, 8>::new();
         let (producer, mut consumer) = queue.split();
         let mut sampler = Sampler::new(producer);

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Why a sample is missing.
+/// Reason why a sample is missing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LossReason {
     /// The sample queue was full because the main loop is too slow.
@@ -11,7 +11,7 @@ pub enum LossReason {
     Bus,
     /// A frame of a device has a wrong CRC or a wrong form.
     Crc,
-    /// A device sent an error status in place of a measurement.
+    /// A device reported an error in place of a measurement, or an encoder did not answer.
     Status,
     /// The IMU produced the sample, but the processor did not read it in time. The sample number of the IMU shows the
     /// gap.

@@ -54,25 +54,25 @@ pub struct CorrectedSample<T: Real> {
     pub rot_sb: Matrix3<T>,
 }
 
-/// What a user of a corrected sample must know about it, as a word of bits.
+/// Status of a corrected sample, as a word of bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SampleStatus(u16);
 
 impl SampleStatus {
     /// No bit is set.
     pub const NONE: Self = Self(0);
-    /// The correction was found by a run since power-up; otherwise it is the stored one.
+    /// A run since power-up found the calibration of this sample. Otherwise the calibration comes from the store.
     pub const CALIBRATED_NOW: Self = Self(1);
-    /// A calibration run is under way: the gimbal turns the IMU through the scheme.
+    /// A calibration run is in progress: the gimbal turns the IMU through the scheme.
     pub const RUN_UNDER_WAY: Self = Self(1 << 1);
     /// Both axes are at rest.
     pub const AT_REST: Self = Self(1 << 2);
-    /// An axis has failed, and both are stopped.
+    /// An axis has a fault, and both axes are brought to rest.
     pub const GIMBAL_FAULT: Self = Self(1 << 3);
-    /// At least one sample is missing between this sample and the corrected sample before.
+    /// At least one sample is missing between the previous corrected sample and this one.
     pub const SAMPLES_MISSED: Self = Self(1 << 4);
 
-    /// This word with the bits of `other` too, where `set`.
+    /// This word, and also the bits of `other` if `set` is true.
     #[must_use]
     pub const fn with(self, other: Self, set: bool) -> Self {
         if set { Self(self.0 | other.0) } else { self }

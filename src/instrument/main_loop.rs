@@ -2,7 +2,7 @@
 
 use super::commands::{carry_out, status};
 use super::surroundings::{Archive, FoundRecord, Surroundings};
-use crate::acquisition::queue::SampleAndStatus;
+use crate::acquisition::queue::SampleWithGimbal;
 use crate::base::linear::Real;
 use crate::base::restart::Restart;
 use crate::base::sample::{CorrectedSample, RawSample, SampleStatus};
@@ -19,7 +19,7 @@ use crate::run::telemetry::Message;
 /// A dual-axis RINS from power-up to power-off. The memory for link and calibrator is the caller's: statics on a board.
 ///
 /// ```
-/// use rins_selfcal::acquisition::queue::SampleAndStatus;
+/// use rins_selfcal::acquisition::queue::SampleWithGimbal;
 /// use rins_selfcal::base::angle::Angle;
 /// use rins_selfcal::base::linear::Vector3;
 /// use rins_selfcal::base::loss::LossCounts;
@@ -76,8 +76,8 @@ use crate::run::telemetry::Message;
 /// impl SerialLine for TestBoard {}
 /// impl Surroundings<f64> for TestBoard {
 ///     fn now_us(&self) -> u64 { 0 }
-///     fn next_sample(&mut self) -> Option<SampleAndStatus<f64>> {
-///         self.samples.pop().map(|sample| SampleAndStatus { sample, gimbal: self.gimbal })
+///     fn next_sample(&mut self) -> Option<SampleWithGimbal<f64>> {
+///         self.samples.pop().map(|sample| SampleWithGimbal { sample, gimbal: self.gimbal })
 ///     }
 ///     fn losses(&mut self) -> LossCounts { LossCounts::default() }
 ///     fn archive(&mut self) -> &mut impl Archive { &mut self.store }
@@ -172,7 +172,11 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
         &self.run
     }
 
-    fn sample(&mut self, SampleAndStatus { sample, gimbal }: &SampleAndStatus<T>, outside: &mut impl Surroundings<T>) {
+    fn sample(
+        &mut self,
+        SampleWithGimbal { sample, gimbal }: &SampleWithGimbal<T>,
+        outside: &mut impl Surroundings<T>,
+    ) {
         self.samples += 1;
         let step = self.run.step(sample, gimbal, &mut |message| tell(self.link, outside, message));
         command(outside, step.motion, gimbal);

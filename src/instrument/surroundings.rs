@@ -1,6 +1,6 @@
 //! What an instrument needs around it: small traits, which a board, a virtual instrument or a test implements.
 
-use crate::acquisition::queue::SampleAndStatus;
+use crate::acquisition::queue::SampleWithGimbal;
 use crate::base::angle::Angle;
 use crate::base::linear::Real;
 use crate::base::loss::LossCounts;
@@ -146,7 +146,7 @@ pub trait Surroundings<T: Real>: Axes + CorrectedSink<T> + Events + SerialLine +
     fn now_us(&self) -> u64;
 
     /// The next sample that the IMU's interrupt has put into the queue.
-    fn next_sample(&mut self) -> Option<SampleAndStatus<T>>;
+    fn next_sample(&mut self) -> Option<SampleWithGimbal<T>>;
 
     /// The work on a sample is done; `during` is the state in which the sample found the run. For measurements of time.
     fn sample_done(&mut self, _during: State) {}

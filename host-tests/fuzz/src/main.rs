@@ -5,7 +5,7 @@
 //! somebody stops the search. The search needs `cargo install cargo-bolero` and `g++`:
 //!
 //! ```text
-//! cargo bolero test link_frames --package fuzz --sanitizer NONE --time 60s \
+//! cargo bolero test link_frames --package fuzz --sanitizer NONE -T 60s \
 //!     --corpus-dir target/fuzz/link-frames --crashes-dir target/fuzz/crashes -E host-tests/fuzz/corpus/link-frames
 //! ```
 //!

@@ -2,8 +2,7 @@
 
 use super::devices::{Bench, BenchControl, SharedBench, Trouble, control};
 use crate::virtual_unit::motor::{Mechanics, Motor};
-use crate::virtual_unit::plant::Output;
-use crate::virtual_unit::plant::{Plant, Tick};
+use crate::virtual_unit::plant::{Output, Plant, Tick};
 use rins_selfcal::base::linear::Real;
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::gimbal::servo::{MotorAndLoad, PERIOD_S};

@@ -6,15 +6,15 @@ use super::emulator::image::Image;
 use super::emulator::{Run, Setup, run};
 use super::line::{Line, Unconnected};
 use crate::calibration::refusal::refused;
-use crate::virtual_unit::plant::Output;
-use crate::virtual_unit::plant::{Plant, Tick};
+
+use crate::virtual_unit::plant::{Output, Plant, Tick};
 use anyhow::{Context, Result, anyhow};
-use rins_selfcal::acquisition::queue::{SampleAndStatus, SampleConsumer, SampleProducer, SampleQueue};
+use rins_selfcal::acquisition::queue::{SampleConsumer, SampleProducer, SampleQueue, SampleWithGimbal};
 use rins_selfcal::base::angle::Angle;
 use rins_selfcal::base::linear::Real;
 use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::restart::Restart;
-use rins_selfcal::base::sample::{CorrectedSample, SampleStatus};
+use rins_selfcal::base::sample::{CorrectedSample, RawSample, SampleStatus};
 use rins_selfcal::estimator::MAX_SEGMENTS;
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::gimbal::servo::MotorAndLoad;
@@ -65,6 +65,9 @@ pub fn in_process<T: Real, const STATES: usize, P: Plant>(
 pub trait Listener<T: Real> {
     /// Takes a message.
     fn message(&mut self, message: &Message);
+
+    /// Takes a sample of the IMU, as it comes out of the queue.
+    fn raw(&mut self, _sample: &RawSample<T>) {}
 
     /// Takes a corrected sample.
     fn corrected(&mut self, _sample: &CorrectedSample<T>, _angles: [Angle; 2], _status: SampleStatus) {}
@@ -198,8 +201,10 @@ impl<T: Real, P: Plant, L: Line, N: Listener<T>> Surroundings<T> for VirtualBoar
         self.bench.borrow().now_us()
     }
 
-    fn next_sample(&mut self) -> Option<SampleAndStatus<T>> {
-        self.samples.pop()
+    fn next_sample(&mut self) -> Option<SampleWithGimbal<T>> {
+        let next = self.samples.pop()?;
+        self.listener.raw(&next.sample);
+        Some(next)
     }
 
     fn losses(&mut self) -> LossCounts {

@@ -5,8 +5,7 @@ use rins_selfcal::base::units::DEG;
 use rins_selfcal::estimator::{FULL_STATES, MAX_SEGMENTS};
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::run::calibrator::Calibrator;
-use rins_selfcal::run::config::check_motion;
-use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig};
+use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig, check_motion};
 use rins_selfcal::run::self_calibration::SelfCalibration;
 use rins_selfcal::scheme::Scheme;
 

@@ -1,15 +1,45 @@
 //! `rins apply`
 
-use super::Ending;
-use super::arguments::{ApplyArguments, FrameArgument};
+use super::ending::Ending;
 use super::output::{note, sayln};
 use super::{files, progress, replay};
 use crate::calibration::raw_sample;
 use crate::log::{LogReader, LogWriter};
 use crate::result::saved::Saved;
 use crate::virtual_unit::plant::Reading;
+use clap::{Args, ValueEnum};
 use rins_selfcal::base::linear::Vector3;
 use rins_selfcal::model::correction::Calibration;
+use std::path::PathBuf;
+
+#[derive(Debug, Args)]
+pub struct ApplyArguments {
+    /// The log, as for replay
+    #[arg(value_name = "LOG")]
+    pub log: PathBuf,
+    /// Result of `replay --json` or `calibrate --json`
+    #[arg(long, value_name = "CAL.json")]
+    pub calibration: PathBuf,
+    /// What the log has in which columns and units [default: the standard ones]
+    #[arg(long, value_name = "MAP.toml")]
+    pub mapping: Option<PathBuf>,
+    /// Corrected log to write: CSV, compressed if its name ends in .gz, or Parquet
+    #[arg(long, value_name = "CORRECTED.csv")]
+    pub out: PathBuf,
+    /// Frame of the corrected rates and forces
+    #[arg(long, value_enum, default_value_t)]
+    pub frame: FrameArgument,
+}
+
+/// Frame of corrected rates and forces.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum FrameArgument {
+    /// s: x along accelerometer x
+    #[default]
+    Imu,
+    /// r: x along the outer axis at inner angle 0, z along the inner axis
+    Rotation,
+}
 
 /// Rows between two looks at the counter.
 const TICK: u64 = 10_000;

@@ -1,10 +1,16 @@
 //! `rins calibrate`
 
-use super::arguments::CalibrateArguments;
+use super::arguments::axes::AxisArguments;
+use super::arguments::method::MethodArguments;
+use super::arguments::scheme::{SchemeArguments, UnobservedArguments};
+use super::arguments::unit::UnitArguments;
+use super::arguments::value::{at_least_one, positive};
+use super::ending::Ending;
 use super::output::{is_quiet, must_sayln, sayln};
 use super::progress::Progress;
-use super::{Ending, files, progress, replay};
+use super::{files, progress, replay};
 use crate::base::quantity;
+use crate::bench::Imu;
 use crate::bench::emulator::Run;
 use crate::calibration::virtual_run::VirtualRun;
 use crate::files::truth::Truth;
@@ -12,14 +18,118 @@ use crate::page::Content;
 use crate::result::saved::Saved;
 use crate::study::closed_loop::{Ended, PowerUp, Terms};
 use anyhow::Context;
+use clap::{Args, ValueEnum};
+use rins_selfcal::base::units::ARCSEC;
 use rins_selfcal::model::error_model::block;
 use rins_selfcal::run::calibrator::Progress as Segmented;
-use rins_selfcal::run::policy::Decision;
+use rins_selfcal::run::policy::{Decision, PowerUpPolicy};
+use rins_selfcal::run::sequencer::Pace;
 use rins_selfcal::run::state::State;
 use rins_selfcal::run::telemetry::Message;
+use rins_selfcal::verdict::VerdictLimits;
 use std::cell::RefCell;
-use std::path::Path;
-use std::time::Instant;
+use std::path::{Path, PathBuf};
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
+
+#[derive(Debug, Args)]
+pub struct CalibrateArguments {
+    #[command(flatten)]
+    pub scheme: SchemeArguments,
+    #[command(flatten)]
+    pub unit: UnitArguments,
+    #[command(flatten)]
+    pub method: MethodArguments,
+    #[command(flatten)]
+    pub axes: AxisArguments,
+    #[command(flatten)]
+    pub terms: TermsArguments,
+    /// Interface of the IMU; how good it is, --noise says
+    #[arg(long, value_enum, default_value_t)]
+    pub imu: Imu,
+    /// Run the firmware in the emulator, twice: calibrate, then find the stored calibration
+    #[arg(long)]
+    pub firmware: bool,
+    /// Content of the firmware's EEPROM, kept from run to run [default: blank]
+    #[arg(long, value_name = "FILE", requires = "firmware")]
+    pub eeprom: Option<PathBuf>,
+    /// Run the firmware in real time until interrupted, its serial line at this Unix socket, for `rins monitor --port SOCKET`
+    #[arg(long, value_name = "SOCKET", requires = "firmware")]
+    pub serial: Option<PathBuf>,
+    /// Write the result
+    #[arg(long, value_name = "OUT.json")]
+    pub json: Option<PathBuf>,
+    /// Write the report
+    #[arg(long, value_name = "OUT.html", default_value = "rins-report.html")]
+    pub report: PathBuf,
+    /// Compare with the result of another calibration, in the report
+    #[arg(long, value_name = "CAL.json")]
+    pub previous: Option<PathBuf>,
+}
+
+/// When a run begins and ends, and what it must reach.
+#[derive(Debug, Args)]
+pub struct TermsArguments {
+    /// When a calibration begins at power-up
+    #[arg(long, value_enum, default_value_t)]
+    policy: PolicyArgument,
+    /// With --policy when-due: greatest age of the stored calibration, h [default: any]
+    #[arg(long, value_name = "H", value_parser = positive)]
+    longest_age: Option<f64>,
+    /// With --policy when-due: greatest difference of temperature to the stored calibration, K [default: any]
+    #[arg(long, value_name = "K", value_parser = positive)]
+    temperature_change: Option<f64>,
+    /// Required sigma of the 12 installation errors, arcsec [default: none]
+    #[arg(long, value_name = "ARCSEC", value_parser = positive)]
+    required_sigma: Option<f64>,
+    /// End the run as soon as the required sigma is reached and the fit is good
+    #[arg(long, requires = "required_sigma")]
+    early_finish: bool,
+    /// End the run after this time, s, with the stop under way
+    #[arg(long, value_name = "S", value_parser = positive)]
+    longest_run: Option<f64>,
+    /// Stay up to this many times as long at a stop whose noise has as many times the configured variance
+    #[arg(long, value_name = "RATIO", default_value_t = 1.0, value_parser = at_least_one)]
+    noise_margin: f64,
+    #[command(flatten)]
+    unobserved: UnobservedArguments,
+}
+
+/// When a calibration begins at power-up.
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+enum PolicyArgument {
+    /// At every power-up
+    Always,
+    /// When none is stored, or it is too old or of another temperature
+    #[default]
+    WhenDue,
+    /// On command only
+    OnCommand,
+    /// Never
+    Never,
+}
+
+impl TermsArguments {
+    pub fn terms(&self) -> Terms {
+        let limits = VerdictLimits::default();
+        Terms {
+            policy: match self.policy {
+                PolicyArgument::Always => PowerUpPolicy::Always,
+                PolicyArgument::OnCommand => PowerUpPolicy::OnCommand,
+                PolicyArgument::Never => PowerUpPolicy::Never,
+                PolicyArgument::WhenDue => PowerUpPolicy::WhenDue {
+                    age_s: self.longest_age.map(|hours| (hours * 3600.0) as u64),
+                    temperature_k: self.temperature_change.map(|change| change as f32),
+                },
+            },
+            utc_s: SystemTime::now().duration_since(UNIX_EPOCH).ok().map(|since| since.as_secs()),
+            pace: Pace { early_finish: self.early_finish, longest_s: self.longest_run, ..Pace::default() },
+            limits: self.required_sigma.map_or(limits, |sigma| limits.requiring(sigma * ARCSEC)),
+            noise_margin: self.noise_margin,
+            refuse_unobserved: !self.unobserved.run_unobserved,
+            ..Terms::default()
+        }
+    }
+}
 
 pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
     let [errors, noise, config] = arguments.unit.inputs();

@@ -1,12 +1,23 @@
 //! `rins compare`
 
-use super::Ending;
-use super::arguments::CompareArguments;
+use super::ending::Ending;
 use super::output::{say, sayln};
 use crate::base::quantity::{fixed, rounded, significant};
 use crate::result::comparison::Comparison;
 use crate::result::saved::Saved;
 use crate::result::table::by_parameter;
+use clap::Args;
+use std::path::PathBuf;
+
+#[derive(Debug, Args)]
+pub struct CompareArguments {
+    /// The first result
+    #[arg(value_name = "A.json")]
+    pub first: PathBuf,
+    /// The second result
+    #[arg(value_name = "B.json")]
+    pub second: PathBuf,
+}
 
 pub fn run(arguments: &CompareArguments) -> anyhow::Result<Ending> {
     let (first, second) = (Saved::read(&arguments.first)?, Saved::read(&arguments.second)?);

@@ -1,7 +1,8 @@
 //! `rins history`
 
+use super::ending::Ending;
+use super::files;
 use super::output::{say, sayln};
-use super::{Ending, files};
 use crate::files::json_file::write_json;
 use crate::monitor::history::{History, MemoryKind};
 use clap::{Args, ValueEnum};

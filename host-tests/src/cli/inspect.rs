@@ -1,7 +1,6 @@
 //! `rins inspect`
 
-use super::Ending;
-use super::arguments::InspectArguments;
+use super::ending::Ending;
 use super::output::{say, sayln};
 use super::{files, progress};
 use crate::base::quantity::{fixed, significant, states};
@@ -10,12 +9,38 @@ use crate::files::scheme_file::write_scheme;
 use crate::files::unit_file::{Noise, UnitConfig};
 use crate::inspect::{Inspection, Request, Sampling, SegmentSeen};
 use crate::log::Mapping;
-use crate::plan::prediction::SampleAndStatus;
+use crate::plan::prediction::Observed;
 use crate::result::table;
 use anyhow::{Context, bail};
+use clap::Args;
 use rins_selfcal::base::units::{DEG_H, DEG_SQRT_H, MICRO_G};
 use rins_selfcal::segment::SegmentKind;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+#[derive(Debug, Args)]
+pub struct InspectArguments {
+    /// The log, of any columns and units: CSV, Parquet or a raw matrix; all but Parquet also compressed with gzip
+    #[arg(value_name = "LOG")]
+    pub log: PathBuf,
+    /// What the log has in which columns and units [default: as it shows]
+    #[arg(long, value_name = "MAP.toml")]
+    pub mapping: Option<PathBuf>,
+    /// Site of the unit, and noise where none is seen [default: Bai's site, noise "navigation"]
+    #[arg(long, value_name = "UNIT.toml")]
+    pub config: Option<PathBuf>,
+    /// Write the mapping that is proposed
+    #[arg(long, value_name = "MAP.toml", conflicts_with = "mapping")]
+    pub write_mapping: Option<PathBuf>,
+    /// Write the unit description, with the noise that is seen
+    #[arg(long, value_name = "UNIT.toml")]
+    pub write_config: Option<PathBuf>,
+    /// Write the scheme that the log follows
+    #[arg(long, value_name = "SCHEME.toml")]
+    pub write_scheme: Option<PathBuf>,
+    /// Write all that is seen
+    #[arg(long, value_name = "OUT.json")]
+    pub json: Option<PathBuf>,
+}
 
 pub fn run(arguments: &InspectArguments) -> anyhow::Result<Ending> {
     let inputs = [
@@ -215,7 +240,7 @@ fn toml_of(noise: &Noise) -> String {
     toml.lines().map(|line| format!("    {line}\n")).collect()
 }
 
-fn observable(observed: &SampleAndStatus) -> String {
+fn observable(observed: &Observed) -> String {
     let hidden = if observed.unobserved.is_empty() {
         String::new()
     } else {

@@ -1,19 +1,25 @@
 //! `rins completions` and `rins man`: made of the command line itself.
 
-use super::Ending;
-use super::arguments::{Arguments, CompletionsArguments};
+use super::ending::Ending;
 use super::output::must_sayln;
-use clap::CommandFactory;
+use clap::Args;
 
-pub fn completions(arguments: &CompletionsArguments) -> anyhow::Result<Ending> {
+#[derive(Debug, Args)]
+pub struct CompletionsArguments {
+    /// The shell
+    #[arg(value_enum)]
+    pub shell: clap_complete::Shell,
+}
+
+/// Of the command line.
+pub fn completions(arguments: &CompletionsArguments, mut command_line: clap::Command) -> anyhow::Result<Ending> {
     let mut text = Vec::new();
-    clap_complete::generate(arguments.shell, &mut Arguments::command(), "rins", &mut text);
+    clap_complete::generate(arguments.shell, &mut command_line, "rins", &mut text);
     print(&text)
 }
 
 /// All commands on one page.
-pub fn page() -> anyhow::Result<Ending> {
-    let mut root = Arguments::command();
+pub fn page(mut root: clap::Command) -> anyhow::Result<Ending> {
     root.build();
     let mut text = Vec::new();
     clap_mangen::Man::new(root.clone()).render(&mut text)?;

@@ -3,7 +3,9 @@
 mod apply;
 mod arguments;
 mod calibrate;
+mod command_line;
 mod compare;
+mod ending;
 mod files;
 mod history;
 mod inspect;
@@ -19,4 +21,4 @@ mod replay;
 mod replicate;
 mod simulate;
 
-pub use program::*;
+pub use program::main;

@@ -1,11 +1,12 @@
 //! `rins monitor`
 
+use super::ending::Ending;
 use super::output::{is_quiet, must_sayln};
-use super::{Ending, files, history};
+use super::{files, history};
 use crate::files::json_file::write_json;
 use crate::files::toml_file::TomlFile;
 use crate::monitor::history::History;
-use crate::monitor::{Client, Event, View, lines, open};
+use crate::monitor::{Client, Event, Recorder, View, lines, open};
 use crate::result::report::StoredReport;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
@@ -32,7 +33,7 @@ pub struct MonitorArguments {
     #[arg(long, value_name = "PORT")]
     port: String,
     /// Speed of a serial device
-    #[arg(long, value_name = "BAUD", default_value_t = 115_200)]
+    #[arg(long, value_name = "BAUD", default_value_t = 921_600)]
     baud: u32,
     /// How long an answer may take, s: an instrument may be erasing a sector of its flash, for 4 s
     #[arg(long, value_name = "S", default_value_t = 5)]
@@ -55,6 +56,12 @@ pub struct MonitorArguments {
     /// Erase the stored calibrations
     #[arg(long, requires = "unlock")]
     erase: bool,
+    /// Record every corrected sample, until q, Ctrl-C or the end of the line
+    #[arg(long, value_name = "OUT.csv", conflicts_with_all = ["abort", "read", "configure", "erase"])]
+    record: Option<PathBuf>,
+    /// Stop recording after this time, s
+    #[arg(long, value_name = "S", requires = "record")]
+    seconds: Option<f64>,
     /// Unlock what `--configure` and `--erase` need
     #[arg(long)]
     unlock: bool,
@@ -77,7 +84,10 @@ enum ReadArgument {
 
 pub fn run(arguments: &MonitorArguments) -> Result<Ending> {
     let json = arguments.json.as_deref();
-    files::check(&[("--configure", arguments.configure.as_deref())], &[("--json", json)])?;
+    files::check(
+        &[("--configure", arguments.configure.as_deref())],
+        &[("--json", json), ("--record", arguments.record.as_deref())],
+    )?;
     let config = arguments.configure.as_deref().map(configured).transpose()?;
     let mut client = Client::new(open(&arguments.port, arguments.baud)?, Duration::from_secs(arguments.wait));
     if let Some(item) = arguments.read {
@@ -260,22 +270,44 @@ fn print_toml(value: &impl Serialize) -> Result<()> {
 
 // ---------------------------------------------------------------------------------------------------------------- live
 
-/// Shows what comes until the user has seen enough, or until the run that was started has ended.
+/// Shows what comes until the user has seen enough, until the run that was started has ended, or until the recording is
+/// complete.
 fn follow(client: &mut Client, arguments: &MonitorArguments) -> Result<Ending> {
-    let mut show = Show::new();
+    let recorder = arguments.record.as_deref().map(Recorder::create).transpose()?;
+    let mut show = Show::new(recorder);
     let answer = client.ask(&Command::Hello, |event| show.event(event))?;
     show.event(&Event::Answer(0, answer));
+    if show.recorder.is_some() {
+        client.ask(&Command::Stream(true), |event| show.event(event))?;
+    }
     if arguments.start {
         client.ask(&Command::Start, |event| show.event(event))?;
         show.started = true;
     }
+    let ending = watch(client, &mut show, arguments);
+    show.end_recording()?;
+    ending
+}
+
+fn watch(client: &mut Client, show: &mut Show, arguments: &MonitorArguments) -> Result<Ending> {
+    let end = arguments.seconds.map(|seconds| Instant::now() + Duration::from_secs_f64(seconds));
     loop {
-        if let Some(event) = client.poll()? {
-            show.event(&event);
+        match client.poll() {
+            Ok(event) => event.iter().for_each(|event| show.event(event)),
+            // The instrument was switched off: the recording is complete.
+            Err(_) if show.recorder.is_some() => return Ok(Ending::Done),
+            Err(error) => return Err(error),
+        }
+        if let Some(error) = show.failed.take() {
+            return Err(error);
         }
         if let Some(accepted) = show.ended() {
             show.picture(client);
             return Ok(if accepted { Ending::Done } else { Ending::NotAccepted });
+        }
+        if end.is_some_and(|end| Instant::now() >= end) {
+            client.ask(&Command::Stream(false), |event| show.event(event))?;
+            return Ok(Ending::Done);
         }
         if !show.obey(client)? {
             return Ok(Ending::Done);
@@ -292,6 +324,10 @@ struct Show {
     started: bool,
     /// What became of the last key.
     note: String,
+    /// Takes the corrected samples.
+    recorder: Option<Recorder>,
+    /// Why the recording failed.
+    failed: Option<anyhow::Error>,
 }
 
 struct Screen {
@@ -302,14 +338,25 @@ struct Screen {
 }
 
 impl Show {
-    fn new() -> Self {
+    fn new(recorder: Option<Recorder>) -> Self {
         let term = Term::stdout();
         let screen = (term.is_term() && !is_quiet()).then(|| Screen::new(term));
-        Self { view: View::default(), screen, quiet: is_quiet(), started: false, note: String::new() }
+        Self {
+            view: View::default(),
+            screen,
+            quiet: is_quiet(),
+            started: false,
+            note: String::new(),
+            recorder,
+            failed: None,
+        }
     }
 
     fn event(&mut self, event: &Event) {
         self.view.note(event);
+        if let (Event::Corrected(report), Some(recorder)) = (event, &mut self.recorder) {
+            self.failed = recorder.record(report).err();
+        }
         if let Event::Answer(1.., Answer::Refused(refusal)) = event {
             self.note = format!("refused: {refusal}");
         }
@@ -321,7 +368,17 @@ impl Show {
 
     /// How the run that was started has ended.
     fn ended(&self) -> Option<bool> {
-        self.view.ended().filter(|_| self.started)
+        self.view.ended().filter(|_| self.started && self.recorder.is_none())
+    }
+
+    /// Writes the rest of the recording, and says how complete it is.
+    fn end_recording(&mut self) -> Result<()> {
+        if let Some(mut recorder) = self.recorder.take() {
+            recorder.flush()?;
+            let (recorded, missing) = recorder.counts();
+            must_sayln!("{recorded} corrected samples recorded, {missing} missing");
+        }
+        Ok(())
     }
 
     /// Does what keys ask for; whether to go on.

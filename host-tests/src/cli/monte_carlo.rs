@@ -1,30 +1,100 @@
 //! `rins montecarlo`
 
-use super::arguments::{self, MethodsArgument, MonteCarloArguments};
+use super::arguments::axes::AxisArguments;
+use super::arguments::method::OptionArguments;
+use super::arguments::scheme::{SchemeArguments, UnobservedArguments};
+use super::arguments::unit::{self, rate, rate_hz, unit_config, unit_inputs};
+use super::ending::Ending;
 use super::output::{say, sayln};
-use super::{Ending, files, progress};
+use super::{files, progress};
 use crate::base::bai::TABLE_1_ERRORS;
 use crate::base::quantity::{fixed, rounded, significant, states};
-use crate::calibration::method_name;
+use crate::calibration::{Precision, method_name};
 use crate::files::json_file::write_json;
 use crate::result::report::{Named, SOFTWARE, Software};
 use crate::result::table;
 use crate::study::monte_carlo::{CONFIDENCE, FitStatistics, MethodStatistics, MonteCarlo, RunResult};
 use crate::study::statistics::{ErrorStatistics, TOLERANCE};
+use clap::{Args, ValueEnum};
 use rins_selfcal::base::method::Method;
 use rins_selfcal::model::error_model::{PARAMETERS, ParameterInfo};
 use rins_selfcal::scheme::Scheme;
 use serde::Serialize;
 use std::fmt;
+use std::path::PathBuf;
 use std::sync::Mutex;
 use std::time::Instant;
+
+#[derive(Debug, Args)]
+pub struct MonteCarloArguments {
+    /// Number of runs
+    #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u64).range(1..))]
+    pub runs: u64,
+    #[command(flatten)]
+    pub scheme: SchemeArguments,
+    #[command(flatten)]
+    pub axes: AxisArguments,
+    #[command(flatten)]
+    pub unobserved: UnobservedArguments,
+    /// Let the core turn the axes, as at power-up, and repeat disturbed stops [default: play the scheme open loop]
+    #[arg(long)]
+    pub closed_loop: bool,
+    /// Which method, or both on the same data
+    #[arg(long, value_enum, default_value_t)]
+    pub method: MethodsArgument,
+    /// Scalar of the core
+    #[arg(long, value_enum, default_value_t)]
+    pub precision: Precision,
+    #[command(flatten)]
+    pub options: OptionArguments,
+    /// table1, table3, real, random, random:1deg, random:tactical, a file, or what would be in it in one line
+    #[arg(long, value_name = "NAME|FILE", default_value = "random")]
+    pub errors: String,
+    /// bai, navigation, tactical, or a file [default: that of --config, or navigation]
+    #[arg(long, value_name = "NAME|FILE")]
+    pub noise: Option<String>,
+    /// Site, noise and rate of the unit
+    #[arg(long, value_name = "UNIT.toml")]
+    pub config: Option<PathBuf>,
+    /// Sample rate, Hz [default: that of --config, or 200]
+    #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true)]
+    pub rate: Option<f64>,
+    /// Of everything random
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Write the statistics
+    #[arg(long, value_name = "OUT.json")]
+    pub json: Option<PathBuf>,
+}
+
+/// Which methods are compared.
+#[derive(Clone, Copy, Debug, Default, ValueEnum)]
+pub enum MethodsArgument {
+    /// All 28 parameters at once
+    #[default]
+    Joint,
+    /// Bai's twelve
+    TwoStage,
+    /// Both on the same data
+    Both,
+}
+
+impl MethodsArgument {
+    pub fn methods(self) -> Vec<Method> {
+        match self {
+            Self::Joint => vec![Method::Joint],
+            Self::TwoStage => vec![Method::TwoStage],
+            Self::Both => vec![Method::Joint, Method::TwoStage],
+        }
+    }
+}
 
 /// What the column is.
 const BAI_TABLE_1_NOTE: &str = "Bai Table 1: errors of Bai's own simulation as published (Sensors 2019, 19, 4005, Table 1), to compare with RMS error\n";
 
 pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
     let [errors, noise, config] =
-        arguments::unit_inputs(&arguments.errors, arguments.noise.as_deref(), arguments.config.as_deref());
+        unit_inputs(&arguments.errors, arguments.noise.as_deref(), arguments.config.as_deref());
     let inputs = [arguments.scheme.input(), errors, noise, config];
     files::check(&inputs, &[("--json", arguments.json.as_deref())])?;
     let monte_carlo = monte_carlo(arguments)?;
@@ -109,7 +179,7 @@ fn stops(scheme: &Scheme) -> String {
 
 /// What the arguments ask for.
 pub fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo> {
-    let unit = arguments::unit_config(arguments.config.as_ref(), arguments.noise.as_deref(), arguments.rate)?;
+    let unit = unit_config(arguments.config.as_ref(), arguments.noise.as_deref(), arguments.rate)?;
     let longest = if matches!(arguments.method, MethodsArgument::Joint) { Method::Joint } else { Method::TwoStage };
     Ok(MonteCarlo {
         runs: arguments.runs,
@@ -120,8 +190,8 @@ pub fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo
         axes: arguments.axes.axes(),
         refuse_unobserved: !arguments.unobserved.run_unobserved,
         closed_loop: arguments.closed_loop,
-        errors: arguments::errors(&arguments.errors)?,
-        rate_hz: arguments::rate_hz(&unit),
+        errors: unit::errors(&arguments.errors)?,
+        rate_hz: rate_hz(&unit),
         unit,
         seed: arguments.seed,
     })

@@ -1,7 +1,10 @@
 //! `rins observability`
 
-use super::Ending;
-use super::arguments::{ObservabilityArguments, unit_config};
+use super::arguments::axes::AxisArguments;
+use super::arguments::method::MethodArguments;
+use super::arguments::scheme::SchemeArguments;
+use super::arguments::unit::unit_config;
+use super::ending::Ending;
 use super::output::{say, sayln};
 use crate::base::quantity::{significant, states};
 use crate::calibration::Setup;
@@ -11,6 +14,7 @@ use crate::page::plot::write_sigmas;
 use crate::plan::bound::of_scheme;
 use crate::plan::prediction::{Prediction, RankAt, SegmentGain};
 use crate::result::table;
+use clap::Args;
 use rayon::prelude::*;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::model::error_model::INSTALLATION_STATES;
@@ -18,6 +22,32 @@ use rins_selfcal::scheme::Scheme;
 use rins_selfcal::scheme::library::LIBRARY;
 use rins_selfcal::segment::SegmentKind;
 use std::iter;
+use std::path::PathBuf;
+
+#[derive(Debug, Args)]
+pub struct ObservabilityArguments {
+    #[command(flatten)]
+    pub scheme: SchemeArguments,
+    #[command(flatten)]
+    pub axes: AxisArguments,
+    /// Site, noise and rate of the unit [default: Bai's site, noise "navigation", 200 Hz]
+    #[arg(long, value_name = "UNIT.toml")]
+    pub config: Option<PathBuf>,
+    /// bai, navigation, tactical, or a file [default: that of --config]
+    #[arg(long, value_name = "NAME|FILE")]
+    pub noise: Option<String>,
+    #[command(flatten)]
+    pub method: MethodArguments,
+    /// Compare all schemes of the library, by the joint method
+    #[arg(long, conflicts_with_all = ["scheme", "stop", "periods", "method", "limits", "axis_rate", "acceleration"])]
+    pub all: bool,
+    /// Draw the sigmas of Bai's twelve against time
+    #[arg(long, value_name = "OUT.svg", conflicts_with = "all")]
+    pub plot: Option<PathBuf>,
+    /// Write the prediction
+    #[arg(long, value_name = "OUT.json")]
+    pub json: Option<PathBuf>,
+}
 
 /// Parameters named for each segment: those that it brought most.
 const NAMED_GAINS: usize = 3;

@@ -1,23 +1,124 @@
 //! `rins plan`
 
-use super::Ending;
-use super::arguments::{PlanArguments, unit_config};
+use super::arguments::axes::{TravelArgument, pace, travel};
+use super::arguments::method::OptionArguments;
+use super::arguments::scheme::seconds;
+use super::arguments::unit::{rate_hz, unit_config};
+use super::arguments::value::number_in;
+use super::ending::Ending;
 use super::observability::sigmas;
 use super::output::{say, sayln};
 use super::{files, progress};
 use crate::base::quantity::{HEADING, significant};
+use crate::calibration::{Precision, Setup};
 use crate::files::json_file::write_json;
 use crate::files::scheme_file::write_scheme;
-use crate::plan::objective::Criterion;
+use crate::files::unit_file::UnitConfig;
+use crate::plan::objective::{Criterion, Objective};
 use crate::plan::prediction::Prediction;
 use crate::plan::{PlanRequest, Planned, plan};
 use crate::result::table;
 use anyhow::ensure;
+use clap::Args;
+use rins_selfcal::base::method::Method;
 use rins_selfcal::base::units::DEG;
 use rins_selfcal::model::error_model::PARAMETER_INFO;
 use rins_selfcal::scheme::Scheme;
-use std::path::Path;
+use rins_selfcal::scheme::Turning;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+
+#[derive(Debug, Args)]
+pub struct PlanArguments {
+    /// Time for all of it, first stop, ramps and settling included, s
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
+    time: f64,
+    /// Scheme to write
+    #[arg(long, value_name = "SCHEME.toml")]
+    pub out: PathBuf,
+    /// Name of the scheme [default: the file's]
+    #[arg(long)]
+    pub name: Option<String>,
+    /// Travel of the outer and the inner axis, deg, or none [default: none, two turns either way]
+    #[arg(long, value_name = "LOW..HIGH,LOW..HIGH", value_parser = travel, allow_hyphen_values = true)]
+    limits: Option<TravelArgument>,
+    /// Rate of a turning axis, deg/s
+    #[arg(long, value_name = "DEG_S", default_value_t = 20.0, value_parser = pace, allow_negative_numbers = true)]
+    axis_rate: f64,
+    /// Its acceleration, deg/s^2
+    #[arg(long, value_name = "DEG_S2", default_value_t = 20.0, value_parser = pace, allow_negative_numbers = true)]
+    acceleration: f64,
+    /// Stop at multiples of this, deg, or at any angle: free
+    #[arg(long, value_name = "DEG|free", default_value = "free", value_parser = angle_step)]
+    angles: AngleStep,
+    /// Time after a move until the accelerometers are good, s; the firmware waits 0.3 s in any case
+    #[arg(long, value_name = "S", default_value_t = 0.3, value_parser = settling, allow_negative_numbers = true)]
+    settling: f64,
+    /// Parameters that matter, by name [default: Bai's twelve]; a factor for each as NAME=FACTOR
+    #[arg(long, value_name = "NAME[=FACTOR],..", value_delimiter = ',', value_parser = weight)]
+    weights: Vec<(String, f64)>,
+    /// What shall be small of their sigmas
+    #[arg(long, value_enum, default_value_t)]
+    criterion: Criterion,
+    #[command(flatten)]
+    options: OptionArguments,
+    /// Site and noise of the unit [default: Bai's site, noise "navigation"]
+    #[arg(long, value_name = "UNIT.toml")]
+    pub config: Option<PathBuf>,
+    /// bai, navigation, tactical, or a file [default: that of --config]
+    #[arg(long, value_name = "NAME|FILE")]
+    pub noise: Option<String>,
+    /// How many schemes to look at; the time that planning takes is proportional to it
+    #[arg(long, value_name = "N", default_value_t = 1_500_000, value_parser = clap::value_parser!(u64).range(100..))]
+    evaluations: u64,
+    /// Of everything random
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Write the prediction
+    #[arg(long, value_name = "OUT.json")]
+    pub json: Option<PathBuf>,
+}
+
+impl PlanArguments {
+    pub fn request(&self, unit: &UnitConfig) -> anyhow::Result<PlanRequest> {
+        let options = self.options.options();
+        let setup = Setup { options, ..Setup::new(unit, rate_hz(unit), Method::Joint, Precision::F64) };
+        let objective = if self.weights.is_empty() {
+            Objective::installation(self.criterion)
+        } else {
+            Objective::weighted(self.criterion, &self.weights, &options).map_err(anyhow::Error::msg)?
+        };
+        Ok(PlanRequest {
+            setup,
+            time_s: self.time,
+            turning: Turning { rate_rad_s: self.axis_rate * DEG, acceleration_rad_s2: self.acceleration * DEG },
+            settling_s: self.settling,
+            travel: self.limits.and_then(|limits| limits.0).unwrap_or_default(),
+            angle_step_rad: self.angles.0,
+            objective,
+            evaluations: self.evaluations,
+            seed: self.seed,
+        })
+    }
+}
+
+/// Step of the stops' angles, rad, or free.
+#[derive(Clone, Copy, Debug)]
+struct AngleStep(Option<f64>);
+
+fn angle_step(text: &str) -> Result<AngleStep, String> {
+    if text == "free" { Ok(AngleStep(None)) } else { Ok(AngleStep(Some(number_in(text, 0.01, 180.0)? * DEG))) }
+}
+
+fn weight(text: &str) -> Result<(String, f64), String> {
+    let (name, factor) = text.split_once('=').unwrap_or((text, "1"));
+    let factor = factor.parse().map_err(|_| format!("{name}: the weight is not a number"))?;
+    Ok((name.into(), factor))
+}
+
+fn settling(text: &str) -> Result<f64, String> {
+    number_in(text, 0.0, 60.0)
+}
 
 pub fn run(arguments: &PlanArguments) -> anyhow::Result<Ending> {
     let inputs = [("--config", arguments.config.as_deref()), ("--noise", arguments.noise.as_deref().map(Path::new))];

@@ -1,23 +1,15 @@
 //! Which command runs, and how the program ends.
 
-use super::arguments::{Arguments, Command};
+use super::command_line::{Arguments, Command};
+use super::ending::Ending;
 use super::output::say;
 use super::{
     apply, calibrate, compare, history, inspect, manual, monitor, monte_carlo, observability, output, plan, replay,
     replicate, simulate,
 };
-use clap::Parser;
 use clap::error::ErrorKind;
+use clap::{CommandFactory, Parser};
 use std::process::ExitCode;
-
-/// How a command ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ending {
-    /// Done, or the calibration is accepted: status 0.
-    Done,
-    /// The calibration is not accepted, or two results differ: status 2.
-    NotAccepted,
-}
 
 /// Runs the program with the arguments of this process.
 pub fn main() -> ExitCode {
@@ -49,8 +41,8 @@ fn run(arguments: Arguments) -> anyhow::Result<Ending> {
         Command::Replicate(arguments) => replicate::run(&arguments),
         Command::Monitor(arguments) => monitor::run(&arguments),
         Command::History(arguments) => history::run(&arguments),
-        Command::Completions(arguments) => manual::completions(&arguments),
-        Command::Man => manual::page(),
+        Command::Completions(arguments) => manual::completions(&arguments, Arguments::command()),
+        Command::Man => manual::page(Arguments::command()),
     }
 }
 

@@ -1,7 +1,7 @@
 //! `rins replay`
 
-use super::Ending;
-use super::arguments::ReplayArguments;
+use super::arguments::method::MethodArguments;
+use super::ending::Ending;
 use super::output::{is_quiet, must_sayln, note, say, sayln};
 use super::{files, progress};
 use crate::base::quantity;
@@ -16,13 +16,44 @@ use crate::result::saved::Saved;
 use crate::result::signals::Signals;
 use crate::result::table;
 use anyhow::Context;
+use clap::Args;
 use rins_selfcal::model::error_model::PARAMETER_INFO;
 use rins_selfcal::run::calibrator::Progress;
 use rins_selfcal::segment::SegmentKind;
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+#[derive(Debug, Args)]
+pub struct ReplayArguments {
+    /// The log: CSV, Parquet or a raw matrix; all but Parquet also compressed with gzip
+    #[arg(value_name = "LOG")]
+    pub log: PathBuf,
+    /// What the log has in which columns and units [default: the standard ones]
+    #[arg(long, value_name = "MAP.toml")]
+    pub mapping: Option<PathBuf>,
+    /// Site, noise and more of the unit [default: Bai's site, noise "navigation"]
+    #[arg(long, value_name = "UNIT.toml")]
+    pub config: Option<PathBuf>,
+    #[command(flatten)]
+    pub method: MethodArguments,
+    /// Write the result
+    #[arg(long, value_name = "OUT.json")]
+    pub json: Option<PathBuf>,
+    /// Write the report
+    #[arg(long, value_name = "OUT.html")]
+    pub report: Option<PathBuf>,
+    /// Compare with the result of another calibration, in the report
+    #[arg(long, value_name = "CAL.json", requires = "report")]
+    pub previous: Option<PathBuf>,
+    /// Compare with the true parameters
+    #[arg(long, value_name = "TRUTH.json")]
+    pub truth: Option<PathBuf>,
+    /// Write the live estimate after every segment
+    #[arg(long, value_name = "OUT.csv")]
+    pub csv_estimates: Option<PathBuf>,
+}
 
 pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
     let inputs = [

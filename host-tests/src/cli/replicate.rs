@@ -1,10 +1,14 @@
 //! `rins replicate`: runs what the paper ran, each study as the command that gives it alone.
 
-use super::arguments::{Arguments, Command, ReplicateArguments};
-use super::monte_carlo::{self, Report};
+use super::arguments::scheme::seconds;
+use super::ending::Ending;
+use super::files;
+use super::monte_carlo::{self, MonteCarloArguments, Report};
+use super::observability::{self, ObservabilityArguments};
 use super::output::{say, sayln};
 use super::progress::{self, Progress};
-use super::{Ending, files};
+use super::replay::ReplayArguments;
+use super::simulate::SimulateArguments;
 use crate::base::bai::{TABLE_1_ERRORS, TABLE_3_DIFFERENCES, Twelve};
 use crate::base::quantity::significant;
 use crate::calibration::Setup;
@@ -16,13 +20,33 @@ use crate::result::table;
 use crate::study::monte_carlo::MonteCarlo;
 use crate::study::replication::{Foresight, Replication, Series, Study};
 use anyhow::{Context, bail};
-use clap::Parser;
+use clap::{Args, FromArgMatches};
 use rayon::prelude::*;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::model::error_model::{INSTALLATION_STATES, PARAMETER_INFO};
 use rins_selfcal::run::calibrator::Progress as Segmented;
 use serde::Serialize;
+use std::path::PathBuf;
 use std::time::Instant;
+
+#[derive(Debug, Args)]
+pub struct ReplicateArguments {
+    /// Page to write
+    #[arg(long, value_name = "OUT.html", default_value = "rins-replication.html")]
+    pub report: PathBuf,
+    /// Write the numbers
+    #[arg(long, value_name = "OUT.json")]
+    pub json: Option<PathBuf>,
+    /// Runs of each unit; of each effect alone at most 4
+    #[arg(long, value_name = "N", default_value_t = 40, value_parser = clap::value_parser!(u64).range(2..))]
+    pub runs: u64,
+    /// Time of every stop, s, 200 in the paper
+    #[arg(long, value_name = "S", default_value_t = 200.0, value_parser = seconds, allow_negative_numbers = true)]
+    pub stop: f64,
+    /// Of everything random
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+}
 
 /// Runs of each effect alone: their mean shows it from the noise.
 const IGNORED_RUNS: u64 = 4;
@@ -126,7 +150,7 @@ struct Planned {
     name: &'static str,
     title: &'static str,
     command: String,
-    arguments: super::arguments::MonteCarloArguments,
+    arguments: MonteCarloArguments,
     monte_carlo: MonteCarlo,
 }
 
@@ -138,7 +162,7 @@ fn studies(arguments: &ReplicateArguments) -> anyhow::Result<Vec<Planned>> {
         words.extend(motion.iter().map(String::as_str));
         words.extend(["--errors", errors, "--noise", "bai", "--seed", &seed]);
         words.extend(effects.split_whitespace());
-        let Command::Montecarlo(parsed) = parsed(&words)? else { bail!("no Monte Carlo: {words:?}") };
+        let parsed: MonteCarloArguments = parsed(&words)?;
         let monte_carlo = monte_carlo::monte_carlo(&parsed)?;
         Ok(Planned { name, title, command: command_line(&words), arguments: parsed, monte_carlo })
     };
@@ -155,9 +179,10 @@ fn motion(arguments: &ReplicateArguments) -> Vec<String> {
     ["--stop", &arguments.stop.to_string(), "--periods", "2"].map(String::from).to_vec()
 }
 
-fn parsed(words: &[&str]) -> anyhow::Result<Command> {
-    let parsed = Arguments::try_parse_from(std::iter::once(&"rins").chain(words));
-    parsed.with_context(|| words.join(" "))?.command.context("no command")
+/// Arguments of a command, its name first.
+fn parsed<A: Args + FromArgMatches>(words: &[&str]) -> anyhow::Result<A> {
+    let matches = A::augment_args(clap::Command::new("rins")).try_get_matches_from(words);
+    A::from_arg_matches(&matches.with_context(|| words.join(" "))?).with_context(|| words.join(" "))
 }
 
 /// As a shell takes it.
@@ -212,14 +237,14 @@ fn series_commands(arguments: &ReplicateArguments, errors: &str) -> anyhow::Resu
         ["--errors", errors, "--noise", "bai", "--seed", &seed, "--out", "log.csv", "--write-config", "unit.toml"];
     let simulate = [&["simulate", "--scheme", "bai"][..], &motion, &unit].concat();
     let replay = ["replay", "log.csv", "--config", "unit.toml", "--method", "two-stage", "--report", "report.html"];
-    let checked = |words: &[&str]| parsed(words).map(|_| command_line(words));
-    Ok([checked(&simulate)?, checked(&replay)?])
+    let _: (SimulateArguments, ReplayArguments) = (parsed(&simulate)?, parsed(&replay)?);
+    Ok([command_line(&simulate), command_line(&replay)])
 }
 
 fn foresight(words: &[&str]) -> anyhow::Result<Foresight> {
     let words = [&["observability"], words, &["--noise", "bai"]].concat();
-    let Command::Observability(arguments) = parsed(&words)? else { bail!("no prediction: {words:?}") };
-    let (setup, scheme): (Setup, _) = super::observability::inputs(&arguments)?;
+    let arguments: ObservabilityArguments = parsed(&words)?;
+    let (setup, scheme): (Setup, _) = observability::inputs(&arguments)?;
     Ok(Foresight { prediction: Prediction::new(&setup, &scheme), command: command_line(&words) })
 }
 

@@ -1,7 +1,9 @@
 //! `rins simulate`
 
-use super::Ending;
-use super::arguments::SimulateArguments;
+use super::arguments::axes::AxisArguments;
+use super::arguments::scheme::SchemeArguments;
+use super::arguments::unit::UnitArguments;
+use super::ending::Ending;
 use super::output::sayln;
 use super::{files, progress};
 use crate::calibration::refusal::check_axes;
@@ -10,8 +12,28 @@ use crate::files::truth::Truth;
 use crate::files::unit_file::UnitConfig;
 use crate::log::LogWriter;
 use anyhow::Context;
+use clap::Args;
 use rins_selfcal::base::method::Method;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+
+#[derive(Debug, Args)]
+pub struct SimulateArguments {
+    /// Log to write, compressed if its name ends in .gz
+    #[arg(long, value_name = "LOG.csv")]
+    pub out: PathBuf,
+    /// Write the true parameters
+    #[arg(long, value_name = "TRUTH.json")]
+    pub truth: Option<PathBuf>,
+    /// Write the unit description that `replay --config` takes
+    #[arg(long, value_name = "UNIT.toml")]
+    pub write_config: Option<PathBuf>,
+    #[command(flatten)]
+    pub scheme: SchemeArguments,
+    #[command(flatten)]
+    pub axes: AxisArguments,
+    #[command(flatten)]
+    pub unit: UnitArguments,
+}
 
 /// Samples between two looks at the bar.
 const TICK: u64 = 10_000;

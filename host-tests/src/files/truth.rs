@@ -1,7 +1,6 @@
 //! The true parameters of an instrument by name and in report units, and the file that carries them, TRUTH.json.
 
-use super::json_file::write_json;
-use super::json_file::{self, JsonFileError};
+use super::json_file::{self, JsonFileError, write_json};
 use crate::base::quantity::parameter;
 use rins_selfcal::base::linear::Vector;
 use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS};

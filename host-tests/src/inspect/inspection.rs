@@ -11,13 +11,12 @@ use crate::base::quantity::significant;
 use crate::calibration::{Precision, Setup, covariance};
 use crate::files::unit_file::{Noise, UnitConfig};
 use crate::log::{Layout, LogError, LogReader, Mapping, Moment};
-use crate::plan::prediction::SampleAndStatus;
+use crate::plan::prediction::Observed;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::units::DEG;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::{Segment, SegmentKind};
-use rins_selfcal::verdict::Reason;
-use rins_selfcal::verdict::wiring;
+use rins_selfcal::verdict::{Reason, wiring};
 use serde::Serialize;
 use std::path::Path;
 
@@ -89,7 +88,7 @@ pub struct Inspection {
     #[serde(skip)]
     pub scheme: Option<Scheme>,
     /// What is observable from the log; none without stops and moves.
-    pub observed: Option<SampleAndStatus>,
+    pub observed: Option<Observed>,
     /// What should be looked at.
     pub remarks: Vec<String>,
     /// Why it was not read to its end.
@@ -195,7 +194,7 @@ impl Request<'_> {
         let noise = encoders.map_or(seen, |found| seen_or_configured(&found, seen));
         let observed = moves.then(|| {
             let setup = setup(noise);
-            SampleAndStatus::new(&setup, &covariance(&*noise::estimator(&setup, &whole)))
+            Observed::new(&setup, &covariance(&*noise::estimator(&setup, &whole)))
         });
         let stops = turned::stops(&passage.segments);
         let mut found = Inspection {

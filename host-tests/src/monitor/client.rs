@@ -3,7 +3,7 @@
 use super::port::Port;
 use anyhow::{Context, Result, bail};
 use rins_selfcal::link::{
-    Answer, Command, Damage, Decoder, Dropped, MAX_FRAME_BYTES, PROTOCOL_VERSION, UNLOCK_WORD, encode,
+    Answer, Command, CorrectedReport, Damage, Decoder, Dropped, MAX_FRAME_BYTES, PROTOCOL_VERSION, UNLOCK_WORD, encode,
 };
 use rins_selfcal::run::telemetry::Message;
 use std::collections::VecDeque;
@@ -23,6 +23,8 @@ pub enum Event {
     Message(Message),
     /// An answer, and the number of its command; 0 if nobody asked.
     Answer(u16, Answer),
+    /// A corrected sample.
+    Corrected(CorrectedReport),
 }
 
 /// The host's end of the line.
@@ -106,6 +108,8 @@ impl Client {
         } else if let Some(message) = frame.read() {
             self.count(number);
             self.events.push_back(Event::Message(message));
+        } else if let Some(report) = frame.read() {
+            self.events.push_back(Event::Corrected(report));
         } else {
             self.unread += 1;
         }

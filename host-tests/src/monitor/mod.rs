@@ -3,8 +3,10 @@
 mod client;
 pub mod history;
 mod port;
+mod recorder;
 mod view;
 
 pub use client::{Client, Event};
 pub use port::open;
+pub use recorder::Recorder;
 pub use view::{View, lines};

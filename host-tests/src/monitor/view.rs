@@ -46,7 +46,7 @@ impl View {
             Event::Answer(_, Answer::Hello(hello)) => self.hello = Some(hello.clone()),
             Event::Answer(_, Answer::Status(status)) => self.note_status(status),
             Event::Answer(_, Answer::Estimate { segments, estimate }) => self.estimate = Some((*segments, *estimate)),
-            Event::Answer(..) => {}
+            Event::Answer(..) | Event::Corrected(_) => {}
             Event::Message(message) => self.note_message(message),
         }
     }
@@ -262,7 +262,7 @@ fn warning(message: &Message) -> Option<String> {
 pub fn lines(event: &Event) -> Vec<String> {
     let message = match event {
         Event::Answer(0, Answer::Hello(hello)) => return vec![named(hello)],
-        Event::Answer(..) => return Vec::new(),
+        Event::Answer(..) | Event::Corrected(_) => return Vec::new(),
         Event::Message(message) => message,
     };
     let line = match message {

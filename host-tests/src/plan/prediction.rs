@@ -110,7 +110,7 @@ pub struct Prediction {
 
 /// What is observed, and how well.
 #[derive(Clone, Debug, Serialize)]
-pub struct SampleAndStatus {
+pub struct Observed {
     /// Directions of the space of the states that the data determine.
     pub rank: usize,
     /// States that are estimated.
@@ -127,7 +127,7 @@ pub struct SampleAndStatus {
     pub parameters: Named<PredictedSigma>,
 }
 
-impl SampleAndStatus {
+impl Observed {
     /// By the covariance of all states, SI.
     pub fn new(setup: &Setup, covariance: &Matrix<f64, STATES, STATES>) -> Self {
         let prior_sigmas = estimated_priors(setup);
@@ -153,7 +153,7 @@ impl Prediction {
     pub fn new(setup: &Setup, scheme: &Scheme) -> Self {
         let (run, prior_sigmas) = (silent_run(setup, scheme), estimated_priors(setup));
         let foreseen = Foreseen::new(setup, &run);
-        let observed = SampleAndStatus::new(setup, &foreseen.covariance);
+        let observed = Observed::new(setup, &foreseen.covariance);
         let covariance = estimated_only(&foreseen.covariance, &prior_sigmas);
         let segments = gains(&prior_sigmas, &foreseen.live);
         let below = |gain: &&SegmentGain| gain.worst_arcsec() <= 1.0;

@@ -1,7 +1,6 @@
 //! What the IMU and the encoders showed during a run, thinned out for a plot.
 
-use crate::virtual_unit::plant::Output;
-use crate::virtual_unit::plant::{Plant, Reading, Tick};
+use crate::virtual_unit::plant::{Output, Plant, Reading, Tick};
 use rins_selfcal::base::angle::{Angle, ticks_to_rad};
 use std::cell::RefCell;
 use std::rc::Rc;

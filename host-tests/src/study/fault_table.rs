@@ -5,8 +5,7 @@ use crate::bench::power_up::{Memory, Switched, in_process, self_calibrate, share
 use crate::bench::{Chip, SharedBench, Trouble};
 use crate::virtual_unit::drive::move_durations_s;
 use crate::virtual_unit::driven::DrivenRins;
-use crate::virtual_unit::plant::Output;
-use crate::virtual_unit::plant::{Plant, Tick};
+use crate::virtual_unit::plant::{Output, Plant, Tick};
 use crate::virtual_unit::presets;
 use crate::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::method::Method;

@@ -3,9 +3,8 @@
 use super::closed_loop::{Ended, PowerUp, Terms};
 use super::statistics::{ErrorAndSigma, ErrorStatistics, chi_square_mean_bounds};
 use crate::base::quantity::{self, STATES};
-use crate::calibration::refusal;
 use crate::calibration::virtual_run::{Stream, VirtualRun, derived_seed};
-use crate::calibration::{Outcome, Precision, Setup, is_estimated};
+use crate::calibration::{Outcome, Precision, Setup, is_estimated, refusal};
 use crate::files::toml_file::TomlFileError;
 use crate::files::unit_file::UnitConfig;
 use crate::plan::prediction::bounds;

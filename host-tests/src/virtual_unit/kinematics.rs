@@ -15,9 +15,9 @@
 
 use super::unit::VirtualUnit;
 use super::vec3::{
-    Mat3, Vec3, add, add_scaled, apply, apply_transposed, cross, frame_rotation, inverse, multiply, scale,
+    Mat3, Vec3, add, add_scaled, apply, apply_transposed, cross, frame_rotation, inverse, multiply, scale, transpose,
+    turn_frame,
 };
-use super::vec3::{transpose, turn_frame};
 use rins_selfcal::base::units::{ARCSEC, DEG_H, MICRO_G};
 
 /// A vector in proportion to time.

@@ -3,7 +3,7 @@
 use crate::board::Board;
 use crate::work::{Span, Work, count};
 use crate::{Scalar, inbox, recorder, watchdog};
-use rins_selfcal::acquisition::queue::SampleAndStatus;
+use rins_selfcal::acquisition::queue::SampleWithGimbal;
 use rins_selfcal::base::angle::Angle;
 use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::sample::{CorrectedSample, SampleStatus};
@@ -41,7 +41,7 @@ impl<B: Board> Surroundings<Scalar> for Devices<'_, B> {
         self.board.now_us()
     }
 
-    fn next_sample(&mut self) -> Option<SampleAndStatus<Scalar>> {
+    fn next_sample(&mut self) -> Option<SampleWithGimbal<Scalar>> {
         let observed = self.board.parts().samples.pop()?;
         watchdog::progress(self.board.now_us());
         (self.span, self.told) = (Some(Span::start()), None);

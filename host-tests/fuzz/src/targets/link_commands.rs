@@ -8,7 +8,7 @@ use crate::target::{Claim, Outcome, Target};
 use host_tests::bench::power_up::Memory;
 use host_tests::calibration::raw_sample;
 use host_tests::virtual_unit::plant::Reading;
-use rins_selfcal::acquisition::queue::SampleAndStatus;
+use rins_selfcal::acquisition::queue::SampleWithGimbal;
 use rins_selfcal::base::angle::Angle;
 use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::restart::Restart;
@@ -139,8 +139,8 @@ impl Surroundings<f64> for Board {
         self.now_us
     }
 
-    fn next_sample(&mut self) -> Option<SampleAndStatus<f64>> {
-        self.sample.take().map(|sample| SampleAndStatus { sample, gimbal: GimbalStatus::default() })
+    fn next_sample(&mut self) -> Option<SampleWithGimbal<f64>> {
+        self.sample.take().map(|sample| SampleWithGimbal { sample, gimbal: GimbalStatus::default() })
     }
 
     fn losses(&mut self) -> LossCounts {

@@ -1,0 +1,7 @@
+//! Arguments that several commands have.
+
+pub mod axes;
+pub mod method;
+pub mod scheme;
+pub mod unit;
+pub mod value;

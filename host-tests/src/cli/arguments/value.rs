@@ -1,0 +1,25 @@
+//! Numbers within their ranges, and values whose option is named when they are wrong.
+
+use crate::files::toml_file::TomlFileError;
+use anyhow::Context;
+
+/// An unknown name, or what is no file, says whose value it is; what is wrong in a file, the file says.
+pub fn of_option<T>(option: &'static str, found: Result<T, TomlFileError>) -> anyhow::Result<T> {
+    match found {
+        Err(error @ (TomlFileError::Name { .. } | TomlFileError::Io { .. })) => Err(error).context(option),
+        found => Ok(found?),
+    }
+}
+
+pub fn positive(text: &str) -> Result<f64, String> {
+    number_in(text, 1e-6, 1e9)
+}
+
+pub fn at_least_one(text: &str) -> Result<f64, String> {
+    number_in(text, 1.0, 1e3)
+}
+
+pub fn number_in(text: &str, low: f64, high: f64) -> Result<f64, String> {
+    let number: f64 = text.parse().map_err(|_| "not a number".to_string())?;
+    if (low..=high).contains(&number) { Ok(number) } else { Err(format!("not between {low} and {high}")) }
+}
