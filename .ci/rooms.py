@@ -54,6 +54,7 @@ def paths_of(tree):
 class Crate:
     def __init__(self, root, tests=False):
         files = [path for path in sorted(Path(root).rglob("*.rs")) if "bin" not in path.relative_to(root).parts]
+        files = [path for path in files if tests or not self.is_test(path)]
         self.code = {self.module(path.relative_to(root)): code_of(path, tests) for path in files}
         rest = lambda code: re.sub(r"#!?\[[^\]]*\]|\s", "", re.sub(DECLARATION, "", code))
         self.doors = {name for name, code in self.code.items() if not rest(code)}
@@ -62,6 +63,13 @@ class Crate:
         for name in self.code:
             if name not in self.doors:
                 self.find_uses(name)
+
+    @staticmethod
+    def is_test(path):
+        """Whether the door of the file's folder declares the file for tests only."""
+        door = path.with_name("mod.rs")
+        declaration = rf"#\[cfg\(test\)\]\s*(?:pub(?:\([^)]*\))?\s+)?mod\s+{path.stem}\s*;"
+        return door.exists() and re.search(declaration, door.read_text()) is not None
 
     @staticmethod
     def module(path):
