@@ -1,6 +1,6 @@
 //! The core on a Cortex-M7 with cortex-m-rt and drivers of your own: two interrupts and a main loop.
 //!
-//! `cargo build --release --example cortex_m_rt --features stm32h743 --target thumbv7em-none-eabihf`
+//! `cargo build --profile firmware --example cortex_m_rt --features stm32h743 --target thumbv7em-none-eabihf`
 #![no_std]
 #![no_main]
 

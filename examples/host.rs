@@ -8,7 +8,8 @@ use host_tests::log::LogReader;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::estimator::Estimate;
 use rins_selfcal::model::error_model::PARAMETER_INFO;
-use rins_selfcal::run::calibrator::{Calibrator, CalibratorConfig};
+use rins_selfcal::run::calibrator::Calibrator;
+use rins_selfcal::run::config::CalibratorConfig;
 use rins_selfcal::verdict::VerdictLimits;
 
 fn main() -> Result<()> {

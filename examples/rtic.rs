@@ -1,6 +1,6 @@
 //! The core on a Cortex-M7 with RTIC and drivers of your own: tasks share the gimbal by priority, not by locks that wait.
 //!
-//! `cargo build --release --example rtic --features stm32h743 --target thumbv7em-none-eabihf`
+//! `cargo build --profile firmware --example rtic --features stm32h743 --target thumbv7em-none-eabihf`
 #![no_std]
 #![no_main]
 

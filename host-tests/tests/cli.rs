@@ -101,6 +101,7 @@ fn json_says_what_it_is_and_how_to_apply_it() {
     let result = json(&out);
     assert_eq!((&result["verdict"], &result["method"]), (&"accepted".into(), &"joint".into()));
     assert_eq!((&result["segments"], result["reasons"].as_array().map(Vec::len)), (&37.into(), Some(0)));
+    assert_eq!(result["reason_codes"].as_array().map(Vec::len), Some(0));
     for key in ["duration_s", "chi_square", "degrees_of_freedom"] {
         assert!(result[key].is_number(), "{key}");
     }
@@ -162,7 +163,11 @@ fn two_stage_method_is_not_accepted_on_a_unit_with_biases() {
     assert!(stdout.contains("verdict: rejected") && stdout.contains("taken as zero"), "{stdout}");
     let result = json(&out);
     assert_eq!((&result["verdict"], &result["method"]), (&"rejected".into(), &"two-stage".into()));
-    assert!(!result["reasons"].as_array().unwrap().is_empty());
+    let (reasons, codes) = (result["reasons"].as_array().unwrap(), result["reason_codes"].as_array().unwrap());
+    assert!(!reasons.is_empty());
+    for (reason, code) in reasons.iter().zip(codes) {
+        assert!(reason.as_str().unwrap().starts_with(&format!("[{}] ", code.as_str().unwrap())), "{reason} {code}");
+    }
     assert_eq!(result["parameters"].as_object().unwrap().len(), 15);
 }
 
@@ -338,9 +343,19 @@ fn a_configured_rate_that_is_not_that_of_the_stamps_is_noted() {
 fn logs_in_other_units_are_rejected_for_that_alone() {
     let unit = data("sample.toml");
     let in_g = reasons_with("in-g", &unit, |reading| reading.force_a = reading.force_a.map(|force| force / 9.806_65));
-    assert_eq!(in_g, ["accelerometers read 0.102 times gravity at the stops: g in place of m/s^2?"]);
+    assert_eq!(
+        in_g,
+        [
+            "[wrong-scale] the accelerometers measure 0.102 times gravity at the stops; probable cause: g in place of m/s^2"
+        ]
+    );
     let gyros = reasons_with("in-deg-s", &unit, |reading| reading.omega_g = reading.omega_g.map(f64::to_degrees));
-    assert_eq!(gyros, ["gyros turn 57.3 times as far as the encoders: gyros in deg/s in place of rad/s?"]);
+    assert_eq!(
+        gyros,
+        [
+            "[wrong-scale] the gyros turn 57.3 times as far as the encoders; probable cause: gyros in deg/s in place of rad/s"
+        ]
+    );
     let in_degrees = |reading: &mut Reading| {
         (reading.outer_rad, reading.inner_rad) = (reading.outer_rad.to_degrees(), reading.inner_rad.to_degrees());
     };
@@ -357,7 +372,7 @@ fn logs_in_other_units_are_rejected_for_that_alone() {
         reading.omega_g = reading.omega_g.map(f64::to_degrees);
     });
     assert_eq!(all.len(), 1);
-    assert!(all[0].ends_with(" rad/s: gyros and encoders in deg in place of rad?"), "{all:?}");
+    assert!(all[0].ends_with(" rad/s; probable cause: gyros and encoders in deg in place of rad"), "{all:?}");
 }
 
 #[test]
@@ -367,23 +382,26 @@ fn a_wrong_site_or_encoder_is_the_first_reason() {
         let unit = log(&format!("{name}.toml"), &text.replace("latitude_deg = 47.3769", latitude));
         reasons_with(name, &unit, |_| ()).swap_remove(0)
     };
-    for (name, latitude_deg, hemisphere) in [("lat", 46.9, ""), ("south", -47.3769, ": the other hemisphere?")] {
+    for (name, latitude_deg, hemisphere) in
+        [("lat", 46.9, ""), ("south", -47.3769, "; is the site in the other hemisphere?")]
+    {
         let reason = at(name, &format!("latitude_deg = {latitude_deg}"));
-        let felt = reason.strip_prefix("the gyros feel the Earth rate of latitude ").expect(&reason);
+        let felt =
+            reason.strip_prefix("[wrong-latitude] the gyros measure the Earth rate of latitude ").expect(&reason);
         let (felt_deg, rest) = felt.split_once(" +- ").expect(&reason);
         // Its sigma is 0.015 deg. A site that is far off leaves other errors, too, about which all is linear: 0.1 deg.
         assert!((felt_deg.parse::<f64>().unwrap() - 47.3769).abs() < 0.17, "{reason}");
-        assert!(rest.ends_with(&format!("configured is {latitude_deg:.3} deg{hemisphere}")), "{reason}");
+        assert!(rest.ends_with(&format!("but {latitude_deg:.3} deg is configured{hemisphere}")), "{reason}");
     }
     let unit = data("sample.toml");
     let outer = reasons_with("outer-reversed", &unit, |reading| reading.outer_rad = -reading.outer_rad);
-    assert_eq!(outer, ["the sign of the outer encoder is wrong"]);
+    assert_eq!(outer, ["[wiring] the sign of the outer encoder is wrong"]);
     let inner = reasons_with("inner-reversed", &unit, |reading| reading.inner_rad = -reading.inner_rad);
-    assert_eq!(inner, ["the sign of the inner encoder is wrong"]);
+    assert_eq!(inner, ["[wiring] the sign of the inner encoder is wrong"]);
     let swapped = reasons_with("encoders-swapped", &unit, |reading| {
         (reading.outer_rad, reading.inner_rad) = (reading.inner_rad, reading.outer_rad);
     });
-    assert_eq!(swapped, ["the encoders are swapped, or an axis is wired wrongly"]);
+    assert_eq!(swapped, ["[wiring] the two encoders are swapped, or an axis is wired wrongly"]);
 }
 
 #[test]
@@ -392,9 +410,10 @@ fn noise_far_from_the_configured_one_is_one_reason_per_triad() {
     let unit = log("quiet.toml", &text.replace("accel_vrw_ug_sqrt_hz = 10.0", "accel_vrw_ug_sqrt_hz = 2.0"));
     let reasons = reasons_with("quiet", &unit, |_| ());
     // 19 stops of 99 degrees of freedom and 3 channels: known to 1 %.
-    let ratio = reasons[0].strip_prefix("accelerometers: noise is ").and_then(|text| text.split(' ').next());
+    let ratio = reasons[0].strip_prefix("[noise-level] the noise of the accelerometers is ");
+    let ratio = ratio.and_then(|text| text.split(' ').next());
     assert!((4.9..5.1).contains(&ratio.expect("the noise first").parse::<f64>().unwrap()), "{reasons:?}");
-    let of_stops = |reason: &&String| reason.contains("variance") || reason.contains("drift of");
+    let of_stops = |reason: &&String| reason.starts_with("[unrest]") || reason.starts_with("[noise-rise]");
     assert_eq!(reasons.iter().filter(of_stops).count(), 0, "{reasons:?}");
 }
 
@@ -592,8 +611,11 @@ fn a_run_on_command_stands_by_and_one_without_enough_time_says_what_is_missing()
     assert!(stdout.contains("power-up: standing by without a calibration: the policy says so"), "{stdout}");
     let terms = ["--required-sigma", "0.5", "--early-finish", "--longest-run", "150"];
     let stdout = run(2, &[&["calibrate", "--report", &report], &terms[..]].concat());
-    assert!(stdout.contains("arcsec, required 0.500"), "{stdout}");
-    assert!(stdout.contains("the run was cut after leg 7 of 8: its longest time was over"), "{stdout}");
+    assert!(stdout.contains("arcsec, but 0.500 arcsec or less is required"), "{stdout}");
+    assert!(
+        stdout.contains("[cut-short] the run ended after leg 7 of 8, because its longest permitted time was over"),
+        "{stdout}"
+    );
 }
 
 #[test]
@@ -609,21 +631,21 @@ fn a_scheme_is_refused_by_name_leg_and_reason() {
     let cases: [(&[&str], &str); 5] = [
         (
             &["--limits=-180..180,-360..360"],
-            "leg 3 leaves the travel of the outer axis: -270.0 deg, travel -180.0 to 180.0 deg",
+            "[scheme-travel] leg 3 leaves the travel of the outer axis: -270.0 deg, travel -180.0 to 180.0 deg",
         ),
         (
             &["--limits=-360..0,-90..360"],
-            "leg 13 leaves the travel of the inner axis: -180.0 deg, travel -90.0 to 360.0 deg",
+            "[scheme-travel] leg 13 leaves the travel of the inner axis: -180.0 deg, travel -90.0 to 360.0 deg",
         ),
         (
             &["--axis-rate", "15"],
-            "the scheme turns or accelerates faster than the outer axis may: 20.0 deg/s and 20.0 deg/s^2, at most 15.0 and 60.0",
+            "[scheme-fast] the scheme turns or accelerates faster than the limits of the outer axis permit: 20.0 deg/s and 20.0 deg/s^2, at most 15.0 and 60.0",
         ),
         (
             &["--acceleration", "15"],
-            "the scheme turns or accelerates faster than the outer axis may: 20.0 deg/s and 20.0 deg/s^2, at most 60.0 and 15.0",
+            "[scheme-fast] the scheme turns or accelerates faster than the limits of the outer axis permit: 20.0 deg/s and 20.0 deg/s^2, at most 60.0 and 15.0",
         ),
-        (&["--stop", "0.4"], "the first stop is too short to be measured, at least 0.5 s"),
+        (&["--stop", "0.4"], "[scheme-short-stop] the first stop is shorter than the 0.5 s that a measurement needs"),
     ];
     for (limits, reason) in cases {
         for command in commands {
@@ -638,7 +660,10 @@ fn a_scheme_is_refused_by_name_leg_and_reason() {
     );
     for command in [commands[0], commands[3], commands[4]] {
         let message = refused(&[command, &["--scheme", "8-position"]].concat());
-        assert!(message.contains("scheme 8-position is refused: the scheme leaves Sgxz unobserved"), "{message}");
+        assert!(
+            message.contains("scheme 8-position is refused: [scheme-unobserved] the scheme leaves Sgxz unobserved"),
+            "{message}"
+        );
     }
     // Nor is that which hides parameters, where it is asked for; but what they are cannot be accepted.
     let stdout = run(2, &[commands[0], &["--scheme", "8-position", "--run-unobserved"]].concat());

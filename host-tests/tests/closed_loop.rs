@@ -17,7 +17,8 @@ use rins_selfcal::gimbal::{BridgeFault, EncoderFault, Fault, FaultKind, Gimbal, 
 use rins_selfcal::model::error_model::{PARAMETER_INFO, PARAMETERS};
 use rins_selfcal::run::abort::AbortReason;
 use rins_selfcal::run::assignment::Assignment;
-use rins_selfcal::run::calibrator::{Calibrator, CalibratorConfig};
+use rins_selfcal::run::calibrator::Calibrator;
+use rins_selfcal::run::config::CalibratorConfig;
 use rins_selfcal::run::config::SelfCalibrationConfig;
 use rins_selfcal::run::policy::{Cause, Decision, PowerUpPolicy};
 use rins_selfcal::run::result::StoredCalibration;

@@ -19,7 +19,7 @@ use rins_selfcal::drivers::kvh1750::{HEADER, MESSAGE_BYTES};
 use rins_selfcal::estimator::{BASIC_STATES, Estimate};
 use rins_selfcal::model::error_model::{PARAMETER_INFO, PARAMETERS};
 use rins_selfcal::run::assignment::Assignment;
-use rins_selfcal::run::calibrator::CalibratorConfig;
+use rins_selfcal::run::config::CalibratorConfig;
 use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig};
 use rins_selfcal::run::state::State;
 use rins_selfcal::run::telemetry::Message;

@@ -15,7 +15,7 @@ use rins_selfcal::link::{
     UNLOCKED_US, encode,
 };
 use rins_selfcal::run::abort::{Abort, AbortReason};
-use rins_selfcal::run::calibrator::CalibratorConfig;
+use rins_selfcal::run::config::CalibratorConfig;
 use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig};
 use rins_selfcal::run::policy::PowerUpPolicy;
 use rins_selfcal::run::sequencer::Pace;

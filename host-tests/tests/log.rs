@@ -287,11 +287,11 @@ fn wrong_schemes_are_named() {
     let leg = "{ outer_deg = -90, inner_deg = 0, stop_s = 5 }";
     assert_eq!(
         refused("rate.toml", &format!("first_stop_s = 5\nrate_deg_s = 0\nlegs = [{leg}]\n")),
-        "rate.toml:2: rate_deg_s: rate, acceleration and number of periods must be finite and positive"
+        "rate.toml:2: rate_deg_s: [scheme-motion] rate, acceleration and number of periods must be finite and positive"
     );
     assert_eq!(
         refused("still.toml", &format!("first_stop_s = 5\n\nlegs = [{leg}, {leg}]\n")),
-        "still.toml:3: legs: leg 2 has an angle that is not finite, or moves neither axis"
+        "still.toml:3: legs: [scheme-leg] leg 2 has an angle that is not finite, or moves neither axis"
     );
     let many = vec![leg; 49].join(",");
     assert_eq!(

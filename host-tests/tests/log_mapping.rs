@@ -2,9 +2,14 @@
 
 use host_tests::log::{COLUMNS, LogReader, LogWriter, Mapping};
 use host_tests::virtual_unit::plant::Reading;
+use parquet::basic::{BrotliLevel, Compression, ZstdLevel};
+use parquet::file::metadata::{ParquetMetaDataReader, ParquetMetaDataWriter};
+use parquet::file::writer::TrackedWrite;
 use rins_selfcal::base::units::{ARCSEC, DEG, DEG_H};
 use std::f64::consts::{PI, TAU};
 use std::fmt::Write as _;
+use std::fs::File;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 const INTERVAL_S: f64 = 0.005;
@@ -178,6 +183,47 @@ fn parquet_round_trips() {
     assert!(refused(&text, "").starts_with("text.parquet:1: not readable as Parquet: "), "{}", refused(&text, ""));
     let log = scratch("round-true.parquet");
     assert_eq!(refused(&log, "[time]\ncolumn = \"t\"\n"), "round-true.parquet:1: column t is missing");
+}
+
+#[test]
+fn parquet_codecs_that_are_not_built_in_are_named() {
+    let log = scratch("snappy.parquet");
+    let mut writer = LogWriter::create(&log, true).unwrap();
+    readings().iter().for_each(|reading| writer.write(reading).unwrap());
+    writer.finish().unwrap();
+    let codecs =
+        [(Compression::ZSTD(ZstdLevel::default()), "zstd"), (Compression::BROTLI(BrotliLevel::default()), "brotli")];
+    for (codec, name) in codecs {
+        let refusal = format!(
+            "{name}.parquet:1: column gyro_y_rad_s: compressed with {name}, which is not supported; \
+             write the file again with snappy, gzip, lz4 or no compression"
+        );
+        assert_eq!(refused(&relabelled(&log, &format!("{name}.parquet"), "gyro_y_rad_s", codec), ""), refusal);
+        // A column that is not read may have any compression.
+        let other = relabelled(&log, &format!("{name}-time.parquet"), "time_s", codec);
+        assert_eq!(read(&other, "[time]\nrate_hz = 200.0\n").len(), readings().len());
+    }
+}
+
+/// A copy of a Parquet file whose metadata name another compression of a column. The pages stay as they are.
+fn relabelled(log: &Path, name: &str, column: &str, codec: Compression) -> PathBuf {
+    let source = File::open(log).unwrap();
+    let mut metadata = ParquetMetaDataReader::new().parse_and_finish(&source).unwrap().into_builder();
+    for group in metadata.take_row_groups() {
+        let mut group = group.into_builder();
+        for chunk in group.take_columns() {
+            let same = chunk.column_path().string() != column;
+            let chunk = if same { chunk } else { chunk.into_builder().set_compression(codec).build().unwrap() };
+            group = group.add_column_metadata(chunk);
+        }
+        metadata = metadata.add_row_group(group.build().unwrap());
+    }
+    let path = scratch(name);
+    let mut file = TrackedWrite::new(File::create(&path).unwrap());
+    // The footer that is there becomes unused bytes between the pages and the new one.
+    file.write_all(&std::fs::read(log).unwrap()).unwrap();
+    ParquetMetaDataWriter::new_with_tracked(file, &metadata.build()).finish().unwrap();
+    path
 }
 
 /// The line that says what is wrong, without the folder.

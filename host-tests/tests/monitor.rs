@@ -21,9 +21,10 @@ use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::keep::medium::Eeprom;
 use rins_selfcal::keep::store::CalibrationStore;
 use rins_selfcal::link::PROTOCOL_VERSION;
-use rins_selfcal::model::error_model::{Calibration, PARAMETERS};
+use rins_selfcal::model::correction::Calibration;
+use rins_selfcal::model::error_model::PARAMETERS;
 use rins_selfcal::run::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
-use rins_selfcal::run::calibrator::CalibratorConfig;
+use rins_selfcal::run::config::CalibratorConfig;
 use rins_selfcal::run::config::SelfCalibrationConfig;
 use rins_selfcal::run::policy::PowerUpPolicy;
 use rins_selfcal::run::result::{StoredCalibration, StoredVerdict};
@@ -97,8 +98,12 @@ fn commanded_followed_read_and_erased(port: &Path) {
     let erased = monitor(port, &["--unlock", "--erase"]);
     let again = monitor(port, &read);
 
-    assert!(text(&nothing.stderr).contains("there is nothing of the kind"), "{}", text(&nothing.stderr));
-    assert!(text(&abort.stderr).contains("makes no sense"), "{}", text(&abort.stderr));
+    assert!(
+        text(&nothing.stderr).contains("[nothing-there] the instrument has nothing of what was asked for"),
+        "{}",
+        text(&nothing.stderr)
+    );
+    assert!(text(&abort.stderr).contains("[not-now] the command is not allowed while"), "{}", text(&abort.stderr));
     assert!(text(&locked.stderr).contains("--unlock"), "{}", text(&locked.stderr));
     let said = text(&run.stdout);
     assert_eq!(run.status.code(), Some(0), "{said}{}", text(&run.stderr));

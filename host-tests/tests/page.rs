@@ -3,8 +3,7 @@
 use host_tests::base::apt::ensure_installed;
 use host_tests::base::bai;
 use host_tests::base::quantity::{fixed, significant};
-use rins_selfcal::estimator::observability::INSTALLATION_STATES;
-use rins_selfcal::model::error_model::PARAMETER_INFO;
+use rins_selfcal::model::error_model::{INSTALLATION_STATES, PARAMETER_INFO};
 use rins_selfcal::verdict::CHANNEL_NAMES;
 use serde_json::Value;
 use std::path::Path;

@@ -12,7 +12,7 @@ use host_tests::virtual_unit::plant::{Output, Plant, Tick};
 use host_tests::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::run::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
-use rins_selfcal::run::calibrator::CalibratorConfig;
+use rins_selfcal::run::config::CalibratorConfig;
 use rins_selfcal::run::config::SelfCalibrationConfig;
 use rins_selfcal::run::policy::PowerUpPolicy;
 use rins_selfcal::run::result::StoredCalibration;

@@ -16,7 +16,7 @@ use rins_selfcal::base::restart::Task;
 use rins_selfcal::base::restart::{FatalError, Registers};
 use rins_selfcal::base::units::DEG;
 use rins_selfcal::run::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
-use rins_selfcal::run::calibrator::CalibratorConfig;
+use rins_selfcal::run::config::CalibratorConfig;
 use rins_selfcal::run::config::SelfCalibrationConfig;
 use rins_selfcal::run::state::State;
 use rins_selfcal::run::telemetry::Message;

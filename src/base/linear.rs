@@ -115,46 +115,6 @@ pub fn inverse3<T: Real>(m: &Matrix3<T>) -> Matrix3<T> {
     Matrix3::from_columns(&[yz, zx, xy]).transpose() / determinant
 }
 
-/// Singular values in descending order, by one-sided Jacobi rotations (Hestenes 1958). Small singular values are
-/// accurate too.
-pub fn singular_values<T: Real, const N: usize>(m: &Matrix<T, N, N>) -> Vector<T, N> {
-    const SWEEPS: usize = 30;
-    let mut columns = *m;
-    for _ in 0..SWEEPS {
-        let mut rotated = false;
-        for i in 0..N {
-            for j in i + 1..N {
-                rotated |= orthogonalize(&mut columns, i, j);
-            }
-        }
-        if !rotated {
-            break;
-        }
-    }
-    let mut values = Vector::<T, N>::from_fn(|row, _| columns.column(row).norm());
-    values.as_mut_slice().sort_unstable_by(|a, b| b.partial_cmp(a).unwrap_or(core::cmp::Ordering::Equal));
-    values
-}
-
-/// Makes columns `i` and `j` orthogonal by a rotation. Returns `false` if they were orthogonal already.
-fn orthogonalize<T: Real, const N: usize>(columns: &mut Matrix<T, N, N>, i: usize, j: usize) -> bool {
-    let (a, b) = (columns.column(i).norm_squared(), columns.column(j).norm_squared());
-    let c = columns.column(i).dot(&columns.column(j));
-    if c.abs() <= real::<T>(T::EPSILON) * (a * b).sqrt() {
-        return false;
-    }
-    let zeta = (b - a) / (c + c);
-    let tan = zeta.signum() / (zeta.abs() + (T::one() + zeta * zeta).sqrt());
-    let cos = (T::one() + tan * tan).sqrt().recip();
-    let sin = cos * tan;
-    for row in 0..N {
-        let (x, y) = (columns[(row, i)], columns[(row, j)]);
-        columns[(row, i)] = cos * x - sin * y;
-        columns[(row, j)] = sin * x + cos * y;
-    }
-    true
-}
-
 /// Sum that carries the rounding error of each addition into the next one (Knuth's two-sum). The mean of 100 000 `f32`
 /// samples is then as accurate as the mean of ten.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -175,12 +135,6 @@ impl<T: Real> CompensatedSum<T> {
         let added = sum - self.sum;
         self.rest = (self.sum - (sum - added)) + (term - added);
         self.sum = sum;
-    }
-
-    /// Adds another sum.
-    pub fn merge(&mut self, other: &Self) {
-        self.add(other.rest);
-        self.add(other.sum);
     }
 
     /// The sum, rounded once to `T`.

@@ -1,6 +1,8 @@
 //! Shared types and mathematics. Every room may use this room; this room uses no other room.
 
 pub mod angle;
+#[cfg(test)]
+pub(crate) mod golden;
 pub mod linear;
 pub mod loss;
 pub mod method;

@@ -18,7 +18,7 @@
 
 use crate::base::linear::{ComplexField, Real, Vector, zeros};
 use crate::base::units::ARCSEC;
-use crate::model::error_model::{PARAMETERS, block};
+use crate::model::error_model::{INSTALLATION_STATES, PARAMETERS, block};
 use crate::model::measurement::ENCODER_ERRORS;
 use crate::segment::{Segment, SegmentKind};
 use serde::{Deserialize, Serialize};
@@ -77,7 +77,7 @@ pub enum EarthRateAxis {
 /// What the segments say about what was configured: of the Earth rate felt less that of the site, north and up, score
 /// (s/rad) and information (s^2/rad^2), and of the heading.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Settings {
+pub struct SettingEvidence {
     /// Score, north and up.
     pub earth_rate_score: [f64; 2],
     /// Information: north, north with up, up.
@@ -88,7 +88,7 @@ pub struct Settings {
     pub heading_sigmas: f64,
 }
 
-impl Settings {
+impl SettingEvidence {
     /// Product of two differences of Earth rates, weighted by the information.
     pub fn product(&self, [a_north, a_up]: [f64; 2], [b_north, b_up]: [f64; 2]) -> f64 {
         let [north, across, up] = self.earth_rate_information;
@@ -260,7 +260,7 @@ impl<const STATES: usize> Suspects<STATES> {
             }
             let changed = match suspect.change {
                 Change::Step(of) if first => Some((parameter(of), 1.0)),
-                Change::Heading if first => Some((ENCODER_ERRORS + block::ATTITUDE + 2, 1.0)),
+                Change::Heading if first => Some((ENCODER_ERRORS + block::HEADING, 1.0)),
                 Change::Ramp(of) => Some((parameter(of), passed_s)),
                 Change::Slip(axis) if is_move => Some((encoder(axis), 1.0)),
                 Change::EncoderScale(axis) if is_move => turned(axis).map(|turned| (encoder(axis), turned)),
@@ -304,13 +304,13 @@ impl<const STATES: usize> Suspects<STATES> {
     }
 
     /// What the segments say about what was configured, if that was under test.
-    pub fn settings(&self) -> Option<Settings> {
+    pub fn settings(&self) -> Option<SettingEvidence> {
         let found = |change| self.suspects.iter().find(|suspect| suspect.change == change);
         let of = |axis| found(Change::EarthRate(axis)).map(|suspect| (suspect.score, suspect.information));
         let heading = found(Change::Heading)?.suspicion(&[0.0; PARAMETERS]);
         let ((north, i_nn), (up, i_uu)) = (of(EarthRateAxis::North)?, of(EarthRateAxis::Up)?);
         let (_, both) = of(EarthRateAxis::Both)?;
-        Some(Settings {
+        Some(SettingEvidence {
             earth_rate_score: [north, up],
             earth_rate_information: [i_nn, 0.5 * (both - i_nn - i_uu), i_uu],
             heading_rad: heading.size,
@@ -333,7 +333,7 @@ impl<const STATES: usize> Suspect<STATES> {
     fn suspicion(&self, sigmas: &[f64; PARAMETERS]) -> Suspicion {
         let sigma = ComplexField::sqrt(self.information.max(f64::MIN_POSITIVE)).recip();
         // Installation errors do not change, so what is not absorbed of them is what they are wrong by.
-        let wrong = self.not_absorbed.iter().skip(ENCODER_ERRORS).take(block::ACCEL_BIAS).zip(sigmas);
+        let wrong = self.not_absorbed.iter().skip(ENCODER_ERRORS).take(INSTALLATION_STATES).zip(sigmas);
         let harm = wrong.fold(0.0_f64, |harm, (wrong, parameter_sigma)| {
             let tolerance = (TOLERANCE_SIGMAS * parameter_sigma).max(TOLERANCE_RAD);
             harm.max(f64::from(*wrong).abs() * sigma / tolerance)

@@ -1,10 +1,15 @@
 //! From segments to parameters: the filter, the estimators of both methods, and tests for change.
 
+mod configuration;
 pub mod constancy;
 pub mod filter;
 mod joint;
-pub mod observability;
+mod passes;
 pub mod rehearsal;
-pub mod two_stage;
+mod solution;
+mod sweep;
+mod two_stage;
 
-pub use joint::*;
+pub use configuration::{BASIC_STATES, EstimatorConfig, FULL_STATES, HeadingSource};
+pub use joint::{Estimator, MAX_SEGMENTS};
+pub use solution::{Estimate, Fit, LargestInnovation, OBSERVED_RATIO, SegmentInnovations, Solution};

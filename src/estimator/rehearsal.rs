@@ -5,13 +5,13 @@
 //! level and faces north: one sweep, done at power-up before anything turns. Windows are those of the segmenter, but for
 //! its blocks of 0.1 s, of which a stop loses a part that is taken as its mean.
 
+use super::joint::Estimator;
+use super::solution::OBSERVED_RATIO;
 use crate::base::angle::Angle;
 use crate::base::linear::{ComplexField, Real, Vector3, real};
-use crate::base::profile::Profile;
-use crate::estimator::{Estimator, OBSERVED_RATIO};
 use crate::model::error_model::{InstrumentErrors, PARAMETERS, block};
 use crate::model::measurement::MeasurementModel;
-use crate::scheme::{SETTLING_S, Scheme};
+use crate::scheme::{Leg, SETTLING_S, Scheme, Turning};
 use crate::segment::readings::Readings;
 use crate::segment::scatter::Scatter;
 use crate::segment::{AngleIntegrals, Course, GUARD_S, Held, Segment, SegmentKind, Standing, Turned};
@@ -22,56 +22,6 @@ pub const BLOCK_LOSS_S: f64 = 0.05;
 pub const SHORTEST_STOP_S: f64 = 0.5;
 /// Steps of the integrals over a move: midpoint rule, good to 4e-4 over half a turn.
 const STEPS: u32 = 32;
-const HEADING: usize = block::ATTITUDE + 2;
-
-/// A stop of a scheme: where, and for how long after settling.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Stand {
-    /// Outer angle, rad.
-    pub outer_rad: f64,
-    /// Inner angle, rad.
-    pub inner_rad: f64,
-    /// Time after settling, s.
-    pub stop_s: f64,
-}
-
-/// The stops of all periods of a scheme.
-pub fn stands(scheme: &Scheme) -> impl Iterator<Item = Stand> {
-    let first = Stand { stop_s: scheme.first_stop_s, ..Stand::default() };
-    let legs = (0..).map_while(|index| scheme.leg(index));
-    let legs = legs.map(|leg| Stand { outer_rad: leg.outer_rad, inner_rad: leg.inner_rad, stop_s: leg.stop_s });
-    core::iter::once(first).chain(legs)
-}
-
-/// Rate and acceleration of a turning axis.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Turning {
-    /// Highest rate, rad/s.
-    pub rate_rad_s: f64,
-    /// Acceleration, rad/s^2.
-    pub acceleration_rad_s2: f64,
-}
-
-impl Turning {
-    /// As a scheme says.
-    pub fn of(scheme: &Scheme) -> Self {
-        Self { rate_rad_s: scheme.rate_rad_s, acceleration_rad_s2: scheme.acceleration_rad_s2 }
-    }
-
-    fn profile(&self, way_rad: f64) -> Profile<f64> {
-        Profile::trapezoid(way_rad, self.rate_rad_s, self.acceleration_rad_s2)
-    }
-
-    /// Time from one stop to another, s.
-    pub fn move_s(&self, from: &Stand, to: &Stand) -> f64 {
-        let [outer, inner] = ways(from, to).map(|way| self.profile(way).duration_s());
-        outer.max(inner)
-    }
-}
-
-fn ways(from: &Stand, to: &Stand) -> [f64; 2] {
-    [to.outer_rad - from.outer_rad, to.inner_rad - from.inner_rad]
-}
 
 /// Time that a stop of `stop_s` gives to the accelerometers when they need `settling_s` after a move, s. The first stop
 /// follows on no move, and no move on the last.
@@ -81,9 +31,9 @@ pub fn usable_s(stop_s: f64, settling_s: f64, is_first: bool, is_last: bool) -> 
     SETTLING_S + stop_s - settling - guard - BLOCK_LOSS_S
 }
 
-/// A stop of which `usable_s` can be used. What the sensors read is left at zero.
-pub fn stop_segment<T: Real>(stand: &Stand, usable_s: f64) -> Segment<T> {
-    segment(stand, usable_s, Turned::default(), standing(Vector3::zeros()))
+/// The stop of a leg, of which `usable_s` can be used. What the sensors read is left at zero.
+pub fn stop_segment<T: Real>(leg: &Leg, usable_s: f64) -> Segment<T> {
+    segment(leg, usable_s, Turned::default(), standing(Vector3::zeros()))
 }
 
 fn standing<T: Real>(force_a: Vector3<T>) -> Course<T> {
@@ -91,8 +41,8 @@ fn standing<T: Real>(force_a: Vector3<T>) -> Course<T> {
 }
 
 /// A move with the settling and guard at its ends. What the sensors read is left at zero.
-pub fn move_segment<T: Real>(from: &Stand, to: &Stand, turning: &Turning) -> Segment<T> {
-    let ways = ways(from, to);
+pub fn move_segment<T: Real>(from: &Leg, to: &Leg, turning: &Turning) -> Segment<T> {
+    let ways = to.ways_from(from);
     let profiles = ways.map(|way| turning.profile(way));
     let move_s = turning.move_s(from, to);
     let guard_s = GUARD_S + 0.5 * BLOCK_LOSS_S;
@@ -138,7 +88,7 @@ pub fn move_segment<T: Real>(from: &Stand, to: &Stand, turning: &Turning) -> Seg
     segment(to, move_s + 2.0 * guard_s, turned, Course::Move(integrals))
 }
 
-fn segment<T: Real>(stand: &Stand, duration_s: f64, turned: Turned<T>, course: Course<T>) -> Segment<T> {
+fn segment<T: Real>(leg: &Leg, duration_s: f64, turned: Turned<T>, course: Course<T>) -> Segment<T> {
     Segment {
         start_us: 0,
         duration_us: ComplexField::round(duration_s * 1e6) as u64,
@@ -147,8 +97,8 @@ fn segment<T: Real>(stand: &Stand, duration_s: f64, turned: Turned<T>, course: C
         held: Held::NONE,
         temperature_c: 0.0,
         rotation_g: Vector3::zeros(),
-        outer: Angle::from_rad(stand.outer_rad),
-        inner: Angle::from_rad(stand.inner_rad),
+        outer: Angle::from_rad(leg.outer_rad),
+        inner: Angle::from_rad(leg.inner_rad),
         turned,
         course,
     }
@@ -163,7 +113,7 @@ pub fn unobserved<T: Real, const SEGMENTS: usize, const STATES: usize>(
     let config = *estimator.config();
     estimator.restart(&config);
     let model = MeasurementModel::<T>::new(&InstrumentErrors::default(), &config.site);
-    let turning = Turning::of(scheme);
+    let turning = scheme.turning();
     let mut start_us = 0;
     let mut take = |mut segment: Segment<T>| {
         segment.start_us = start_us;
@@ -174,21 +124,21 @@ pub fn unobserved<T: Real, const SEGMENTS: usize, const STATES: usize>(
         segment.rotation_g = model.rotation(&segment).value;
         let _ = estimator.add(&segment);
     };
-    let mut before: Option<Stand> = None;
+    let mut before: Option<Leg> = None;
     let count = scheme.moves() + 1;
-    for (number, stand) in stands(scheme).enumerate() {
-        if let Some(before) = before.replace(stand) {
-            take(move_segment(&before, &stand, &turning));
+    for (number, leg) in scheme.stops().enumerate() {
+        if let Some(before) = before.replace(leg) {
+            take(move_segment(&before, &leg, &turning));
         }
-        let usable_s = usable_s(stand.stop_s, GUARD_S, number == 0, number + 1 == count);
+        let usable_s = usable_s(leg.stop_s, GUARD_S, number == 0, number + 1 == count);
         if usable_s > 0.0 {
-            take(stop_segment(&stand, usable_s));
+            take(stop_segment(&leg, usable_s));
         }
     }
     let sigmas = estimator.estimate().sigmas;
     let wide = |(parameter, (sigma, prior)): (usize, (&f64, &f64))| {
         // NaN is not observed either.
-        let observed = *sigma <= OBSERVED_RATIO * prior || *prior == 0.0 || parameter == HEADING;
+        let observed = *sigma <= OBSERVED_RATIO * prior || *prior == 0.0 || parameter == block::HEADING;
         (!observed).then_some(parameter as u8)
     };
     sigmas.iter().zip(&config.prior_sigmas()).enumerate().take(PARAMETERS).find_map(wide)
@@ -196,9 +146,9 @@ pub fn unobserved<T: Real, const SEGMENTS: usize, const STATES: usize>(
 
 #[cfg(test)]
 mod tests {
+    use super::super::configuration::EstimatorConfig;
     use super::*;
     use crate::base::method::Method;
-    use crate::estimator::EstimatorConfig;
     use crate::run::assignment::Assignment;
     use std::boxed::Box;
 

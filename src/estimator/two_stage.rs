@@ -1,19 +1,95 @@
-//! Weights of the two-stage method for (11), in Bai's way: noise that is the same in all directions.
+//! The two-stage method of the paper (Bai et al., Sensors 2019, 19, 4005, section 3), as far as it is not the joint one.
 //!
-//! The noise of (11) is that of the accelerometers, which is white, and what the encoders' errors do, which has
-//! directions: along gravity, and along an axis that is not turned, a stop is nearly free of it. The optimal gain rests on
-//! those directions alone, and gives what this method takes as zero, such as biases, hundreds of times the weight of the
-//! noise: 130" from the errors of a real unit. A gain for noise of gravity times the encoders' error in every
-//! direction costs little and does not.
+//! - Stage 1 uses (11) at the stops of period one. Bai takes differences to the first stop, z1 = f_a0 - R^T f_a. A
+//!   difference removes the specific force of the base and makes the first stop's error common to all. Here that force is a
+//!   state (roll, pitch, and a scale common to the three accelerometers), which is the same estimate with the right
+//!   covariance.
+//! - The heading comes from gyrocompassing at the first stop, or from the configuration.
+//! - Stage 2 uses (13) in the moves of period two, integrated over each move. The mounting angles and the levelled
+//!   attitude of stage 1 are considered: their values stay, their uncertainty counts.
+//! - With one period only, both measurements are taken from it in one sweep, and no state is only considered: the same
+//!   encoder errors act on both stages.
 //!
-//! This filter, of the states that (11) sees, gives the gains. Its covariance is not used: that of the estimate, under the
-//! noise there is, follows from the gains.
+//! # Gains of stage 1
+//! The gains of (11) are Bai's: they assume noise that is the same in all directions. The true noise of (11) is the white
+//! noise of the accelerometers and the effect of the encoder errors. The encoder errors act in some directions only: along
+//! gravity, and along an axis that is not turned, a stop is nearly free of them. The optimal gain would rest on those
+//! directions alone. It would give the errors that this method takes as zero, such as biases, hundreds of times the weight
+//! of the noise: 130" from the errors of a real unit. A gain for noise of gravity times the encoders' error in every
+//! direction costs little and avoids that.
+//!
+//! A filter of the states that (11) sees gives these gains. Its covariance is not used: the covariance of the estimate,
+//! under the true noise, follows from the gains.
 
-use crate::base::linear::{Real, Vector};
-use crate::estimator::filter::{Measurement, UdFilter};
+use super::filter::{Measurement, UdFilter};
+use crate::base::angle::ticks_to_rad;
+use crate::base::linear::{Real, Vector, real};
+use crate::base::units::DEG;
 use crate::model::error_model::block;
 use crate::model::measurement::ENCODER_ERRORS;
+use crate::segment::{Segment, SegmentKind};
 use core::ops::Range;
+
+/// Which measurements of a segment are taken in, and which states are only considered.
+#[derive(Clone, Copy)]
+pub(super) struct Use {
+    /// The mean force of a stop.
+    pub(super) force: bool,
+    /// The rotation of a stop or a move.
+    pub(super) rotation: bool,
+    /// The states of stage 1 are considered only.
+    pub(super) considered: bool,
+}
+
+impl Use {
+    /// What this method takes from a segment after `moves_before` moves. With one period only, `period_moves` is `None`.
+    /// `gyrocompass`: the segment is the first stop, and its gyros give the heading.
+    pub(super) fn in_two_stages(
+        is_stop: bool,
+        moves_before: u16,
+        period_moves: Option<u16>,
+        gyrocompass: bool,
+    ) -> Self {
+        match period_moves {
+            None => Self { force: is_stop, rotation: !is_stop || gyrocompass, considered: false },
+            Some(period) if moves_before < period || (is_stop && moves_before == period) => {
+                Self { force: is_stop, rotation: gyrocompass, considered: false }
+            }
+            Some(_) => Self { force: false, rotation: !is_stop, considered: true },
+        }
+    }
+}
+
+/// The states of stage 1 that stage 2 only considers: all but the heading, which the gyros gave.
+pub(super) const STAGE_ONE: Range<usize> =
+    ENCODER_ERRORS + block::ACCEL_NON_ORTHOGONALITY..ENCODER_ERRORS + block::HEADING;
+
+/// The states of the accelerometers' scale errors.
+pub(super) const ACCEL_SCALE: Range<usize> =
+    ENCODER_ERRORS + block::ACCEL_SCALE..ENCODER_ERRORS + block::ACCEL_SCALE + 3;
+
+/// Prior sigma of the scale error that is common to the accelerometers.
+pub(super) const COMMON_SCALE_SIGMA: f64 = 0.02;
+
+/// One scale error common to the three accelerometers, with its prior sigma: it stands for the magnitude of the specific
+/// force, which (11) does not use.
+pub(super) fn common_accel_scale<T: Real, const STATES: usize>() -> Vector<T, STATES> {
+    Vector::from_fn(|state, _| if ACCEL_SCALE.contains(&state) { real(COMMON_SCALE_SIGMA) } else { T::zero() })
+}
+
+/// Number of moves after which the stops' angles begin again, if they do so once.
+pub(super) fn find_period<T: Real>(segments: &[Segment<T>]) -> Option<u16> {
+    const SAME_RAD: f64 = DEG;
+    let stops = || segments.iter().filter(|segment| segment.kind() == SegmentKind::Stop);
+    let moves = stops().count().checked_sub(1)?;
+    let half = moves / 2;
+    let near = |a: &Segment<T>, b: &Segment<T>| {
+        let apart = |ticks: i32| ticks_to_rad::<f64>(ticks.into()).abs();
+        apart(a.outer.since(b.outer)) < SAME_RAD && apart(a.inner.since(b.inner)) < SAME_RAD
+    };
+    let repeats = moves > 0 && moves % 2 == 0 && stops().zip(stops().skip(half)).all(|(a, b)| near(a, b));
+    repeats.then_some(half as u16)
+}
 
 /// States that (11) sees.
 const STATES_SEEN: usize = 9;
@@ -37,14 +113,14 @@ const SEEN: [Range<usize>; STATES_SEEN] = [
 
 /// Gives the gains of stage 1.
 #[derive(Clone, Debug)]
-pub struct Weights<T: Real>(UdFilter<T, STATES_SEEN>);
+pub(super) struct StageOneGains<T: Real>(UdFilter<T, STATES_SEEN>);
 
-impl<T: Real> Weights<T> {
+impl<T: Real> StageOneGains<T> {
     /// Memory, to be restarted.
-    pub const NONE: Self = Self(UdFilter::CERTAIN);
+    pub(super) const NONE: Self = Self(UdFilter::CERTAIN);
 
     /// Begins anew with these sigmas of all states.
-    pub fn restart<const STATES: usize>(&mut self, sigmas: &Vector<T, STATES>) {
+    pub(super) fn restart<const STATES: usize>(&mut self, sigmas: &Vector<T, STATES>) {
         let mut seen = SEEN.iter().map(|range| sigmas.iter().nth(range.start).copied().unwrap_or(T::zero()));
         self.0.restart(&Vector::from_fn(|_, _| seen.next().unwrap_or(T::zero())), None);
     }
@@ -52,7 +128,7 @@ impl<T: Real> Weights<T> {
     /// Gain of a measurement with this row, and noise that is the same in all directions.
     // Not inlined: the joint method does not need it on the stack.
     #[inline(never)]
-    pub fn gain<const STATES: usize>(&mut self, h: &Vector<T, STATES>, r: T) -> Vector<T, STATES> {
+    pub(super) fn gain<const STATES: usize>(&mut self, h: &Vector<T, STATES>, r: T) -> Vector<T, STATES> {
         let mut rows =
             SEEN.iter().map(|range| h.iter().take(range.end).skip(range.start).fold(T::zero(), |sum, h| sum + *h));
         let h = Vector::from_fn(|_, _| rows.next().unwrap_or(T::zero()));

@@ -72,6 +72,24 @@ impl Fault {
     }
 }
 
+impl FaultKind {
+    /// Short name of the fault. It is printed with the text, and `rins explain` shows its page of the guide.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Following { .. } => "following",
+            Self::Stall { .. } => "stall",
+            Self::Runaway { .. } => "runaway",
+            Self::Travel { .. } => "travel",
+            Self::Encoder(EncoderFault::Silent) => "encoder-silent",
+            Self::Encoder(EncoderFault::Crc) => "encoder-frames",
+            Self::Encoder(EncoderFault::Alarm) => "encoder-alarm",
+            Self::Encoder(EncoderFault::Jump(_)) => "encoder-jump",
+            Self::Bridge(BridgeFault::Overcurrent) => "bridge-fault",
+            Self::Bridge(BridgeFault::Silent) => "bridge-silent",
+        }
+    }
+}
+
 fn degrees(angle_rad: f32) -> f64 {
     f64::from(angle_rad) / DEG
 }
@@ -110,6 +128,7 @@ impl fmt::Display for FaultKind {
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let name = AXIS_NAMES.get(usize::from(self.axis)).copied().unwrap_or("?");
+        write!(f, "[{}] ", self.kind.code())?;
         write!(f, "{name} axis at {:.2} deg: {}", degrees(self.angle_rad), self.kind)
     }
 }
@@ -149,6 +168,8 @@ mod tests {
             ),
         ];
         for (text, expected) in cases {
+            let (code, text) = text.split_once(' ').unwrap();
+            assert!(code.starts_with('[') && code.ends_with(']'), "{code}");
             assert_eq!(text, expected);
         }
     }

@@ -1,182 +1,101 @@
-//! Guide: from a first calibration to a rejected one. No code.
+//! The guide, in chapters. [`tutorial`] is the first; the others can be read in any order.
 //!
-//! # First calibration
+//! | chapter | contents |
+//! |---|---|
+//! | [`tutorial`] | from nothing to a first calibration, a log of your own, reading the result |
+//! | [`verdict`] | what accepted, rejected and aborted mean; chi-square, innovations and sigmas |
+//! | [`reasons`] | every reason of a rejected or aborted run: what it means and what to look at first |
+//! | [`schemes`] | choosing a rotation scheme, planning one, the table of the library |
+//! | [`board`] | the core on your board: interrupts, drivers, wiring, store, watchdog, serial line |
+//! | [`formats`] | every file and record: log, mapping, unit, errors, scheme, result, store, link |
+//! | [`theory`] | frames, signs, the error model, both methods, observability |
+//! | [`studies`] | Monte Carlo, faults, fuzzing, mutants and the other campaigns, each with its command |
+//! | [`faq`] | short answers to frequent questions |
 //!
-//! `cargo run --release` lets a virtual unit power up and calibrate itself in closed loop: scheme `fast-180`, errors of a
-//! laboratory unit, noise of navigation grade. It prints every parameter with sigma, truth and error, then the verdict, and
-//! writes a page, `rins-report.html`. Look at three things: the verdict, the column error/sigma (two thirds within 1), and
-//! on the page the innovations, which scatter without a pattern if the model holds. `--seed 2` is another unit;
-//! `--noise tactical --errors random:tactical` another grade; `--firmware` the same on the ARM image in the emulator.
-//!
-//! # On your board
-//!
-//! Fill [`RawSample`](crate::base::sample::RawSample) at the data-ready edge, push it to the queue, and in the main loop call
-//! [`SelfCalibration::step`](crate::run::self_calibration::SelfCalibration::step). The README lists the calls, `examples/` has
-//! them for a host, for cortex-m-rt and for RTIC. What goes wrong first, and how to see it before it does:
-//!
-//! 1. Log a minute at rest and a few moves by hand, and run `rins inspect` on it. It says which axes, signs and units the
-//!    channels have, when the encoders are read, and what the noise is. Signs and axes belong into your driver.
-//! 2. Take the noise that it sees into the configuration. Too small a noise rejects good runs; too large a one hides bad.
-//! 3. Stamps are the middle of the interval that rates and forces are means over, and the angles are those at that time.
-//! 4. Set the travel and the pace of your axes ([`AxisLimits`](crate::gimbal::axis::AxisLimits)). A scheme that they cannot follow
-//!    is refused before anything turns, by leg.
-//!
-//! # On your log
-//!
-//! ```text
-//! rins inspect log.csv --write-mapping map.toml --write-config unit.toml
-//! rins replay log.csv --mapping map.toml --config unit.toml --json cal.json --report page.html
-//! rins apply log.csv --mapping map.toml --calibration cal.json --out corrected.csv
-//! ```
-//! Set latitude and height in `unit.toml`: gravity is the scale of the accelerometers, and Earth rate turns with latitude.
-//! No scheme is needed; stops and moves are found from the encoders. Look at what `inspect` says is observable before you
-//! look at any result.
-//!
-//! # Choosing a scheme
-//!
-//! `rins observability --all` compares those of the library. `fast-180` is the default; from 60 s to 300 s the worst sigma
-//! falls from 1 to a third of an arcsec. Where the encoders have harmonics, or an axis must not turn while the other one
-//! does, take `bai` with short stops (`--stop 10`). For limited travel, other noise or other wishes,
-//! `rins plan --time 120 --limits=-180..180,-90..90 --out mine.toml` finds one, and `rins montecarlo --closed-loop
-//! --scheme mine.toml` shows that it keeps what is predicted. Longer stops lower the accelerometers' sigmas, more moves the
-//! gyros' and the encoders'.
-//!
-//! # Reading the verdict
-//!
-//! | ending | means | stored calibration |
-//! |---|---|---|
-//! | accepted | every test is passed; the sigmas may be believed | replaced |
-//! | rejected | the run came to its end, and something does not fit; the reasons say what | as it was |
-//! | aborted | the run did not come to its end; the reason says where and why | as it was |
-//! | accepted, not stored | as accepted, but the memory failed: look at the store | as it was |
-//!
-//! Chi-square near its degrees of freedom: noise and model are right. Much smaller: the configured noise is too large.
-//! Larger: something is not modelled. A run is not made good by configuring more noise until it passes: find the segment
-//! with the largest innovation first. Reasons come in the order of what to believe first; later ones often follow from it.
-//!
-//! # What each error state means
-//!
-//! Equations (1) to (5) are in [`error_model`](crate::model::error_model), the optional ones in [`options`](crate::model::options). A
-//! state that no stop or move shows keeps its prior sigma; where it is one of the 28, the heading excepted, the run is
-//! rejected as `Unobserved`.
-//!
-//! | state | what it is | what shows it | what it does if it is left in |
-//! |---|---|---|---|
-//! | `Sgxy` `Sgxz` `Sgyx` `Sgyz` `Sgzx` `Sgzy` | (1): a gyro's axis off the IMU frame's; `Sgxy`: gyro x, turned about y | moves: what a gyro feels of a turn about another axis | 1 arcsec: 1.6 arcsec of attitude in a quarter turn |
-//! | `Sayz` `Sazx` `Sazy` | (1): accelerometers y and z off the IMU frame's axes, of which accelerometer x is one | stops with gravity along both axes | 1 arcsec: 4.8 ug where gravity lies along the other axis |
-//! | `alpha` `beta` `gamma` | (2): the IMU against the rotation axes, about x, y and z | stops: gravity as the encoders turn it; moves: the axis of a turn | 1 arcsec of attitude that turns with the gimbals |
-//! | `accel_bias_x` `accel_bias_y` `accel_bias_z` | (4): an accelerometer's output at no force | stops in opposite attitudes | 1 ug: 0.2 arcsec of tilt |
-//! | `accel_scale_x` `accel_scale_y` `accel_scale_z` | (4): its scale factor is off | stops with gravity along it, and the site's gravity | 1 ppm: 1 ug along gravity |
-//! | `gyro_bias_x` `gyro_bias_y` `gyro_bias_z` | (5): a gyro's output at no rate | long stops, against Earth rate | 0.01 deg/h: about 0.6 nautical miles in an hour, unless turns average it out |
-//! | `gyro_scale_x` `gyro_scale_y` `gyro_scale_z` | (5): its scale factor is off | moves, against the encoders | 1 ppm: 0.3 arcsec in a quarter turn |
-//! | `axis_nonperpendicularity` | (3): d, by which the inner axis leans towards the outer one | moves and stops at several outer and inner angles | 1 arcsec of attitude that turns with the inner axis |
-//! | `base_roll` `base_pitch` `heading` | attitude of the vehicle at the end of the run; not the instrument's | gravity; Earth rate | nothing: the correction does not use them |
-//! | `gyro_bias_ramp_x` `gyro_bias_ramp_y` `gyro_bias_ramp_z` `accel_bias_ramp_x` `accel_bias_ramp_y` `accel_bias_ramp_z` | optional: biases that drift, as at warm-up | attitudes that come again later | taken for biases, or `Changing` |
-//! | `outer_eccentricity_cos` `outer_eccentricity_sin` `inner_eccentricity_cos` `inner_eccentricity_sin` | optional: an encoder's error once a turn | moves through many angles | taken for installation errors, or a bad chi-square |
-//! | `outer_second_harmonic_cos` `outer_second_harmonic_sin` `inner_second_harmonic_cos` `inner_second_harmonic_sin` | optional: twice a turn | as the eccentricity | as the eccentricity |
-//! | `base_roll_drift` `base_pitch_drift` | optional: the base tilts steadily | stops in one attitude, far apart in time | `Changing`, or a bad chi-square |
-//!
-//! # States that a run can end in
-//!
-//! | state | what it means | what to do |
-//! |---|---|---|
-//! | `Correcting` | every sample is corrected, by this run's calibration or by the stored one | nothing |
-//! | `StandBy` | nothing is stored, and the policy lets no run begin | [`start`](crate::run::self_calibration::SelfCalibration::start), or another policy |
-//! | `Parked` | aborted or rejected, the axes stand at (0, 0); a stored calibration still corrects | read the reason, then `start` |
-//! | `Stranded` | as `Parked`, but the axes could not be brought back | clear the fault of the axis first: see below |
-//!
-//! # Troubleshooting: reasons of a rejection
-//!
-//! | reason | what it means | look first at |
-//! |---|---|---|
-//! | `Scale` | all forces or turns are off by one factor: a unit, or increments in place of rates | the unit that is named; `rins inspect` |
-//! | `Setting` | latitude, heading or gravity is configured that is not so | the setting that is named, and its value |
-//! | `NoiseLevel` | the noise of a channel or triad is not the configured one | `[noise]`; `rins inspect --write-config` |
-//! | `Cut` | the longest time was over before the scheme | `--longest-run`, or a shorter scheme |
-//! | `TooFewSegments` | no stop, move, stop was found | encoders: do they move, and stand to 20 arcsec? |
-//! | `NotConverged` | the estimate does not stand | the other reasons; errors beyond a few degrees; near a pole, a configured heading |
-//! | `NotFinite` | a parameter is no number | the samples: infinities, zeros for a dead sensor |
-//! | `Refused` | measurements were no numbers | as `NotFinite` |
-//! | `Unobserved` | the moves made do not show a parameter | the scheme: `rins observability`; segments that were left out |
-//! | `Sigma` | the required sigma is not reached | longer scheme, or better noise; is the requirement below the bound? |
-//! | `Implausible` | a parameter is larger than an instrument has | site and gravity; axes and signs; limits for your grade |
-//! | `ChiSquare` | all in all the segments disagree with the model by more than chance | the segment with the largest innovation, then the noise |
-//! | `Innovation` | one measurement disagrees with all others | what happened in that segment: a bump, a slip, a loss |
-//! | `Unrest` | a stop was not at rest, or a channel stood still | engines, people, wind; settling time; a stuck channel |
-//! | `Noise` | a channel is noisier from a segment on | vibration that began there; a loose connector |
-//! | `Trends` | a channel drifts during the stops | warm-up: wait, or `--effects bias-ramp` |
-//! | `Held` | a channel repeats its value | the driver: is each sample read anew? resolution of the IMU |
-//! | `Stale` | whole samples repeat | data-ready edge and sample rate: two reads of one sample |
-//! | `Missing` | too many samples are lost | interrupt load, bus errors; the counters of the queue |
-//! | `Changing` | something that is taken for constant changed: see below | the segment that is named |
-//! | `Wiring` | signs or channels are wrong, as named | driver or mapping |
-//! | `Gap` | a segment has a hole of more than 0.1 s | as `Missing`; in a log, the recorder |
-//! | `LeftOut` | more segments than fit | a shorter scheme; false moves: encoder noise above 20 arcsec |
-//! | `Changed` | the result is far from the stored one | `rins compare`; was the IMU remounted? then erase the stored one |
-//!
-//! `Changing` names one of: `Step`, a parameter is another one from a segment on (a bias jump; attitude: the base moved);
-//! `Ramp`, it drifts (warm-up, a base that settles); `Slip`, an encoder lost counts; `EncoderScale`, an encoder's scale
-//! changed; `Outlier`, one measurement is off (a bump); `EarthRate`, another latitude; `Heading`, another heading.
-//!
-//! # Troubleshooting: reasons of an abort
-//!
-//! | reason | what it means | look first at |
-//! |---|---|---|
-//! | `Commanded` | somebody asked for it | nothing |
-//! | `NotStill` | base or axes did not stand for a second within a minute | parking brake, engines; gyro bias above 0.2 deg/s |
-//! | `TurnTimeout` | a move took 10 s longer than it should | enable of the drives; friction; limits of rate |
-//! | `Gimbal` | an axis failed, and both were stopped: see below | the axis and the angle that are named |
-//! | `SampleLoss` | no usable samples for 1 s, 0.1 s in a move | IMU power and data-ready line; bus errors |
-//!
-//! | fault of an axis | what it means | look first at |
-//! |---|---|---|
-//! | `Following` | it is too far from its profile | torque, inertia and friction in the configuration; cable drag at that angle |
-//! | `Stall` | it hardly turns | brake, end stop, winding, bridge enable |
-//! | `Runaway` | it turns too fast or the other way | motor polarity against encoder sign |
-//! | `Travel` | it is beyond its travel | the limits; encoder zero |
-//! | `Encoder` | its encoder is silent, damaged, alarmed, or jumps | cable and clock rate; readhead alignment |
-//! | `Bridge` | too much current, or no answer | short circuit; supply; fault pin |
+//! `rins guide` prints the same chapters in a terminal.
+
+/// A chapter of the guide.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Chapter {
+    /// Name of the chapter: its module, and the argument of `rins guide`.
+    pub name: &'static str,
+    /// One line on the contents.
+    pub title: &'static str,
+    /// The text, Markdown.
+    pub text: &'static str,
+}
+
+macro_rules! chapters {
+    ($($name:ident: $title:literal,)*) => {
+        $(
+            #[doc = include_str!(concat!(stringify!($name), ".md"))]
+            pub mod $name {}
+        )*
+
+        /// All chapters, in the order of reading. Only the `rins` program reads them; no firmware image contains them.
+        pub const CHAPTERS: [Chapter; [$($title),*].len()] = [$(Chapter {
+            name: stringify!($name),
+            title: $title,
+            text: include_str!(concat!(stringify!($name), ".md")),
+        }),*];
+    };
+}
+
+chapters! {
+    tutorial: "from nothing to a first calibration, a log of your own, reading the result",
+    verdict: "what accepted, rejected and aborted mean; chi-square, innovations and sigmas",
+    reasons: "every reason of a rejected or aborted run: what it means and what to look at first",
+    schemes: "choosing a rotation scheme, planning one, the table of the library",
+    board: "the core on your board: interrupts, drivers, wiring, store, watchdog, serial line",
+    formats: "every file and record: log, mapping, unit, errors, scheme, result, store, link",
+    theory: "frames, signs, the error model, both methods, observability",
+    studies: "Monte Carlo, faults, fuzzing, mutants and the other campaigns, each with its command",
+    faq: "short answers to frequent questions",
+}
+
+#[cfg(test)]
+mod codes;
 
 #[cfg(test)]
 mod tests {
-    use crate::estimator::constancy::Change;
-    use crate::gimbal::FaultKind;
+    use super::CHAPTERS;
     use crate::model::error_model::PARAMETER_INFO;
     use crate::model::options::OPTIONAL_INFO;
-    use crate::run::abort::AbortReason;
-    use crate::verdict::Reason;
+    use std::format;
+    use std::vec::Vec;
 
-    const GUIDE: &str = include_str!("mod.rs");
+    const CONTENTS: &str = include_str!("mod.rs");
 
-    /// Names of all variants: one that is missing here does not compile, and one that is missing in the guide fails.
-    macro_rules! explained {
-        ($kind:ident: $($variant:ident)*) => {{
-            let _all = |value: $kind| match value {
-                $($kind::$variant { .. } => (),)*
-            };
-            [$(stringify!($variant)),*]
-        }};
+    fn chapter(name: &str) -> &'static str {
+        CHAPTERS.iter().find(|chapter| chapter.name == name).expect("a chapter").text
     }
 
     #[test]
-    fn every_reason_fault_and_state_is_explained() {
-        let reasons = explained!(Reason: Scale Setting NoiseLevel Cut TooFewSegments NotConverged NotFinite Refused Unobserved Sigma
-            Implausible ChiSquare Innovation Unrest Noise Trends Held Stale Missing Changing Wiring Gap LeftOut Changed);
-        let aborts = explained!(AbortReason: Commanded NotStill TurnTimeout Gimbal SampleLoss);
-        let faults = explained!(FaultKind: Following Stall Runaway Travel Encoder Bridge);
-        for name in reasons.iter().chain(&aborts).chain(&faults) {
-            let row = std::format!("//! | `{name}` | ");
-            let lines: std::vec::Vec<_> = GUIDE.lines().filter(|line| line.starts_with(&row)).collect();
-            assert_eq!(lines.len(), 1, "{name}");
-            assert!(lines[0].split(" | ").skip(2).all(|cell| cell.len() > 6), "{name}");
-        }
+    fn every_state_is_explained() {
         for info in PARAMETER_INFO.iter().chain(&OPTIONAL_INFO) {
-            let name = std::format!("`{}`", info.name);
-            let rows = GUIDE.lines().filter(|line| line.starts_with("//! | `") && line.contains(&name)).count();
+            let name = format!("`{}`", info.name);
+            let rows = chapter("theory").lines().filter(|line| line.starts_with("| `") && line.contains(&name)).count();
             assert_eq!(rows, 1, "{name}");
         }
-        for name in explained!(Change: Step Ramp Slip EncoderScale Outlier EarthRate Heading) {
-            assert!(GUIDE.contains(&std::format!("`{name}`, ")), "{name}");
+    }
+
+    #[test]
+    fn the_contents_name_every_chapter_with_its_title() {
+        let rows: Vec<_> = CONTENTS.lines().filter(|line| line.starts_with("//! | [`")).collect();
+        let expected: Vec<_> =
+            CHAPTERS.iter().map(|chapter| format!("//! | [`{}`] | {} |", chapter.name, chapter.title)).collect();
+        assert_eq!(rows, expected);
+    }
+
+    /// rustdoc would compile an untagged block as a test.
+    #[test]
+    fn every_chapter_begins_with_its_heading_and_tags_its_code_blocks() {
+        for chapter in CHAPTERS {
+            assert!(chapter.text.starts_with("# "), "{}", chapter.name);
+            let fences: Vec<_> = chapter.text.lines().filter(|line| line.starts_with("```")).collect();
+            assert_eq!(fences.len() % 2, 0, "{}", chapter.name);
+            assert!(fences.iter().step_by(2).all(|fence| fence.len() > 3), "{}", chapter.name);
+            assert!(fences.iter().skip(1).step_by(2).all(|fence| *fence == "```"), "{}", chapter.name);
         }
     }
 }

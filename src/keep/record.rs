@@ -8,48 +8,57 @@
 //!                       12..12+n     payload
 //!                       12+n..16+n   CRC-32/ISO-HDLC of all before
 //! ```
-//! All versions have this frame. The payload is postcard: of version 3, [`StoredCalibration`]; of version 2, the same without
-//! its verdict.
+//! Every version of the format has this frame. The payload is [`StoredCalibration`] in postcard. This software reads and writes
+//! one version of the format. It keeps a record of any other version apart from damage, as [`Damage::Version`], and never takes
+//! such a record for a calibration.
+//!
+//! | version | written by software | difference |
+//! |---|---|---|
+//! | 4 | from 0.2.0 on | the reasons carry the version of their own encoding |
+//! | 2, 3 | 0.1.0 | the reasons are tied to the version of the software; version 2 has no verdict |
 
 use crate::run::result::StoredCalibration;
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 
 /// Memory of one slot, bytes: whole pages of every EEPROM and whole words of every flash.
 pub const SLOT_BYTES: usize = 768;
-/// Version of the format that is written.
-pub const FORMAT_VERSION: u8 = b'3';
+/// Version of the format that is read and written. Count it up whenever the bytes of a [`StoredCalibration`] change.
+pub const FORMAT_VERSION: u8 = b'4';
 
-/// The version before, which has no verdict.
-const WITHOUT_VERDICT: u8 = b'2';
 const MAGIC: [u8; 3] = *b"RSC";
 const HEADER_BYTES: usize = 12;
 const CRC_BYTES: usize = 4;
 const PAYLOAD_BYTES: usize = SLOT_BYTES - HEADER_BYTES - CRC_BYTES;
 static CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 
-/// What is wrong with a slot.
+/// Why a slot gives no calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Damage {
-    /// The slot does not begin as one.
+    /// The slot does not begin with the three letters of a record.
     Magic,
-    /// A whole record of another version of the format, this character.
+    /// The slot holds an intact record of another version of the format, this character.
     Version(u8),
-    /// The length cannot be, bytes.
+    /// The length in the header exceeds the slot, bytes.
     Length(u32),
     /// The CRC is wrong.
     Crc,
-    /// The CRC is right and the payload is no calibration.
+    /// The CRC is right, but the payload is no calibration.
     Payload,
-    /// The memory cannot read it.
+    /// The memory cannot read the slot.
     Unreadable,
-    /// It does not keep what is written.
+    /// The slot does not keep what is written to it.
     Worn,
 }
 
 impl Damage {
-    /// Whether it is no damage at all, but the work of newer software.
+    /// Whether the slot is intact and was written by newer software.
     pub fn is_newer(self) -> bool {
         matches!(self, Self::Version(version) if version > FORMAT_VERSION)
+    }
+
+    /// Whether the slot is intact and was written in another version of the format, newer or older.
+    pub fn is_other_version(self) -> bool {
+        matches!(self, Self::Version(_))
     }
 }
 
@@ -66,19 +75,10 @@ struct Frame<'a> {
 /// What is wrong with it.
 pub fn decode(slot: &[u8; SLOT_BYTES]) -> Result<(u32, StoredCalibration), Damage> {
     let Frame { version, sequence, payload } = check(slot)?;
-    let record = match version {
-        FORMAT_VERSION => postcard::from_bytes(payload).ok(),
-        WITHOUT_VERDICT => with_empty_verdict(payload),
-        _ => return Err(Damage::Version(version)),
-    };
-    record.map(|record| (sequence, record)).ok_or(Damage::Payload)
-}
-
-/// Three zeros are the default verdict.
-fn with_empty_verdict(payload: &[u8]) -> Option<StoredCalibration> {
-    let mut whole = [0; PAYLOAD_BYTES];
-    whole.get_mut(..payload.len())?.copy_from_slice(payload);
-    postcard::from_bytes(whole.get(..payload.len() + 3)?).ok()
+    if version != FORMAT_VERSION {
+        return Err(Damage::Version(version));
+    }
+    postcard::from_bytes(payload).map(|record| (sequence, record)).map_err(|_| Damage::Payload)
 }
 
 fn check(slot: &[u8; SLOT_BYTES]) -> Result<Frame<'_>, Damage> {

@@ -24,10 +24,6 @@ pub const REJECTED_IN_A_ROW: usize = 4;
 
 /// Pieces in which the memory is read.
 const PIECE_BYTES: usize = 32;
-/// Place of the second slot of version 2 of the format, in EEPROM only. Its first one was at 0. It reaches into slots 1 and 2.
-const OLD_SECOND: usize = MAX_SLOTS;
-const OLD_SECOND_ADDRESS: u32 = 1024;
-const OLD_SECOND_SLOTS: [usize; 2] = [1, 2];
 
 /// What is in the store.
 #[derive(Clone, Debug, PartialEq)]
@@ -128,13 +124,12 @@ pub struct CalibrationStore<M> {
     memory: M,
     /// Every slot as found at the first access, and as it was written since.
     slots: Vec<Slot, MAX_SLOTS>,
-    old_second: Slot,
 }
 
 impl<M: Medium> CalibrationStore<M> {
     /// The store on `memory`, which is not looked at yet.
     pub fn new(memory: M) -> Self {
-        Self { memory, slots: Vec::new(), old_second: Slot::Empty }
+        Self { memory, slots: Vec::new() }
     }
 
     /// The memory; what is written to it by another way is seen at the next [`Self::load`].
@@ -199,9 +194,15 @@ impl<M: Medium> CalibrationStore<M> {
         Ok(self.good().count())
     }
 
-    /// Number of slots with damage, as of the last look.
+    /// Number of damaged slots, as of the last look. Intact records of another version of the format are not among them.
     pub fn damaged(&self) -> usize {
-        self.slots.iter().filter(|slot| matches!(slot, Slot::Damaged(_))).count()
+        self.damages().filter(|damage| !damage.is_other_version()).count()
+    }
+
+    /// Number of intact records of another version of the format, as of the last look. This software cannot read them, and
+    /// writes over those of an older version when their turn comes.
+    pub fn other_versions(&self) -> usize {
+        self.damages().filter(|damage| damage.is_other_version()).count()
     }
 
     /// Appends a record. Returns the number of slots that did not take it before one did.
@@ -289,7 +290,6 @@ impl<M: Medium> CalibrationStore<M> {
     fn scan(&mut self) -> Result<(), StoreError<M::Error>> {
         let count = self.slot_count()?;
         self.slots.clear();
-        self.old_second = Slot::Empty;
         let (mut slots, mut readable, mut fault) = (Vec::new(), false, None);
         for place in 0..count {
             let slot = match self.inspect(place) {
@@ -310,21 +310,6 @@ impl<M: Medium> CalibrationStore<M> {
             return Err(fault);
         }
         self.slots = slots;
-        if M::ERASES { Ok(()) } else { self.look_for_old() }
-    }
-
-    /// Looks for the second slot of version 2, as long as nothing has been written over it.
-    fn look_for_old(&mut self) -> Result<(), StoreError<M::Error>> {
-        let over = |slot: &Slot| matches!(slot, Slot::Good { .. });
-        if OLD_SECOND_SLOTS.iter().any(|place| self.slots.get(*place).is_none_or(over)) {
-            return Ok(());
-        }
-        if let slot @ Slot::Good { .. } = self.inspect(OLD_SECOND)? {
-            self.old_second = slot;
-            // What is in them is the end of this record.
-            let [first, last] = OLD_SECOND_SLOTS;
-            self.slots.get_mut(first..=last).unwrap_or_default().fill(Slot::Empty);
-        }
         Ok(())
     }
 
@@ -332,19 +317,17 @@ impl<M: Medium> CalibrationStore<M> {
         if let Some(noted) = self.slots.get_mut(place) {
             *noted = slot;
         }
-        if OLD_SECOND_SLOTS.contains(&place) {
-            self.old_second = Slot::Empty;
-        }
+    }
+
+    fn damages(&self) -> impl Iterator<Item = Damage> + '_ {
+        self.slots.iter().filter_map(|slot| match slot {
+            Slot::Damaged(damage) => Some(*damage),
+            Slot::Empty | Slot::Good { .. } => None,
+        })
     }
 
     fn damage(&self) -> Option<Damage> {
-        let damages = || {
-            self.slots.iter().filter_map(|slot| match slot {
-                Slot::Damaged(damage) => Some(*damage),
-                Slot::Empty | Slot::Good { .. } => None,
-            })
-        };
-        damages().find(|damage| damage.is_newer()).or_else(|| damages().next())
+        self.damages().find(|damage| damage.is_newer()).or_else(|| self.damages().next())
     }
 
     fn refuse_newer(&self) -> Result<(), StoreError<M::Error>> {
@@ -355,8 +338,7 @@ impl<M: Medium> CalibrationStore<M> {
     }
 
     fn good(&self) -> impl Iterator<Item = Good> + '_ {
-        let places = (0..).zip(&self.slots).chain([(OLD_SECOND, &self.old_second)]);
-        places.filter_map(|(place, slot)| match *slot {
+        (0..).zip(&self.slots).filter_map(|(place, slot)| match *slot {
             Slot::Good { sequence, accepted } => Some(Good { place, sequence, accepted }),
             Slot::Empty | Slot::Damaged(_) => None,
         })
@@ -391,9 +373,8 @@ impl<M: Medium> CalibrationStore<M> {
     /// The slot after the newest record, and the next sequence number: no slot that cannot be read just now has it.
     fn next(&self) -> (usize, u32) {
         let Some(newest) = self.newest() else { return (0, 0) };
-        let first = if newest.place == OLD_SECOND { OLD_SECOND_SLOTS[1] + 1 } else { newest.place + 1 };
         let unreadable = self.slots.iter().filter(|slot| **slot == Slot::Damaged(Damage::Unreadable)).count();
-        (first, newest.sequence.wrapping_add(1 + unreadable as u32))
+        (newest.place + 1, newest.sequence.wrapping_add(1 + unreadable as u32))
     }
 
     fn ahead(&self, first: usize, ahead: usize) -> usize {
@@ -403,11 +384,9 @@ impl<M: Medium> CalibrationStore<M> {
 
     /// Whether writing or erasing here would harm the newest accepted record.
     fn is_protected(&self, place: usize, erasing: bool) -> bool {
-        self.newest_accepted().is_some_and(|newest| match newest.place {
-            OLD_SECOND => OLD_SECOND_SLOTS.contains(&place),
-            kept if erasing => kept / M::SLOTS_PER_BLOCK == place / M::SLOTS_PER_BLOCK,
-            kept => kept == place,
-        })
+        let block = |place: usize| place / M::SLOTS_PER_BLOCK;
+        self.newest_accepted()
+            .is_some_and(|newest| if erasing { block(newest.place) == block(place) } else { newest.place == place })
     }
 
     /// Whether a slot may be written now; a sector that the log enters is made blank, as a whole.
@@ -510,9 +489,6 @@ fn newer(first: Good, second: Good) -> Good {
 }
 
 fn address<M: Medium>(place: usize) -> u32 {
-    if place == OLD_SECOND {
-        return OLD_SECOND_ADDRESS;
-    }
     let (block, slot) = (place / M::SLOTS_PER_BLOCK, place % M::SLOTS_PER_BLOCK);
     (block * M::BLOCK_BYTES + slot * SLOT_BYTES) as u32
 }

@@ -3,6 +3,8 @@
 mod corrected;
 mod endpoint;
 mod frame;
+#[cfg(test)]
+mod golden;
 mod lock;
 mod outbox;
 mod protocol;

@@ -6,7 +6,7 @@ use crate::gimbal::axis::AxisLimits;
 use crate::keep::black_box::Entry;
 use crate::keep::record::FORMAT_VERSION;
 use crate::model::error_model::PARAMETERS;
-use crate::run::calibrator::CalibratorConfig;
+use crate::run::config::CalibratorConfig;
 use crate::run::config::{ConfigError, SelfCalibrationConfig};
 use crate::run::policy::PowerUpPolicy;
 use crate::run::result::StoredCalibration;
@@ -194,33 +194,53 @@ impl Payload for Answer {
 pub enum Refusal {
     /// The frame is whole, but holds no command of this version.
     NotUnderstood,
-    /// It makes no sense in this state.
+    /// The command is not allowed in this state.
     NotNow(State),
     /// The power-up policy is never to calibrate.
     Policy,
-    /// It must be unlocked first.
+    /// The instrument must be unlocked first.
     Locked,
-    /// The word does not unlock.
+    /// The word does not unlock the instrument.
     WrongWord,
-    /// The configuration would be wrong.
+    /// The configuration is not valid.
     Config(ConfigError),
-    /// There is nothing of the kind.
+    /// The instrument has nothing of what was asked for.
     Nothing,
-    /// The memory does not work.
+    /// The calibration memory does not work.
     Memory,
 }
 
+impl Refusal {
+    /// Short name of the refusal. It is printed with the text, and `rins explain` shows its page of the guide.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::NotUnderstood => "not-understood",
+            Self::NotNow(_) => "not-now",
+            Self::Policy => "policy-never",
+            Self::Locked => "locked",
+            Self::WrongWord => "wrong-word",
+            Self::Config(error) => error.code(),
+            Self::Nothing => "nothing-there",
+            Self::Memory => "memory",
+        }
+    }
+}
+
+/// The [code](Refusal::code) in brackets, then the text in one line.
 impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if !matches!(self, Self::Config(_)) {
+            write!(f, "[{}] ", self.code())?;
+        }
         match self {
             Self::NotUnderstood => f.write_str("the instrument does not understand the command"),
-            Self::NotNow(state) => write!(f, "that makes no sense while the instrument is in state {state:?}"),
-            Self::Policy => f.write_str("the policy is never to calibrate"),
-            Self::Locked => f.write_str("it is locked; unlock it first"),
-            Self::WrongWord => f.write_str("that word does not unlock"),
-            Self::Config(error) => write!(f, "{error}"),
-            Self::Nothing => f.write_str("there is nothing of the kind"),
-            Self::Memory => f.write_str("the memory does not work"),
+            Self::NotNow(state) => write!(f, "the command is not allowed while the instrument is in state {state:?}"),
+            Self::Policy => f.write_str("the power-up policy is never to calibrate"),
+            Self::Locked => f.write_str("the instrument is locked; unlock it first"),
+            Self::WrongWord => f.write_str("this word does not unlock the instrument"),
+            Self::Config(error) => error.fmt(f),
+            Self::Nothing => f.write_str("the instrument has nothing of what was asked for"),
+            Self::Memory => f.write_str("the calibration memory of the instrument does not work"),
         }
     }
 }

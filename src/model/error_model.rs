@@ -1,4 +1,4 @@
-//! The errors of the instrument, and what they do to a sample.
+//! The errors of the instrument, and what they do to a sample. [`super::correction`] is the inverse.
 //!
 //! ```text
 //! (1) rot_sa = [[1,0,0],[Sayz,1,0],[-Sazy,Sazx,1]]     rot_sg = [[1,-Sgxz,Sgxy],[Sgyz,1,-Sgyx],[-Sgzy,Sgzx,1]]
@@ -12,7 +12,6 @@
 
 use crate::base::angle::Angle;
 use crate::base::linear::{Matrix3, Real, Vector, Vector3, exp_so3, inverse3};
-use crate::base::sample::{CorrectedSample, RawSample};
 use crate::base::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM};
 use serde::{Deserialize, Serialize};
 
@@ -39,7 +38,13 @@ pub mod block {
     pub const NON_PERPENDICULARITY: usize = 24;
     /// Roll, pitch, heading of the base, rad.
     pub const ATTITUDE: usize = 25;
+    /// Heading of the base, rad: the last of the attitude.
+    pub const HEADING: usize = ATTITUDE + 2;
 }
+
+/// Number of installation errors, the leading parameters and the states of the paper's method: Sgxy Sgxz Sgyx Sgyz Sgzx
+/// Sgzy, Sayz Sazx Sazy, alpha beta gamma.
+pub const INSTALLATION_STATES: usize = block::ACCEL_BIAS;
 
 /// Name and unit of a parameter, for reports.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -270,121 +275,9 @@ pub fn frame_rotation_x<T: Real>(angle: Angle) -> Matrix3<T> {
     Matrix3::new(one, zero, zero, zero, c, s, zero, -s, c)
 }
 
-/// The inverse of (4) and (5), ready to apply to every sample.
-///
-/// ```
-/// use rins_selfcal::model::error_model::{Calibration, InstrumentErrors};
-/// use rins_selfcal::base::linear::Vector3;
-/// use rins_selfcal::base::sample::RawSample;
-/// use rins_selfcal::base::units::{ARCSEC, MICRO_G};
-///
-/// // A bias, and the sensors 100 arcsec off the rotation axes about z.
-/// let errors = InstrumentErrors {
-///     accel_bias_a: [30.0 * MICRO_G, 0.0, 0.0],
-///     mounting: [0.0, 0.0, 100.0 * ARCSEC],
-///     ..InstrumentErrors::default()
-/// };
-/// let (force_s, omega_is_s) = (Vector3::new(0.0, 0.0, 9.79), Vector3::new(0.0, 0.3, 0.0));
-/// let (force_a, omega_g) = errors.corrupt(&force_s, &omega_is_s);
-/// let corrected = Calibration::new(&errors).correct(&RawSample { force_a, omega_g, ..RawSample::default() });
-/// assert!((corrected.force_s - force_s).norm() < 1e-12);
-/// // At gimbal angles (0, 0) the IMU is off the vehicle by the mounting angle alone.
-/// assert!((corrected.rot_sb[(0, 1)] - 100.0 * ARCSEC).abs() < 1e-9);
-/// ```
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Calibration<T: Real> {
-    /// `rot_sa (I + diag ka)^-1`
-    force_matrix_sa: Matrix3<T>,
-    accel_bias_a: Vector3<T>,
-    /// `rot_sg (I + diag kg)^-1`
-    rate_matrix_sg: Matrix3<T>,
-    gyro_bias_g: Vector3<T>,
-    rot_sr: Matrix3<T>,
-    errors: InstrumentErrors<T>,
-}
-
-impl<T: Real> Calibration<T> {
-    /// Prepares the correction for an instrument with these errors.
-    pub fn new(errors: &InstrumentErrors<T>) -> Self {
-        let inverse_scale =
-            |scale: [T; 3]| Matrix3::from_diagonal(&Vector3::from(scale.map(|k| (T::one() + k).recip())));
-        Self {
-            force_matrix_sa: errors.rot_sa() * inverse_scale(errors.accel_scale),
-            accel_bias_a: Vector3::from(errors.accel_bias_a),
-            rate_matrix_sg: errors.rot_sg() * inverse_scale(errors.gyro_scale),
-            gyro_bias_g: Vector3::from(errors.gyro_bias_g),
-            rot_sr: errors.rot_sr(),
-            errors: *errors,
-        }
-    }
-
-    /// What the IMU frame felt, from what the sensors read: `f_s = rot_sa (I + diag ka)^-1 (f_a - ba)` in m/s^2, and
-    /// the same for the gyros in rad/s.
-    pub fn correct(&self, sample: &RawSample<T>) -> CorrectedSample<T> {
-        CorrectedSample {
-            time_us: sample.time_us,
-            force_s: self.force_matrix_sa * (sample.force_a - self.accel_bias_a),
-            omega_is_s: self.rate_matrix_sg * (sample.omega_g - self.gyro_bias_g),
-            rot_sb: self.rot_sb(sample.outer, sample.inner),
-        }
-    }
-
-    /// Attitude of the IMU in the vehicle from the gimbal angles, with the mounting angles and the non-perpendicularity
-    /// taken out: b (= r0) to s. (2), (3)
-    pub fn rot_sb(&self, outer: Angle, inner: Angle) -> Matrix3<T> {
-        self.rot_sr * self.errors.rot_rr0(outer, inner)
-    }
-
-    /// `rot_sa (I + diag ka)^-1`: takes the accelerometers' outputs less `ba` to the IMU frame.
-    pub fn force_matrix_sa(&self) -> &Matrix3<T> {
-        &self.force_matrix_sa
-    }
-
-    /// `rot_sg (I + diag kg)^-1`: takes the gyros' outputs less `bg` to the IMU frame.
-    pub fn rate_matrix_sg(&self) -> &Matrix3<T> {
-        &self.rate_matrix_sg
-    }
-
-    /// (2): rotation frame to IMU frame.
-    pub fn rot_sr(&self) -> &Matrix3<T> {
-        &self.rot_sr
-    }
-
-    /// The errors this calibration takes out.
-    pub fn errors(&self) -> &InstrumentErrors<T> {
-        &self.errors
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::linear::real;
-
-    fn example<T: Real>() -> InstrumentErrors<T> {
-        InstrumentErrors::from_vector(&Vector::from_fn(|row, _| {
-            let sign = if row % 2 == 0 { 1.0 } else { -1.0 };
-            real(sign * (1.0 + row as f64) * 2e-4)
-        }))
-    }
-
-    fn round_trip<T: Real>() -> f64 {
-        let errors = example::<T>();
-        let force_s = Vector3::new(3.0, -4.0, 8.5).map(real);
-        let omega_is_s = Vector3::new(0.3, -0.2, 0.1).map(real);
-        let (force_a, omega_g) = errors.corrupt(&force_s, &omega_is_s);
-        let sample = RawSample { force_a, omega_g, ..RawSample::default() };
-        let back = Calibration::new(&errors).correct(&sample);
-        ((back.force_s - force_s).norm() / force_s.norm())
-            .widened()
-            .max((back.omega_is_s - omega_is_s).norm().widened())
-    }
-
-    #[test]
-    fn equations_4_and_5_round_trip_to_rounding() {
-        assert!(round_trip::<f64>() < 8.0 * f64::EPSILON, "{}", round_trip::<f64>());
-        assert!(round_trip::<f32>() < 8.0 * f64::from(f32::EPSILON), "{}", round_trip::<f32>());
-    }
 
     #[test]
     fn vector_and_fields_correspond() {
@@ -392,7 +285,7 @@ mod tests {
         let errors = InstrumentErrors::from_vector(&x);
         assert_eq!(errors.to_vector(), x);
         assert_eq!(errors.gyro_bias_g[0], block::GYRO_BIAS as f64);
-        assert_eq!(errors.heading, (block::ATTITUDE + 2) as f64);
+        assert_eq!(errors.heading, block::HEADING as f64);
         assert_eq!(PARAMETER_INFO[block::NON_PERPENDICULARITY].name, "axis_nonperpendicularity");
         assert_eq!(PARAMETER_INFO[block::ACCEL_SCALE].name, "accel_scale_x");
     }

@@ -8,19 +8,30 @@ use serde::{Deserialize, Serialize};
 /// Why a run was given up.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum AbortReason {
-    /// The operator or the navigation software asked for it.
+    /// The operator or the navigation software gave the command to abort.
     Commanded,
-    /// The base was not still for a second within a minute of the run's start.
+    /// Base and axes were not at rest for a second within a minute of the start of the run.
     NotStill,
     /// A move did not end in time.
     TurnTimeout,
-    /// Something is wrong with an axis, and both were stopped for it.
+    /// An axis has a fault, and both axes were stopped.
     Gimbal(Fault),
     /// Samples were missing or unusable for too long.
     SampleLoss,
 }
 
 impl AbortReason {
+    /// Short name of the reason. It is printed with the text, and `rins explain` shows its page of the guide.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Commanded => "commanded",
+            Self::NotStill => "not-still",
+            Self::TurnTimeout => "turn-timeout",
+            Self::Gimbal(fault) => fault.kind.code(),
+            Self::SampleLoss => "sample-loss",
+        }
+    }
+
     /// Whether something failed, rather than somebody asked.
     pub(super) fn is_fault(self) -> bool {
         self != Self::Commanded
@@ -41,15 +52,17 @@ pub struct Abort {
     pub during: State,
 }
 
+/// The [code](AbortReason::code) in brackets, then the text in one line.
 impl fmt::Display for AbortReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Commanded => write!(f, "given up on command"),
-            Self::NotStill => write!(f, "the base was not still for 1 s within 60 s of the start of the run"),
-            Self::TurnTimeout => write!(f, "the axes did not arrive in time"),
-            Self::Gimbal(fault) => write!(f, "{fault}"),
-            Self::SampleLoss => write!(f, "no usable samples for 1 s, or for 0.1 s while the axes turned"),
-        }
+        let text = match self {
+            Self::Commanded => "the run was aborted by a command",
+            Self::NotStill => "base and axes were not at rest for 1 s within 60 s of the start of the run",
+            Self::TurnTimeout => "the axes did not arrive within 10 s after the planned end of the move",
+            Self::Gimbal(fault) => return fault.fmt(f),
+            Self::SampleLoss => "no usable sample arrived for 1 s, or for 0.1 s during a move",
+        };
+        write!(f, "[{}] {text}", self.code())
     }
 }
 
@@ -57,14 +70,14 @@ impl fmt::Display for AbortReason {
 impl fmt::Display for Abort {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.during {
-            State::AwaitStill => write!(f, "before anything moved: ")?,
-            State::Turn(0) => write!(f, "on the way to the start: ")?,
+            State::AwaitStill => write!(f, "before the first move: ")?,
+            State::Turn(0) => write!(f, "on the way to the start angles: ")?,
             State::Turn(leg) => write!(f, "segment {}, move of leg {leg}: ", 2 * leg - 1)?,
             State::Settle(0) | State::Dwell(0) | State::Weigh(0) => write!(f, "segment 0, first stop: ")?,
             State::Settle(leg) | State::Dwell(leg) | State::Weigh(leg) => {
                 write!(f, "segment {}, stop of leg {leg}: ", 2 * leg)?;
             }
-            State::Compute | State::Verdict => write!(f, "all measured, solving: ")?,
+            State::Compute | State::Verdict => write!(f, "after all measurements, during the solution: ")?,
             _ => {}
         }
         self.reason.fmt(f)
@@ -76,25 +89,34 @@ mod tests {
     use super::*;
     use crate::base::units::DEG;
     use crate::gimbal::FaultKind;
+    use std::format;
 
     #[test]
     fn a_text_names_segment_axis_angle_and_number() {
         let kind = FaultKind::Stall { rate_rad_s: 0.0, wanted_rad_s: (20.0 * DEG) as f32 };
         let stalled = AbortReason::Gimbal(Fault { axis: 1, angle_rad: (-37.25 * DEG) as f32, kind });
+        let commanded = |during: &str| format!("{during}[commanded] the run was aborted by a command");
         let cases = [
             (
                 State::Turn(3),
                 stalled,
-                "segment 5, move of leg 3: inner axis at -37.25 deg: stalled at 0.0 deg/s, commanded 20.0 deg/s",
+                format!("segment 5, move of leg 3: {stalled}"),
             ),
-            (State::Turn(0), AbortReason::TurnTimeout, "on the way to the start: the axes did not arrive in time"),
-            (State::Dwell(0), AbortReason::Commanded, "segment 0, first stop: given up on command"),
-            (State::Settle(18), AbortReason::Commanded, "segment 36, stop of leg 18: given up on command"),
-            (State::Compute, AbortReason::Commanded, "all measured, solving: given up on command"),
-            (State::PowerUp, AbortReason::Commanded, "given up on command"),
+            (
+                State::Turn(0),
+                AbortReason::TurnTimeout,
+                "on the way to the start angles: [turn-timeout] the axes did not arrive within 10 s after the planned end of \
+                 the move"
+                    .into(),
+            ),
+            (State::Dwell(0), AbortReason::Commanded, commanded("segment 0, first stop: ")),
+            (State::Settle(18), AbortReason::Commanded, commanded("segment 36, stop of leg 18: ")),
+            (State::Compute, AbortReason::Commanded, commanded("after all measurements, during the solution: ")),
+            (State::PowerUp, AbortReason::Commanded, commanded("")),
         ];
         for (during, reason, text) in cases {
             assert_eq!(Abort { reason, during }.to_string(), text);
         }
+        assert!(stalled.to_string().starts_with("[stall] inner axis at -37.25 deg: "), "{stalled}");
     }
 }

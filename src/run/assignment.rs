@@ -8,7 +8,7 @@ use crate::estimator::{EstimatorConfig, HeadingSource};
 use crate::gimbal::axis::AxisLimits;
 use crate::gimbal::servo::MotorAndLoad;
 use crate::model::options::Options;
-use crate::run::calibrator::CalibratorConfig;
+use crate::run::config::CalibratorConfig;
 use crate::run::config::SelfCalibrationConfig;
 use crate::run::policy::PowerUpPolicy;
 use crate::run::sequencer::Pace;

@@ -3,44 +3,21 @@
 use crate::base::linear::Real;
 use crate::base::sample::RawSample;
 use crate::estimator::rehearsal::unobserved;
-use crate::estimator::{BASIC_STATES, Estimate, Estimator, EstimatorConfig, MAX_SEGMENTS, Solution};
+use crate::estimator::{BASIC_STATES, Estimate, Estimator, MAX_SEGMENTS, Solution};
 use crate::model::error_model::PARAMETERS;
-use crate::run::telemetry::{Message, tell};
+use crate::run::config::CalibratorConfig;
+use crate::run::telemetry::{Message, Progress, tell};
 use crate::scheme::Scheme;
 use crate::segment::intake::{Admission, Intake, IntakeCounts};
-use crate::segment::{Segment, SegmentKind, Segmenter, Stillness};
+use crate::segment::{Segment, Segmenter};
 use crate::verdict::{Assessment, Verdict, VerdictLimits, is_good_fit, judge};
-use serde::{Deserialize, Serialize};
-
-/// What the chain from samples to parameters must know.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct CalibratorConfig {
-    /// Nominal sample rate, Hz.
-    pub rate_hz: f64,
-    /// How motion of the axes is recognized.
-    pub stillness: Stillness,
-    /// What the estimator must know.
-    pub estimator: EstimatorConfig,
-}
-
-/// A finished segment and the live estimate after it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Progress {
-    /// Segments so far.
-    pub segments: u16,
-    /// Stop or move.
-    pub kind: SegmentKind,
-    /// Time of the segment's end, us.
-    pub end_us: u64,
-    /// The live estimate.
-    pub estimate: Estimate,
-}
 
 /// Takes samples in and gives parameters out. For a recording; [`SelfCalibration`](crate::run::self_calibration::SelfCalibration)
 /// has it for a live instrument.
 ///
 /// ```
-/// use rins_selfcal::run::calibrator::{Calibrator, CalibratorConfig};
+/// use rins_selfcal::run::calibrator::Calibrator;
+/// use rins_selfcal::run::config::CalibratorConfig;
 /// use rins_selfcal::model::error_model::InstrumentErrors;
 /// use rins_selfcal::base::linear::Vector3;
 /// use rins_selfcal::base::method::Method;

@@ -1,19 +1,32 @@
 //! The configuration of a run, and why one is refused.
 
 use crate::base::units::DEG;
+use crate::estimator::EstimatorConfig;
 use crate::estimator::rehearsal::SHORTEST_STOP_S;
 use crate::estimator::{HeadingSource, MAX_SEGMENTS};
 use crate::gimbal::axis::{AxisLimits, ROUNDING_RAD};
+use crate::gimbal::fault::AXIS_NAMES;
 use crate::gimbal::servo::MotorAndLoad;
 use crate::model::error_model::PARAMETER_INFO;
-use crate::run::calibrator::CalibratorConfig;
 use crate::run::policy::PowerUpPolicy;
 use crate::run::sequencer::Pace;
 use crate::scheme::{Scheme, SchemeError};
+use crate::segment::Stillness;
 use crate::verdict::VerdictLimits;
 use core::fmt;
 use core::ops::RangeInclusive;
 use serde::{Deserialize, Serialize};
+
+/// What the chain from samples to parameters must know.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CalibratorConfig {
+    /// Nominal sample rate, Hz.
+    pub rate_hz: f64,
+    /// How motion of the axes is recognized.
+    pub stillness: Stillness,
+    /// What the estimator must know.
+    pub estimator: EstimatorConfig,
+}
 
 /// Everything that a run must know.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -39,88 +52,129 @@ pub struct SelfCalibrationConfig {
     pub refuse_unobserved: bool,
 }
 
-/// Why a configuration is refused.
+/// Why a configuration is refused. An axis is 0 for the outer axis and 1 for the inner axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ConfigError {
     /// The sample rate is not from 50 to 10 000 Hz.
     Rate,
-    /// A noise is not positive and finite, or its margin not at least 1.
+    /// A noise is not positive and finite, or the noise margin is below 1.
     Noise,
-    /// The heading or its sigma is not finite, or the sigma not positive.
+    /// The heading or its sigma is not finite, or the sigma is not positive.
     Heading,
-    /// The range within which an axis stands, or the gate, is not positive and finite.
+    /// The range of an axis at rest is not positive or exceeds 1 deg, or the innovation gate is not positive and finite.
     Stillness,
-    /// A limit of this axis (0 outer, 1 inner) is not positive and finite, or its travel is empty.
+    /// A limit of this axis is not positive and finite, or its travel is empty.
     Axis(u8),
-    /// A number of this axis' motor and load (0 outer, 1 inner) makes no sense, or it cannot overcome its friction.
+    /// A number of the motor or load of this axis is not valid, or the torque does not exceed the friction.
     Motor(u8),
-    /// The longest run is not finite and positive.
+    /// The longest time of a run is not finite and positive.
     Pace,
     /// A limit of the power-up policy is not finite, or negative.
     Policy,
     /// A limit of the verdict is not positive and finite.
     Limits,
-    /// A walk of an option is not finite, or negative.
+    /// The random walk of a bias is not finite, or negative.
     Options,
-    /// A state is asked for that the filter of this build does not have.
+    /// The filter of this build does not have a state that is configured.
     States,
-    /// The scheme has more segments than fit.
+    /// The scheme has more segments than fit into memory.
     Segments,
-    /// The latitude is not within a quarter turn, or height or gravity are not finite.
+    /// The latitude is beyond 90 deg, or the height or the gravity is not finite.
     Site,
-    /// The scheme is wrong in itself.
+    /// The scheme is not valid.
     Scheme(SchemeError),
-    /// The scheme turns or accelerates faster than this axis may (0 outer, 1 inner).
+    /// The scheme turns or accelerates faster than the limits of this axis permit.
     TooFast(u8),
     /// This leg, counted from 1, or the start at (0, 0), leg 0, is outside the travel of this axis.
     Travel {
         /// Leg.
         leg: u8,
-        /// Axis: 0 outer, 1 inner.
+        /// Axis.
         axis: u8,
     },
-    /// The stop of this leg, counted from 1, or the first one, leg 0, is too short to be found among the samples.
+    /// The stop of this leg, counted from 1, or the first stop, leg 0, is too short to be measured.
     ShortStop(u8),
     /// The scheme would leave this parameter unobserved.
     Unobserved(u8),
 }
 
+impl ConfigError {
+    /// Short name of the error. It is printed with the text, and `rins explain` shows its page of the guide.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Rate => "config-rate",
+            Self::Noise => "config-noise",
+            Self::Heading => "config-heading",
+            Self::Stillness => "config-stillness",
+            Self::Axis(_) => "config-axis",
+            Self::Motor(_) => "config-motor",
+            Self::Pace => "config-pace",
+            Self::Policy => "config-policy",
+            Self::Limits => "config-limits",
+            Self::Options => "config-options",
+            Self::States => "config-states",
+            Self::Segments => "scheme-segments",
+            Self::Site => "config-site",
+            Self::Scheme(error) => error.code(),
+            Self::TooFast(_) => "scheme-fast",
+            Self::Travel { .. } => "scheme-travel",
+            Self::ShortStop(_) => "scheme-short-stop",
+            Self::Unobserved(_) => "scheme-unobserved",
+        }
+    }
+}
+
+/// The [code](ConfigError::code) in brackets, then the text in one line.
 impl fmt::Display for ConfigError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let name = |axis: &u8| if *axis == 0 { "outer" } else { "inner" };
+        if !matches!(self, Self::Scheme(_)) {
+            write!(f, "[{}] ", self.code())?;
+        }
+        let name = |axis: &u8| AXIS_NAMES.get(usize::from(*axis)).copied().unwrap_or("?");
         match self {
             Self::Rate => f.write_str("the sample rate must be from 50 to 10 000 Hz"),
-            Self::Noise => f.write_str("every noise must be finite and positive, and its margin at least 1"),
-            Self::Heading => f.write_str("a configured heading must be finite, and its sigma positive"),
+            Self::Noise => f.write_str("every noise must be finite and positive, and the noise margin at least 1"),
+            Self::Heading => f.write_str("a configured heading must be finite, and its sigma finite and positive"),
             Self::Stillness => f.write_str(
-                "the range of an axis at rest must be positive and at most 1 deg, the gate finite and positive",
+                "the angle range of an axis at rest must be positive and at most 1 deg, and the innovation gate finite and \
+                 positive",
             ),
-            Self::Axis(axis) => {
-                write!(f, "the limits of the {} axis must be finite and positive, and its travel not empty", name(axis))
-            }
-            Self::Motor(axis) => write!(
+            Self::Axis(axis) => write!(
                 f,
-                "motor and load of the {} axis must be finite and positive, and the torque above the friction",
+                "every limit of the {} axis must be finite and positive, its rate at most 125 deg/s, and its highest angle \
+                 above its lowest angle",
                 name(axis)
             ),
-            Self::Pace => f.write_str("the longest run must be finite and positive"),
-            Self::Policy => f.write_str("the temperature limit of the policy must be finite and not negative"),
-            Self::Limits => f.write_str("every limit of the verdict must be finite and positive"),
-            Self::Options => f.write_str("random walks of the biases must be finite and not negative"),
-            Self::States => f.write_str(
-                "this build has no room for bias ramps, encoder harmonics or tilt drift; build with feature \
-                 optional-states, or leave them out",
+            Self::Motor(axis) => write!(
+                f,
+                "every number of the motor and load of the {} axis must be finite and positive, and the motor torque must \
+                 exceed the friction",
+                name(axis)
             ),
-            Self::Segments => write!(f, "the scheme has more than the {MAX_SEGMENTS} stops and moves that fit"),
-            Self::Site => f.write_str("the latitude must be within 90 deg, height and gravity finite"),
-            Self::Scheme(error) => write!(f, "the scheme: {error}"),
-            Self::TooFast(axis) => {
-                write!(f, "the scheme turns or accelerates faster than the {} axis may", name(axis))
+            Self::Pace => f.write_str("the longest time of a run must be finite and positive"),
+            Self::Policy => {
+                f.write_str("the temperature limit of the power-up policy must be finite and not negative")
             }
-            Self::Travel { leg: 0, axis } => write!(f, "(0, 0) is outside the travel of the {} axis", name(axis)),
+            Self::Limits => f.write_str("every limit of the verdict must be finite and positive"),
+            Self::Options => f.write_str("the random walks of the biases must be finite and not negative"),
+            Self::States => f.write_str(
+                "this build has no states for bias ramps, encoder harmonics and tilt drift; build with the feature \
+                 optional-states, or do not configure them",
+            ),
+            Self::Segments => write!(f, "the scheme has more than {MAX_SEGMENTS} stops and moves, which do not fit into memory"),
+            Self::Site => f.write_str("the latitude must be within 90 deg, and height and gravity must be finite"),
+            Self::Scheme(error) => error.fmt(f),
+            Self::TooFast(axis) => {
+                write!(f, "the scheme turns or accelerates faster than the limits of the {} axis permit", name(axis))
+            }
+            Self::Travel { leg: 0, axis } => {
+                write!(f, "the start at (0, 0) is outside the travel of the {} axis", name(axis))
+            }
             Self::Travel { leg, axis } => write!(f, "leg {leg} leaves the travel of the {} axis", name(axis)),
-            Self::ShortStop(0) => write!(f, "the first stop is too short to be measured, at least 0.5 s"),
-            Self::ShortStop(leg) => write!(f, "the stop of leg {leg} is too short to be measured, at least 0.5 s"),
+            Self::ShortStop(0) => write!(f, "the first stop is shorter than the 0.5 s that a measurement needs"),
+            Self::ShortStop(leg) => {
+                write!(f, "the stop of leg {leg} is shorter than the 0.5 s that a measurement needs")
+            }
             Self::Unobserved(parameter) => {
                 let info = PARAMETER_INFO.get(usize::from(*parameter));
                 write!(f, "the scheme leaves {} unobserved", info.map_or("a parameter", |info| info.name))

@@ -4,6 +4,8 @@ pub mod abort;
 pub mod assignment;
 pub mod calibrator;
 pub mod config;
+#[cfg(test)]
+mod golden;
 pub mod policy;
 pub mod result;
 pub mod self_calibration;

@@ -9,6 +9,14 @@ use crate::verdict::{Reason, Verdict};
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
 
+/// Version of the encoding of [`Reason`] in a stored verdict.
+///
+/// Count it up with every change that gives stored bytes another meaning: a variant of `Reason`, or of a type inside it, that is
+/// removed, moved or inserted; a field that is added or removed or changes its type or unit. A variant that is added at the end
+/// needs no new version: older software stops reading at the first variant that it does not know. A test pins the bytes of every
+/// variant. Reasons of another version are not read; the verdict itself and the number of its reasons are.
+pub const REASONS_SCHEMA: u8 = 1;
+
 /// A calibration, where it comes from and what was thought of it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StoredCalibration {
@@ -32,7 +40,7 @@ pub struct StoredCalibration {
     pub degrees_of_freedom: u32,
     /// Version of the software that did it.
     pub software_version: String<16>,
-    /// Accepted or not. The last field: a version of the format without it has nothing after it.
+    /// Accepted or not.
     pub verdict: StoredVerdict,
 }
 
@@ -47,10 +55,10 @@ impl StoredCalibration {
         Conditions { utc_s: self.utc_s, temperature_c: self.temperature_c }
     }
 
-    /// What was told with the verdict, as far as it was kept; nothing of another version of the software, whose reasons may
-    /// be others.
+    /// The reasons of the verdict, as many as were stored. There are none where they were encoded by another
+    /// [`REASONS_SCHEMA`].
     pub fn reasons(&self) -> impl Iterator<Item = Reason> + '_ {
-        let known = self.software_version == env!("CARGO_PKG_VERSION");
+        let known = self.verdict.reasons_schema == REASONS_SCHEMA;
         let mut rest: &[u8] = if known { &self.verdict.told } else { &[] };
         core::iter::from_fn(move || {
             let (reason, after) = postcard::take_from_bytes(rest).ok()?;
@@ -67,6 +75,8 @@ pub struct StoredVerdict {
     pub doubts: u16,
     /// Number of changes against the calibration before that were allowed.
     pub changes: u16,
+    /// [`REASONS_SCHEMA`] of the software that wrote the reasons.
+    reasons_schema: u8,
     /// The first doubts, or changes where there are none, as bytes: a record can be read whatever has become of the reasons.
     told: Vec<u8, 128>,
 }
@@ -85,7 +95,7 @@ impl StoredVerdict {
             }
         }
         let doubts = count(&verdict.reasons).saturating_add(verdict.more);
-        Self { doubts, changes: count(&verdict.changes), told: bytes }
+        Self { doubts, changes: count(&verdict.changes), reasons_schema: REASONS_SCHEMA, told: bytes }
     }
 
     /// Whether the calibration may be used.

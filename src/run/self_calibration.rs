@@ -11,7 +11,7 @@ use crate::base::sample::{CorrectedSample, RawSample};
 use crate::base::units::DEG;
 use crate::estimator::{BASIC_STATES, Estimate, FULL_STATES, MAX_SEGMENTS, Solution};
 use crate::gimbal::{Fault, GimbalStatus, MotionCommand};
-use crate::model::error_model::Calibration;
+use crate::model::correction::Calibration;
 use crate::run::abort::{Abort, AbortReason};
 use crate::run::calibrator::Calibrator;
 use crate::run::config::{ConfigError, SelfCalibrationConfig};
@@ -63,7 +63,8 @@ struct Heard {
 /// A running instrument. Its calibrator is memory of the caller's: a static on the board.
 ///
 /// ```
-/// use rins_selfcal::run::calibrator::{Calibrator, CalibratorConfig};
+/// use rins_selfcal::run::calibrator::Calibrator;
+/// use rins_selfcal::run::config::CalibratorConfig;
 /// use rins_selfcal::gimbal::{GimbalStatus, MotionCommand};
 /// use rins_selfcal::base::linear::Vector3;
 /// use rins_selfcal::run::self_calibration::SelfCalibration;
@@ -564,7 +565,7 @@ mod tests {
     use super::*;
     use crate::base::method::Method;
     use crate::base::site::Site;
-    use crate::run::calibrator::CalibratorConfig;
+    use crate::run::config::CalibratorConfig;
     use crate::segment::white_noise::Noise;
 
     fn config() -> SelfCalibrationConfig {

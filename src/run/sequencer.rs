@@ -212,9 +212,7 @@ impl Sequencer {
     fn leg_s(&self, leg: u16) -> f64 {
         let to = self.leg(leg);
         let from = self.leg(leg.saturating_sub(1));
-        let ways_rad = [to.outer_rad - from.outer_rad, to.inner_rad - from.inner_rad];
-        let move_s = ways_rad.map(|way_rad| self.scheme.move_s(way_rad)).into_iter().fold(0.0, f64::max);
-        move_s + SETTLING_S + to.stop_s
+        self.scheme.move_s(&from, &to) + SETTLING_S + to.stop_s
     }
 
     /// One step; at most one edge is taken.

@@ -2,17 +2,31 @@
 
 use crate::base::loss::LossCounts;
 use crate::base::restart::Restart;
+use crate::estimator::Estimate;
 use crate::estimator::{SegmentInnovations, Solution};
 use crate::gimbal::Fault;
 use crate::model::error_model::PARAMETERS;
 use crate::run::abort::Abort;
-use crate::run::calibrator::Progress;
 use crate::run::config::ConfigError;
 use crate::run::policy::Decision;
 use crate::run::state::State;
+use crate::segment::SegmentKind;
 use crate::segment::intake::IntakeCounts;
 use crate::verdict::Verdict;
 use serde::{Deserialize, Serialize};
+
+/// A finished segment and the live estimate after it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Progress {
+    /// Segments so far.
+    pub segments: u16,
+    /// Stop or move.
+    pub kind: SegmentKind,
+    /// Time of the segment's end, us.
+    pub end_us: u64,
+    /// The live estimate.
+    pub estimate: Estimate,
+}
 
 /// What the instrument tells.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -21,7 +35,7 @@ pub enum Message {
     Store {
         /// A good record was found.
         found: bool,
-        /// A slot is damaged.
+        /// A slot is damaged, or holds a record of another version of the format.
         damaged: bool,
         /// The memory does not answer, or is too small.
         fault: bool,

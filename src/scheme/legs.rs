@@ -1,10 +1,7 @@
 //! A rotation scheme as data: target angles, rates and stop times.
 
-use super::library::{BAI, LIBRARY, LibraryScheme, compiled_in, of_quarters};
 use super::limits::{MAX_LEGS, MAX_NAME_BYTES};
-use crate::base::method::Method;
 use crate::base::profile::Profile;
-use crate::base::units::DEG;
 use core::fmt;
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
@@ -16,8 +13,8 @@ pub const SETTLING_S: f64 = 0.3;
 /// overflow.
 const LONGEST_S: f64 = 7.0 * 86_400.0;
 
-/// One move and the stop after it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// One move and the stop after it. The first stop of a scheme is a leg to (0, 0) without a move.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Leg {
     /// Target of the outer axis, counted over whole turns, rad.
     pub outer_rad: f64,
@@ -25,6 +22,35 @@ pub struct Leg {
     pub inner_rad: f64,
     /// Duration of the stop after the move, s.
     pub stop_s: f64,
+}
+
+impl Leg {
+    /// Ways of the outer and the inner axis from the stop of another leg, rad.
+    pub fn ways_from(&self, from: &Self) -> [f64; 2] {
+        [self.outer_rad - from.outer_rad, self.inner_rad - from.inner_rad]
+    }
+}
+
+/// Rate and acceleration of a turning axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turning {
+    /// Highest rate, rad/s.
+    pub rate_rad_s: f64,
+    /// Acceleration, rad/s^2.
+    pub acceleration_rad_s2: f64,
+}
+
+impl Turning {
+    /// Motion of one axis over this way.
+    pub fn profile(&self, way_rad: f64) -> Profile<f64> {
+        Profile::trapezoid(way_rad, self.rate_rad_s, self.acceleration_rad_s2)
+    }
+
+    /// Nominal duration of a move from the stop of one leg to that of another, s: of the axis that takes longer.
+    pub fn move_s(&self, from: &Leg, to: &Leg) -> f64 {
+        let [outer_s, inner_s] = to.ways_from(from).map(|way_rad| self.profile(way_rad).duration_s());
+        outer_s.max(inner_s)
+    }
 }
 
 /// A rotation scheme. It starts with a stop at (0, 0); each leg is a move followed by a stop.
@@ -79,8 +105,23 @@ pub enum SchemeError {
     Long,
 }
 
+impl SchemeError {
+    /// Short name of the error. It is printed with the text, and `rins explain` shows its page of the guide.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Motion => "scheme-motion",
+            Self::Stop(_) => "scheme-stop",
+            Self::Leg(_) => "scheme-leg",
+            Self::Legs => "scheme-legs",
+            Self::OpenPeriod => "scheme-open-period",
+            Self::Long => "scheme-long",
+        }
+    }
+}
+
 impl fmt::Display for SchemeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "[{}] ", self.code())?;
         match self {
             Self::Motion => f.write_str("rate, acceleration and number of periods must be finite and positive"),
             Self::Stop(0) => f.write_str("the first stop must be finite and positive"),
@@ -94,34 +135,6 @@ impl fmt::Display for SchemeError {
 }
 
 impl Scheme {
-    /// Scheme "bai": `periods` periods of 18 moves at 20 deg/s and 19 stops of `stop_s` each. Bai uses two periods with
-    /// stops of 200 s.
-    pub fn bai(stop_s: f64, periods: u8) -> Self {
-        Self {
-            name: String::try_from("bai").unwrap_or_default(),
-            rate_rad_s: 20.0 * DEG,
-            acceleration_rad_s2: 20.0 * DEG,
-            first_stop_s: stop_s,
-            legs: of_quarters(&BAI, stop_s),
-            periods,
-        }
-    }
-
-    /// The scheme with this name: the compiled-in scheme if it has this name, otherwise the scheme of the library.
-    pub fn named(name: &str) -> Option<Self> {
-        let of_library = || LIBRARY.iter().find(|entry| entry.name == name).map(LibraryScheme::scheme);
-        compiled_in().filter(|scheme| scheme.name == name).or_else(of_library)
-    }
-
-    /// Default scheme of a method: three minutes for the joint method, both of Bai's periods for the two-stage method.
-    pub fn default_for(method: Method) -> Self {
-        match method {
-            // `fast-180` is in the library; a test checks every name.
-            Method::Joint => Self::named("fast-180").unwrap_or_else(|| Self::bai(10.0, 1)),
-            Method::TwoStage => Self::bai(200.0, 2),
-        }
-    }
-
     /// Checks all numbers of the scheme.
     ///
     /// # Errors
@@ -175,19 +188,29 @@ impl Scheme {
         Some(leg)
     }
 
-    /// Duration of a move by `angle_rad` with a trapezoid of rates, s. A short move has a triangle of rates.
-    pub fn move_s(&self, angle_rad: f64) -> f64 {
-        Profile::trapezoid(angle_rad, self.rate_rad_s, self.acceleration_rad_s2).duration_s()
+    /// The stops of all periods; the first stop is a leg to (0, 0).
+    pub fn stops(&self) -> impl Iterator<Item = Leg> {
+        let first = Leg { stop_s: self.first_stop_s, ..Leg::default() };
+        core::iter::once(first).chain((0..).map_while(|index| self.leg(index)))
+    }
+
+    /// Rate and acceleration of the moves.
+    pub fn turning(&self) -> Turning {
+        Turning { rate_rad_s: self.rate_rad_s, acceleration_rad_s2: self.acceleration_rad_s2 }
+    }
+
+    /// Nominal duration of a move from the stop of one leg to that of another, s.
+    pub fn move_s(&self, from: &Leg, to: &Leg) -> f64 {
+        self.turning().move_s(from, to)
     }
 
     /// Nominal duration of all stops and moves, s. The settling time [`SETTLING_S`] of each stop is not included.
     pub fn duration_s(&self) -> f64 {
-        let mut from = (0.0, 0.0);
+        let mut from = Leg::default();
         let mut total = self.first_stop_s;
         for leg in (0..).map_while(|index| self.leg(index)) {
-            let longest = f64::max(self.move_s(leg.outer_rad - from.0), self.move_s(leg.inner_rad - from.1));
-            total += longest + leg.stop_s;
-            from = (leg.outer_rad, leg.inner_rad);
+            total += self.move_s(&from, &leg) + leg.stop_s;
+            from = leg;
         }
         total
     }
@@ -196,6 +219,7 @@ impl Scheme {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::units::DEG;
 
     #[test]
     fn bai_is_a_closed_period_of_64_7_minutes() {

@@ -11,7 +11,8 @@
 //! [`refuse_unobserved`](crate::run::config::SelfCalibrationConfig::refuse_unobserved) is switched off, the run takes
 //! place, and its verdict is a rejection with the parameters that were found.
 
-use super::{Leg, Scheme};
+use super::legs::{Leg, Scheme};
+use crate::base::method::Method;
 use crate::base::units::DEG;
 use heapless::{String, Vec};
 
@@ -37,7 +38,7 @@ enum Stops {
 
 /// Bai's 18 moves: quarter turns of (outer, inner) at each stop after the first. (Bai, section 4: three steps, one
 /// period)
-pub(super) const BAI: [(i8, i8); 18] = [
+const BAI: [(i8, i8); 18] = [
     (-1, 0),
     (-2, 0),
     (-3, 0),
@@ -249,6 +250,36 @@ impl LibraryScheme {
     }
 }
 
+impl Scheme {
+    /// Scheme "bai": `periods` periods of 18 moves at 20 deg/s and 19 stops of `stop_s` each. Bai uses two periods with
+    /// stops of 200 s.
+    pub fn bai(stop_s: f64, periods: u8) -> Self {
+        Self {
+            name: String::try_from("bai").unwrap_or_default(),
+            rate_rad_s: 20.0 * DEG,
+            acceleration_rad_s2: 20.0 * DEG,
+            first_stop_s: stop_s,
+            legs: of_quarters(&BAI, stop_s),
+            periods,
+        }
+    }
+
+    /// The scheme with this name: the compiled-in scheme if it has this name, otherwise the scheme of the library.
+    pub fn named(name: &str) -> Option<Self> {
+        let of_library = || LIBRARY.iter().find(|entry| entry.name == name).map(LibraryScheme::scheme);
+        compiled_in().filter(|scheme| scheme.name == name).or_else(of_library)
+    }
+
+    /// Default scheme of a method: three minutes for the joint method, both of Bai's periods for the two-stage method.
+    pub fn default_for(method: Method) -> Self {
+        match method {
+            // `fast-180` is in the library; a test checks every name.
+            Method::Joint => Self::named("fast-180").unwrap_or_else(|| Self::bai(10.0, 1)),
+            Method::TwoStage => Self::bai(200.0, 2),
+        }
+    }
+}
+
 /// The scheme that `build.rs` compiled in from a file, if any.
 pub fn compiled_in() -> Option<Scheme> {
     include!(concat!(env!("OUT_DIR"), "/compiled_scheme.rs"))
@@ -265,7 +296,7 @@ fn of_file(name: &str, rates_deg: [f64; 2], first_stop_s: f64, periods: u8, legs
 // `take` drops no legs: a test counts the legs of every library scheme, and `build.rs` checks the number of legs in a
 // file.
 
-pub(super) fn of_quarters<const LEGS: usize>(positions: &[(i8, i8)], stop_s: f64) -> Vec<Leg, LEGS> {
+fn of_quarters<const LEGS: usize>(positions: &[(i8, i8)], stop_s: f64) -> Vec<Leg, LEGS> {
     let rad = |quarters: i8| f64::from(quarters) * 90.0 * DEG;
     let leg = |&(outer, inner): &(i8, i8)| Leg { outer_rad: rad(outer), inner_rad: rad(inner), stop_s };
     positions.iter().map(leg).take(LEGS).collect()

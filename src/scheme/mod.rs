@@ -4,5 +4,5 @@ mod legs;
 pub mod library;
 mod limits;
 
-pub use legs::{Leg, SETTLING_S, Scheme, SchemeError};
+pub use legs::{Leg, SETTLING_S, Scheme, SchemeError, Turning};
 pub use limits::{MAX_LEGS, MAX_NAME_BYTES};

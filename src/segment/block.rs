@@ -12,13 +12,13 @@
 //! What is left out is of third order, 1e-12 rad for 20 arcsec. From the sample on that leaves this range, sines and cosines
 //! are taken of every sample's angles.
 
-use super::{HarmonicSums, Held};
+use super::readings::{Readings, Steps};
+use super::scatter::BlockMeans;
+use super::types::{HarmonicSums, Held};
 use crate::base::angle::{Angle, RAD_PER_TICK, ticks_to_rad};
 use crate::base::linear::{Real, Vector3, real};
 use crate::base::sample::{CHANNELS, RawSample};
 use crate::base::units::seconds;
-use crate::segment::readings::{Readings, Steps};
-use crate::segment::scatter::BlockMeans;
 use core::mem;
 
 /// For how many samples each channel has stayed the same.

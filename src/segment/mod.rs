@@ -5,6 +5,9 @@ pub mod intake;
 pub mod readings;
 pub mod scatter;
 mod segmenter;
+mod sums;
+mod types;
 pub mod white_noise;
 
-pub use segmenter::*;
+pub use segmenter::{GUARD_S, Segmenter, Stillness};
+pub use types::*;

@@ -3,11 +3,11 @@
 //! What the encoders see of an axis that hunts is no noise (`scatter`), but single readings of a coarse encoder are wrong,
 //! and with them the rate of an axis over a block. The gyros of that axis are allowed for as much.
 
+use super::readings::Readings;
+use super::types::{Segment, Standing};
 use crate::base::angle::Angle;
 use crate::base::linear::{ComplexField, Real};
 use crate::base::sample::CHANNELS;
-use crate::segment::readings::Readings;
-use crate::segment::{Segment, Standing};
 use serde::{Deserialize, Serialize};
 
 /// Normal deviate beyond which the noise of a stop is larger than configured; 1e-3 each.
@@ -129,8 +129,8 @@ pub fn chi_square_quantile(degrees_of_freedom: u32, z: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::scatter::Scatter;
     use super::*;
-    use crate::segment::scatter::Scatter;
 
     const NOISE: Noise = Noise { accel_psd_sqrt: 1e-4, gyro_psd_sqrt: 3e-7, encoder_sigma_rad: 2.5e-6, margin: 4.0 };
 

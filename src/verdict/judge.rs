@@ -3,173 +3,30 @@
 //! Bounds follow from the distribution of each number under white noise of the configured size, at probabilities that
 //! together reject fewer than one good calibration in a thousand.
 
-use super::reason::{Reason, Sensors, Unrest};
+use super::assessment::{Assessment, Verdict};
+use super::fit::judge_fit;
+use super::limits::{INSTALLATION, VerdictLimits, plausible};
+use super::motion::{NoiseLevels, unrest_but};
+use super::noise::{judge_noise, judge_noise_levels, noise_levels};
+use super::reason::Reason;
 use super::scale::wrong_scales;
-use super::setting::{Explanation, wrong_gravity, wrong_setting};
+use super::setting::wrong_gravity;
+use super::wiring::mistake;
 use crate::base::linear::{ComplexField, Real};
-use crate::base::sample::CHANNELS;
-use crate::base::site::Site;
-use crate::base::units::{DEG, DEG_H, MICRO_G, PPM};
-use crate::estimator::{Estimate, OBSERVED_RATIO, Solution};
-use crate::model::error_model::{PARAMETERS, block};
+use crate::estimator::{Estimate, OBSERVED_RATIO};
+use crate::model::error_model::block;
 use crate::segment::Segment;
 use crate::segment::intake::IntakeCounts;
-use crate::segment::white_noise::{Noise, ScatterRatios, chi_square_quantile};
-use crate::verdict::wiring::mistake;
 use core::ops::Range;
-use serde::{Deserialize, Serialize};
 
-/// Chi-square of the fit: normal deviate of its bounds; 2e-4 above, 3e-7 below, where only the sigmas are too large.
-const CHI_SQUARE_UPPER_Z: f64 = 3.6;
-const CHI_SQUARE_LOWER_Z: f64 = -5.0;
-/// Largest normalized innovation; 6e-7 each, 1e-4 for 168 measurements.
-const INNOVATION_LIMIT: f64 = 5.0;
-/// Normal deviate of the variance of a stop's block means; 3e-7 each, 3e-5 for 19 stops of 6 channels.
-const SCATTER_Z: f64 = 5.0;
-/// Trend of a stop's block means in units of their sigma; 6e-8 each.
-const TREND_LIMIT: f64 = 5.4;
-/// Normal deviate of a channel's variance over all stops from one to the end; 8e-7 each, 1e-4 for 19 stops of 6 channels.
-const NOISE_Z: f64 = 4.8;
-/// Normal deviate of a channel's squared trends over all stops; 3e-6 each, 2e-5 for 6 channels.
-const TRENDS_Z: f64 = 4.5;
 /// A channel that repeats a reading so often does not measure. A resolution of two sigma would let one repeat with
 /// probability 0.68, and 64 times in a row with 2e-11.
 const HELD_SAMPLES: u16 = 64;
 /// Part of samples that may be missing, or repeat the one before: as much more variance.
 const LOST_PART: f64 = 0.03;
-/// A channel whose variance is this part of white noise's does not measure.
-const STUCK_RATIO: f64 = 0.01;
-/// A fit that is too good is explained by stops whose variance is this part of white noise's.
-const QUIET_RATIO: f64 = 0.5;
+
 /// A change against the stored calibration is large beyond this many combined sigmas.
 const CHANGE_LIMIT: f64 = 6.0;
-/// Reasons that fit; more are counted.
-const MAX_REASONS: usize = 12;
-
-/// What a result must fulfil beyond statistics.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct VerdictLimits {
-    /// Largest plausible non-orthogonality and mounting angle, rad.
-    pub installation_rad: f64,
-    /// Largest plausible accelerometer bias, m/s^2.
-    pub accel_bias_m_s2: f64,
-    /// Largest plausible gyro bias, rad/s.
-    pub gyro_bias_rad_s: f64,
-    /// Largest plausible scale-factor error.
-    pub scale: f64,
-    /// Largest plausible non-perpendicularity, rad.
-    pub non_perpendicularity_rad: f64,
-    /// Largest plausible tilt of the base, rad.
-    pub base_tilt_rad: f64,
-    /// Greatest sigmas, in the order of the parameter vector, SI; infinite where there is no requirement.
-    pub required_sigmas: Option<[f64; PARAMETERS]>,
-    /// Whether a result that differs from the stored calibration may replace it.
-    pub accept_change: bool,
-}
-
-impl VerdictLimits {
-    /// Whether every limit is positive and finite.
-    pub fn are_positive(&self) -> bool {
-        let limits = [
-            self.installation_rad,
-            self.accel_bias_m_s2,
-            self.gyro_bias_rad_s,
-            self.scale,
-            self.non_perpendicularity_rad,
-            self.base_tilt_rad,
-        ];
-        let required = self.required_sigmas.iter().flatten();
-        limits.iter().all(|limit| limit.is_finite() && *limit > 0.0) && required.into_iter().all(|limit| *limit > 0.0)
-    }
-
-    /// With a greatest sigma of the twelve installation errors, rad.
-    #[must_use]
-    pub fn requiring(self, sigma_rad: f64) -> Self {
-        let mut required = [f64::INFINITY; PARAMETERS];
-        required.iter_mut().take(INSTALLATION.end).for_each(|required| *required = sigma_rad);
-        Self { required_sigmas: Some(required), ..self }
-    }
-
-    /// Parameters whose sigma, SI, exceeds the required one: index, sigma, required.
-    pub fn unmet<'a>(&'a self, sigmas: &'a [f64; PARAMETERS]) -> impl Iterator<Item = (u8, f64, f64)> + 'a {
-        let required = self.required_sigmas.iter().flatten();
-        let pairs = (0_u8..).zip(sigmas.iter().zip(required));
-        pairs
-            .filter(|(_, (sigma, required))| sigma > required)
-            .map(|(parameter, (sigma, required))| (parameter, *sigma, *required))
-    }
-}
-
-impl Default for VerdictLimits {
-    /// 5 deg; 20 mg; 20 deg/h; 5000 ppm; 0.5 deg; 15 deg; no requirement; a change is not accepted.
-    fn default() -> Self {
-        Self {
-            installation_rad: 5.0 * DEG,
-            accel_bias_m_s2: 20_000.0 * MICRO_G,
-            gyro_bias_rad_s: 20.0 * DEG_H,
-            scale: 5000.0 * PPM,
-            non_perpendicularity_rad: 0.5 * DEG,
-            base_tilt_rad: 15.0 * DEG,
-            required_sigmas: None,
-            accept_change: false,
-        }
-    }
-}
-
-/// Accepted, or rejected with reasons.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Verdict {
-    /// Doubts, in the order they were found; none means accepted.
-    pub reasons: heapless::Vec<Reason, MAX_REASONS>,
-    /// Doubts that did not fit.
-    pub more: u16,
-    /// Changes against the stored calibration that the limits allow.
-    pub changes: heapless::Vec<Reason, MAX_REASONS>,
-}
-
-impl Verdict {
-    /// Whether the result may be stored and used.
-    pub fn accepted(&self) -> bool {
-        self.reasons.is_empty()
-    }
-
-    /// Puts an explanation before the doubts, if there are any.
-    pub fn explain(&mut self, explanation: Reason) {
-        if self.accepted() {
-            return;
-        }
-        if self.reasons.is_full() && self.reasons.pop().is_some() {
-            self.more = self.more.saturating_add(1);
-        }
-        // There is room now.
-        let _ = self.reasons.insert(0, explanation);
-    }
-
-    fn doubt(&mut self, reason: Reason) {
-        if self.reasons.push(reason).is_err() {
-            self.more = self.more.saturating_add(1);
-        }
-    }
-}
-
-/// Everything that is judged.
-#[derive(Clone, Copy, Debug)]
-pub struct Assessment<'a, T: Real> {
-    /// The outcome of all sweeps.
-    pub solution: &'a Solution,
-    /// Prior sigmas, SI; 0 for a parameter that the method takes as known.
-    pub prior_sigmas: &'a [f64; PARAMETERS],
-    /// The segments.
-    pub segments: &'a [Segment<T>],
-    /// The configured noise.
-    pub noise: &'a Noise,
-    /// Where the instrument stands.
-    pub site: &'a Site,
-    /// What became of the samples.
-    pub counts: IntakeCounts,
-    /// The calibration in store.
-    pub stored: Option<&'a Estimate>,
-}
 
 /// Judges a solution. Of doubts of which one follows from another, only the cause is named.
 pub fn judge<T: Real>(assessment: &Assessment<'_, T>, limits: &VerdictLimits) -> Verdict {
@@ -213,53 +70,6 @@ fn judge_samples<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>)
     }
 }
 
-/// Of each channel whose variance is far from white noise's at most stops, what it is in units of that.
-type NoiseLevels = [Option<f64>; CHANNELS];
-
-/// One stop may be disturbed. If most are, the configured noise is not the instrument's. Too much of it is no fault by
-/// itself, but explains a fit that is too good.
-fn noise_levels<T: Real>(assessment: &Assessment<'_, T>) -> NoiseLevels {
-    let Solution { fit, degrees_of_freedom, .. } = assessment.solution;
-    let [low, _] = chi_square_bounds(*degrees_of_freedom);
-    let quiet = if fit.chi_square < low { QUIET_RATIO } else { STUCK_RATIO };
-    let mut levels = [None; CHANNELS];
-    for (channel, level) in (0_u8..).zip(&mut levels) {
-        let mut far = Pooled::default();
-        let (mut stops, mut stops_far) = (0, 0);
-        for stop in assessment.segments {
-            let Some(ratios) = assessment.noise.scatter(stop, channel) else { continue };
-            let freedom = ratios.freedom;
-            stops += 1;
-            // A channel that is dead has no noise at all.
-            if is_unrest(ratios.variance, freedom) {
-                stops_far += 1;
-                far.add(ratios.variance, freedom);
-            } else if 0.0 < ratios.of_white && ratios.of_white < quiet {
-                stops_far += 1;
-                far.add(ratios.of_white, freedom);
-            }
-        }
-        *level = (2 * stops_far > stops && stops > 2).then(|| far.ratio());
-    }
-    levels
-}
-
-fn judge_noise_levels(verdict: &mut Verdict, levels: &NoiseLevels) {
-    let mut doubt = |sensors, variance| {
-        verdict.doubt(Reason::NoiseLevel { sensors, ratio: ComplexField::sqrt(variance) });
-    };
-    let [ax, ay, az, gx, gy, gz] = *levels;
-    for (sensors, first, triad) in [(Sensors::Accelerometers, 0, [ax, ay, az]), (Sensors::Gyros, 3, [gx, gy, gz])] {
-        if let [Some(x), Some(y), Some(z)] = triad {
-            doubt(sensors, (x + y + z) / 3.0);
-        } else {
-            for (channel, level) in (first..).zip(triad) {
-                level.into_iter().for_each(|variance| doubt(Sensors::Channel(channel), variance));
-            }
-        }
-    }
-}
-
 fn judge_segments<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, levels: &NoiseLevels) {
     if assessment.segments.len() < 3 {
         verdict.doubt(Reason::TooFewSegments(assessment.segments.len() as u16));
@@ -277,105 +87,6 @@ fn judge_segments<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>
     if left_out > 0 {
         verdict.doubt(Reason::LeftOut(left_out));
     }
-}
-
-/// The stops together: noise that has grown, and drift, too little for each of them to show.
-fn judge_noise<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, levels: &NoiseLevels) {
-    for channel in unnamed(levels) {
-        let mut noise = Pooled::default();
-        let mut trends = Pooled::default();
-        let mut noisiest: Option<(u16, Pooled)> = None;
-        for (segment, stop) in assessment.segments.iter().enumerate().rev() {
-            let Some(ratios) = assessment.noise.scatter(stop, channel) else { continue };
-            let ScatterRatios { variance, trend, freedom, .. } = ratios;
-            noise.add(variance, freedom);
-            trends.add(trend * trend, 1);
-            if noise.exceeds(NOISE_Z) && noisiest.is_none_or(|(_, most)| noise.deviate() > most.deviate()) {
-                noisiest = Some((segment as u16, noise));
-            }
-        }
-        if let Some((segment, noise)) = noisiest {
-            verdict.doubt(Reason::Noise { segment, channel, ratio: noise.ratio() });
-        }
-        if trends.exceeds(TRENDS_Z) {
-            verdict.doubt(Reason::Trends { channel, ratio: trends.ratio() });
-        }
-    }
-}
-
-/// Sum of squares over their expectation, and how many there are.
-#[derive(Clone, Copy, Debug, Default)]
-struct Pooled {
-    sum: f64,
-    freedom: u32,
-}
-
-impl Pooled {
-    fn add(&mut self, ratio: f64, freedom: u32) {
-        self.sum += ratio * f64::from(freedom);
-        self.freedom += freedom;
-    }
-
-    fn ratio(&self) -> f64 {
-        self.sum / f64::from(self.freedom)
-    }
-
-    /// Nearly a normal deviate, to compare.
-    fn deviate(&self) -> f64 {
-        (self.ratio() - 1.0) * ComplexField::sqrt(0.5 * f64::from(self.freedom))
-    }
-
-    fn exceeds(&self, z: f64) -> bool {
-        self.freedom > 0 && self.sum > chi_square_quantile(self.freedom, z)
-    }
-}
-
-fn judge_fit<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, limits: &VerdictLimits) {
-    let Assessment { solution, site, .. } = assessment;
-    // What the instrument is or does may look like a setting; the other way round, it does not.
-    let sound = verdict.accepted() && implausible(solution, limits).next().is_none();
-    let wrong = if sound { wrong_setting(solution, site) } else { None };
-    if let Some(Explanation { setting, .. }) = &wrong {
-        verdict.doubt(Reason::Setting(*setting));
-    }
-    if solution.suspicion.is_founded() && !wrong.is_some_and(|wrong| wrong.only) {
-        verdict.doubt(Reason::Changing(solution.suspicion));
-    }
-    if solution.fit.refused > 0 {
-        verdict.doubt(Reason::Refused(solution.fit.refused));
-    }
-    if !solution.converged {
-        verdict.doubt(Reason::NotConverged(solution.sweeps));
-    }
-    let degrees_of_freedom = solution.degrees_of_freedom;
-    let chi_square = solution.fit.chi_square;
-    let [low, high] = chi_square_bounds(degrees_of_freedom);
-    if degrees_of_freedom > 0 && !(low..=high).contains(&chi_square) {
-        verdict.doubt(Reason::ChiSquare { chi_square, degrees_of_freedom, low, high });
-    }
-    let largest = solution.fit.largest;
-    if largest.normalized.abs() > INNOVATION_LIMIT {
-        let (segment, channel) = (largest.segment, largest.channel);
-        verdict.doubt(Reason::Innovation { segment, channel, normalized: largest.normalized });
-    }
-}
-
-/// Whether a residual chi-square is within its bounds.
-pub fn is_good_fit(chi_square: f64, degrees_of_freedom: u32) -> bool {
-    let [low, high] = chi_square_bounds(degrees_of_freedom);
-    (low..=high).contains(&chi_square)
-}
-
-fn chi_square_bounds(degrees_of_freedom: u32) -> [f64; 2] {
-    [CHI_SQUARE_LOWER_Z, CHI_SQUARE_UPPER_Z].map(|z| chi_square_quantile(degrees_of_freedom, z))
-}
-
-/// Parameters outside their plausible ranges: index, value, limit, SI.
-fn implausible(solution: &Solution, limits: &VerdictLimits) -> impl Iterator<Item = (u8, f64, f64)> {
-    let values = solution.estimate.errors.to_vector().data.0[0];
-    let limits = core::array::from_fn::<_, PARAMETERS, _>(|parameter| plausible(parameter, limits));
-    let all = (0_u8..).zip(values).zip(limits).map(|((parameter, value), limit)| (parameter, value, limit));
-    all.filter(|(_, value, limit)| value.abs() > *limit)
 }
 
 fn judge_parameters<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, limits: &VerdictLimits) {
@@ -401,7 +112,7 @@ fn judge_parameters<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, 
         }
         // How well the heading is known depends on the latitude and the gyros; its sigma says so.
         let is_named = limits.unmet(&estimate.sigmas).any(|(unmet, ..)| unmet == parameter);
-        if usize::from(parameter) != HEADING && *sigma > OBSERVED_RATIO * prior && !is_named {
+        if usize::from(parameter) != block::HEADING && *sigma > OBSERVED_RATIO * prior && !is_named {
             verdict.doubt(Reason::Unobserved { parameter, of_prior: sigma / prior });
         }
     }
@@ -437,65 +148,24 @@ fn judge_change<T: Real>(
     }
 }
 
-/// The twelve of Bai.
-const INSTALLATION: Range<usize> = 0..block::ACCEL_BIAS;
 const ACCEL_SCALE: Range<usize> = block::ACCEL_SCALE..block::GYRO_BIAS;
-const HEADING: usize = block::ATTITUDE + 2;
-
-fn plausible(parameter: usize, limits: &VerdictLimits) -> f64 {
-    match parameter {
-        block::GYRO_NON_ORTHOGONALITY..block::ACCEL_BIAS => limits.installation_rad,
-        block::ACCEL_BIAS..block::ACCEL_SCALE => limits.accel_bias_m_s2,
-        block::GYRO_BIAS..block::GYRO_SCALE => limits.gyro_bias_rad_s,
-        block::ACCEL_SCALE..block::GYRO_BIAS | block::GYRO_SCALE..block::NON_PERPENDICULARITY => limits.scale,
-        block::NON_PERPENDICULARITY => limits.non_perpendicularity_rad,
-        HEADING => f64::INFINITY,
-        _ => limits.base_tilt_rad,
-    }
-}
-
-/// What shows that a stop was not at rest, if anything, with its channel: the variance and the trend of its block means
-/// against white noise of the configured size.
-pub fn unrest<T: Real>(segment: &Segment<T>, noise: &Noise) -> Option<(u8, Unrest)> {
-    unrest_but(segment, noise, &[None; CHANNELS])
-}
-
-/// As [`unrest`], without the channels whose noise is another one throughout.
-fn unrest_but<T: Real>(segment: &Segment<T>, noise: &Noise, levels: &NoiseLevels) -> Option<(u8, Unrest)> {
-    for channel in unnamed(levels) {
-        let ScatterRatios { variance: ratio, of_white, trend, freedom } = noise.scatter(segment, channel)?;
-        if trend.abs() > TREND_LIMIT {
-            return Some((channel, Unrest::Trend(trend as f32)));
-        } else if is_unrest(ratio, freedom) {
-            return Some((channel, Unrest::Variance(ratio as f32)));
-        } else if of_white < STUCK_RATIO {
-            return Some((channel, Unrest::Stuck));
-        }
-    }
-    None
-}
-
-/// Channels whose noise is not another one throughout.
-fn unnamed(levels: &NoiseLevels) -> impl Iterator<Item = u8> {
-    (0_u8..).zip(levels).filter(|(_, level)| level.is_none()).map(|(channel, _)| channel)
-}
-
-fn is_unrest(variance_ratio: f64, freedom: u32) -> bool {
-    variance_ratio * f64::from(freedom) > chi_square_quantile(freedom, SCATTER_Z)
-}
 
 #[cfg(test)]
 mod tests {
+    use super::super::assessment::MAX_REASONS;
+    use super::super::wiring::Wiring;
     use super::*;
     use crate::base::linear::Vector3;
-    use crate::base::units::ARCSEC;
-    use crate::estimator::constancy::{Change, Settings, Suspicion};
-    use crate::estimator::{Fit, LargestInnovation};
-    use crate::model::error_model::InstrumentErrors;
+    use crate::base::sample::CHANNELS;
+    use crate::base::site::Site;
+    use crate::base::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM};
+    use crate::estimator::constancy::{Change, SettingEvidence, Suspicion};
+    use crate::estimator::{Fit, LargestInnovation, Solution};
+    use crate::model::error_model::{InstrumentErrors, PARAMETERS};
     use crate::model::options::OptionalEstimate;
     use crate::segment::scatter::Scatter;
+    use crate::segment::white_noise::Noise;
     use crate::segment::{AngleIntegrals, Course, Held, Turned};
-    use crate::verdict::wiring::Wiring;
     use std::string::ToString;
     use std::vec::Vec;
 
@@ -537,7 +207,7 @@ mod tests {
                 temperature_c: 20.0,
                 optional: OptionalEstimate::default(),
                 suspicion: Suspicion::default(),
-                settings: Settings::default(),
+                settings: SettingEvidence::default(),
             },
             segments: std::vec![stop(); 19],
             counts: IntakeCounts { admitted: 58_000, ..IntakeCounts::default() },
@@ -578,16 +248,27 @@ mod tests {
     #[test]
     fn segments_give_their_reasons() {
         let few = reasons(|case| case.segments.truncate(1));
-        assert_eq!(few, ["only 1 segments: no stop, move and stop to calibrate from"]);
+        assert_eq!(
+            few,
+            [
+                "[too-few-segments] the number of segments is 1; a calibration needs at least 3: a stop, a move and another stop"
+            ]
+        );
         let gap = reasons(|case| case.segments[4].longest_interval_us = 250_000);
-        assert_eq!(gap, ["segment 4: no samples for 250 ms"]);
+        assert_eq!(gap, ["[gap] in segment 4, no sample arrived for 250 ms"]);
         let variance = reasons(|case| scatter(case, 7).variance[1] *= 3.0);
-        assert_eq!(variance[0], "segment 7, accel y: variance 3.0 times that of the configured noise");
+        assert_eq!(
+            variance[0],
+            "[unrest] in segment 7, the variance of accel y is 3.0 times that of the configured noise"
+        );
         let trend = reasons(|case| scatter(case, 3).trend[5] = 6.0 * 3e-7 / 0.1_f32.sqrt());
-        assert_eq!(trend, ["segment 3, gyro z: drift of 6.0 sigma during the stop"]);
+        assert_eq!(trend, ["[unrest] in segment 3, gyro z drifts by 6.0 sigma during the stop"]);
         let stuck = reasons(|case| scatter(case, 2).variance[3] = 0.0);
-        assert_eq!(stuck, ["segment 2, gyro x: the channel does not change"]);
-        assert_eq!(reasons(|case| case.solution.left_out = 2), ["2 segments did not fit and were left out"]);
+        assert_eq!(stuck, ["[stuck-channel] in segment 2, gyro x does not change"]);
+        assert_eq!(
+            reasons(|case| case.solution.left_out = 2),
+            ["[left-out] 2 segments did not fit into memory and were left out"]
+        );
     }
 
     #[test]
@@ -597,7 +278,11 @@ mod tests {
             case.segments[7..].iter_mut().for_each(|stop| stop.standing_mut().scatter.variance[2] *= 1.3)
         });
         assert_eq!(noise.len(), 1);
-        assert!(noise[0].starts_with("accel z from segment ") && noise[0].contains("1.30 times"), "{}", noise[0]);
+        assert!(
+            noise[0].starts_with("[noise-rise] from segment ") && noise[0].contains(" accel z is 1.30 times "),
+            "{}",
+            noise[0]
+        );
         let little = reasons(|case| {
             case.segments[7..].iter_mut().for_each(|stop| stop.standing_mut().scatter.variance[2] *= 1.1)
         });
@@ -605,34 +290,52 @@ mod tests {
         let trend = 2.0 * 1e-4 / 0.1_f32.sqrt();
         let trends =
             reasons(|case| case.segments.iter_mut().for_each(|stop| stop.standing_mut().scatter.trend[0] = trend));
-        assert_eq!(trends, ["accel x: drift during the stops, 4.0 times that of white noise"]);
+        assert_eq!(
+            trends,
+            ["[drift] accel x drifts during the stops: the mean square of its trends is 4.0 times that of white noise"]
+        );
     }
 
     #[test]
     fn samples_give_their_reasons() {
         let held = reasons(|case| case.segments[5].held = Held { samples: 64, channel: 4, stale: 0 });
-        assert_eq!(held, ["segment 5, gyro y: does not change over 64 samples"]);
+        assert_eq!(held, ["[held-value] in segment 5, gyro y does not change over 64 samples"]);
         let stale = reasons(|case| case.segments[5].held.stale = 61);
-        assert_eq!(stale, ["segment 5: 61 samples repeat the one before"]);
+        assert_eq!(stale, ["[stale-samples] in segment 5, 61 samples repeat the sample before them"]);
         assert_eq!(reasons(|case| case.segments[5].held = Held { samples: 63, channel: 4, stale: 60 }).len(), 0);
         let missing = reasons(|case| case.counts.missing = 2000);
-        assert_eq!(missing, ["2000 of 60000 samples are missing"]);
+        assert_eq!(missing, ["[missing-samples] 2000 of 60000 samples are missing"]);
     }
 
     #[test]
     fn the_fit_gives_its_reasons() {
         let high = reasons(|case| case.solution.fit.chi_square = 220.0);
-        assert_eq!(high, ["chi-square 220.0 with 140 degrees of freedom is outside 71.5 to 208.4"]);
+        assert_eq!(
+            high,
+            ["[chi-square] the chi-square 220.0 with 140 degrees of freedom is outside its bounds, 71.5 to 208.4"]
+        );
         assert_eq!(reasons(|case| case.solution.fit.chi_square = 60.0).len(), 1);
         assert_eq!(reasons(|case| case.solution.fit.chi_square = f64::NAN).len(), 1);
         let innovation = reasons(|case| {
             case.solution.fit.largest = LargestInnovation { normalized: -7.5, segment: 12, channel: 3 };
         });
         let huge = reasons(|case| case.solution.fit.chi_square = 123_456_789_012.3);
-        assert_eq!(huge, ["chi-square 1.235e11 with 140 degrees of freedom is outside 71.5 to 208.4"]);
-        assert_eq!(innovation, ["segment 12, gyro x: innovation of -7.5 sigma"]);
-        assert_eq!(reasons(|case| case.solution.fit.refused = 2), ["2 measurements are not finite"]);
-        assert_eq!(reasons(|case| case.solution.converged = false), ["the estimate does not stand after 3 sweeps"]);
+        assert_eq!(
+            huge,
+            ["[chi-square] the chi-square 1.235e11 with 140 degrees of freedom is outside its bounds, 71.5 to 208.4"]
+        );
+        assert_eq!(
+            innovation,
+            ["[innovation] in segment 12, gyro x differs by -7.5 sigma from what all other segments predict"]
+        );
+        assert_eq!(
+            reasons(|case| case.solution.fit.refused = 2),
+            ["[refused-measurements] 2 measurements were refused because they are not finite"]
+        );
+        assert_eq!(
+            reasons(|case| case.solution.converged = false),
+            ["[not-converged] the estimate has not converged after 3 sweeps"]
+        );
     }
 
     #[test]
@@ -642,15 +345,32 @@ mod tests {
             reasons(|case| case.solution.suspicion = found).remove(0)
         };
         let step = suspicion(Change::Step(block::ACCEL_BIAS as u8), 10.0 * MICRO_G);
-        assert_eq!(step, "from segment 9 on, accel_bias_x differs by 10.000 ug, 6.2 sigma, limit 5.0");
+        assert_eq!(
+            step,
+            "[parameter-step] from segment 9 on, accel_bias_x differs by 10.000 ug; this is 6.2 sigma, and the limit is 5.0 sigma"
+        );
         let knock = suspicion(Change::Step(block::ATTITUDE as u8), 3.0 * ARCSEC);
-        assert_eq!(knock, "from segment 9 on, base_roll differs by 3.000 arcsec, 6.2 sigma, limit 5.0");
+        assert_eq!(
+            knock,
+            "[parameter-step] from segment 9 on, base_roll differs by 3.000 arcsec; this is 6.2 sigma, and the limit is 5.0 sigma"
+        );
         let ramp = suspicion(Change::Ramp(block::GYRO_BIAS as u8), 0.01 * DEG_H / 3600.0);
-        assert!(ramp.starts_with("from segment 9 on, gyro_bias_x drifts by 0.0 deg/h an hour"), "{ramp}");
-        assert!(suspicion(Change::Slip(0), 2.0 * ARCSEC).starts_with("segment 9, outer encoder: slip of 2.00 arcsec"));
+        assert!(
+            ramp.starts_with("[parameter-ramp] from segment 9 on, gyro_bias_x drifts by 0.0 deg/h in an hour;"),
+            "{ramp}"
+        );
+        assert!(
+            suspicion(Change::Slip(0), 2.0 * ARCSEC)
+                .starts_with("[encoder-slip] in segment 9, the outer encoder slips by 2.00 arcsec;")
+        );
         let scale = suspicion(Change::EncoderScale(1), 5.0 * PPM);
-        assert!(scale.starts_with("from segment 9 on, inner encoder: scale error of 5.00 ppm"), "{scale}");
-        assert!(suspicion(Change::Outlier(4), ARCSEC).starts_with("segment 9, gyro y: off by 1.00 arcsec"));
+        assert!(
+            scale.starts_with("[encoder-scale] from segment 9 on, the inner encoder has a scale error of 5.00 ppm;"),
+            "{scale}"
+        );
+        assert!(
+            suspicion(Change::Outlier(4), ARCSEC).starts_with("[outlier] in segment 9, gyro y is off by 1.00 arcsec;")
+        );
         let below = Suspicion { sigmas: 4.9, limit: 5.0, ..Suspicion::default() };
         assert_eq!(reasons(|case| case.solution.suspicion = below).len(), 0);
         let unknown = Suspicion { sigmas: f64::NAN, ..below };
@@ -658,12 +378,12 @@ mod tests {
     }
 
     /// Of gyros that feel an Earth rate which is another one by this, to 1e-8 rad/s.
-    fn felt(error_rad_s: [f64; 2]) -> Settings {
+    fn felt(error_rad_s: [f64; 2]) -> SettingEvidence {
         let information = 1e16;
-        Settings {
+        SettingEvidence {
             earth_rate_score: error_rad_s.map(|error| information * error),
             earth_rate_information: [information, 0.0, information],
-            ..Settings::default()
+            ..SettingEvidence::default()
         }
     }
 
@@ -681,13 +401,13 @@ mod tests {
                     Suspicion { change: Change::Slip(0), sigmas: by_change.sqrt(), ..Suspicion::default() };
             })
         };
-        let latitude = "the gyros feel the Earth rate of latitude 35.000 +- 0.008 deg, configured is 30.930 deg";
+        let latitude = "[wrong-latitude] the gyros measure the Earth rate of latitude 35.000 +- 0.008 deg, but 30.930 deg is configured";
         let (alone, beside) = (found(error, 0.9 * explained), found(error, explained));
         assert_eq!((alone.len(), alone[0].as_str()), (2, latitude));
         assert_eq!((beside.len(), beside[0].as_str()), (3, latitude));
-        assert!(beside[1].contains("outer encoder: slip"), "{beside:?}");
+        assert!(beside[1].contains("the outer encoder slips"), "{beside:?}");
         let by_change = found(error, explained + 10.0);
-        assert!(by_change[0].contains("outer encoder: slip"), "{by_change:?}");
+        assert!(by_change[0].contains("the outer encoder slips"), "{by_change:?}");
         let implausible = reasons(|case| {
             case.solution.settings = felt(error);
             case.solution.estimate.errors.gyro_scale[0] = 0.02;
@@ -697,13 +417,21 @@ mod tests {
             "a wrong instrument may look like it: {implausible:?}"
         );
         let not_earth = found([0.0, explained.sqrt() * 1e-8], 100.0);
-        assert!(not_earth[0].contains("outer encoder: slip"), "{not_earth:?}");
+        assert!(not_earth[0].contains("the outer encoder slips"), "{not_earth:?}");
         let south = reasons(|case| case.solution.settings = felt([0.0, -2.0 * up]));
-        assert!(south[0].ends_with("latitude -30.930 +- 0.008 deg, configured is 30.930 deg: the other hemisphere?"));
+        assert!(south[0].ends_with(
+            "latitude -30.930 +- 0.008 deg, but 30.930 deg is configured; is the site in the other hemisphere?"
+        ));
         let heading = reasons(|case| {
-            case.solution.settings = Settings { heading_rad: 3.0 * DEG, heading_sigmas: -6.0, ..Settings::default() };
+            case.solution.settings =
+                SettingEvidence { heading_rad: 3.0 * DEG, heading_sigmas: -6.0, ..SettingEvidence::default() };
         });
-        assert_eq!(heading, ["the gyros find a heading that is 3.000 deg from the configured one, 6.0 sigma"]);
+        assert_eq!(
+            heading,
+            [
+                "[wrong-heading] the gyros measure a heading that differs from the configured heading by 3.000 deg, which is 6.0 sigma"
+            ]
+        );
     }
 
     #[test]
@@ -711,8 +439,13 @@ mod tests {
         let scaled = |scales: [f64; 3]| reasons(|case| case.solution.estimate.errors.accel_scale = scales);
         let gravity = scaled([6000e-6, 6100e-6, 5900e-6]);
         assert_eq!(gravity.len(), 1);
-        assert!(gravity[0].starts_with("all three accelerometers read 1.00600 times the configured gravity of 9.79"));
-        assert_eq!(scaled([6000e-6, 100e-6, -50e-6])[0], "accel_scale_x is 6000.0 ppm, plausible up to 5000.0");
+        assert!(gravity[0].starts_with(
+            "[wrong-gravity] all three accelerometers measure 1.00600 times the configured gravity of 9.79"
+        ));
+        assert_eq!(
+            scaled([6000e-6, 100e-6, -50e-6])[0],
+            "[implausible] accel_scale_x is 6000.0 ppm, but no more than 5000.0 ppm is plausible"
+        );
         assert_eq!(scaled([900e-6; 3]).len(), 0);
     }
 
@@ -722,22 +455,31 @@ mod tests {
             case.solution.fit.chi_square = 1e9;
             case.segments.iter_mut().for_each(|stop| stop.standing_mut().force_a.z = -9.8);
         });
-        assert_eq!(upside_down[0], "the sign of accel z is wrong");
-        assert_eq!(Reason::Wiring(Wiring::Swapped(5)).to_string(), "gyro z and gyro x are swapped");
-        assert_eq!(Reason::Wiring(Wiring::EncoderReversed(1)).to_string(), "the sign of the inner encoder is wrong");
+        assert_eq!(upside_down[0], "[wiring] the sign of accel z is wrong");
+        assert_eq!(Reason::Wiring(Wiring::Swapped(5)).to_string(), "[wiring] gyro z and gyro x are swapped");
+        assert_eq!(
+            Reason::Wiring(Wiring::EncoderReversed(1)).to_string(),
+            "[wiring] the sign of the inner encoder is wrong"
+        );
     }
 
     #[test]
     fn parameters_give_their_reasons() {
         let nan = reasons(|case| case.solution.estimate.errors.mounting[0] = f64::NAN);
-        assert_eq!(nan, ["alpha is not finite"]);
+        assert_eq!(nan, ["[not-finite] the estimate of alpha is not finite"]);
         let far = reasons(|case| case.solution.estimate.errors.mounting[1] = 6.0 * DEG);
-        assert_eq!(far, ["beta is 21600.0 arcsec, plausible up to 18000.0"]);
+        assert_eq!(far, ["[implausible] beta is 21600.0 arcsec, but no more than 18000.0 arcsec is plausible"]);
         let unobserved = reasons(|case| case.solution.estimate.sigmas[0] = 0.025);
-        assert_eq!(unobserved, ["Sgxy is not observed: its sigma is still 0.50 of the prior's"]);
+        assert_eq!(
+            unobserved,
+            ["[unobserved] Sgxy is not observed: its sigma is still 0.50 times its sigma before the run"]
+        );
         let sigma = reasons(|case| case.limits = case.limits.requiring(0.2 * ARCSEC));
-        assert_eq!((sigma.len(), sigma[0].as_str()), (12, "sigma of Sgxy is 0.300 arcsec, required 0.200"));
-        let heading = reasons(|case| case.solution.estimate.sigmas[HEADING] = 0.05);
+        assert_eq!(
+            (sigma.len(), sigma[0].as_str()),
+            (12, "[sigma] the sigma of Sgxy is 0.300 arcsec, but 0.200 arcsec or less is required")
+        );
+        let heading = reasons(|case| case.solution.estimate.sigmas[block::HEADING] = 0.05);
         assert_eq!(heading.len(), 0, "a heading that is not known says so by its sigma");
     }
 
@@ -747,7 +489,7 @@ mod tests {
         case.stored = Some(case.solution.estimate);
         case.solution.estimate.errors.mounting[2] = 5.0 * ARCSEC;
         let reason = verdict(&case).reasons[0].to_string();
-        assert_eq!(reason, "gamma differs from the stored calibration by 11.8 combined sigma");
+        assert_eq!(reason, "[changed] gamma differs from the stored calibration by 11.8 combined sigma");
         case.limits.accept_change = true;
         assert!(verdict(&case).accepted());
         assert_eq!(verdict(&case).changes.len(), 1);
@@ -762,7 +504,7 @@ mod tests {
         case.solution.estimate.errors.axis_non_perpendicularity = 5.0 * ARCSEC;
         assert_eq!(
             verdict(&case).reasons[0].to_string(),
-            "axis_nonperpendicularity differs from the stored calibration by 11.8 combined sigma"
+            "[changed] axis_nonperpendicularity differs from the stored calibration by 11.8 combined sigma"
         );
     }
 
@@ -788,7 +530,12 @@ mod tests {
             spoilt(case);
             case.segments.iter_mut().for_each(|stop| stop.standing_mut().force_a /= 9.8);
         });
-        assert_eq!(in_g, ["accelerometers read 0.102 times gravity at the stops: g in place of m/s^2?"]);
+        assert_eq!(
+            in_g,
+            [
+                "[wrong-scale] the accelerometers measure 0.102 times gravity at the stops; probable cause: g in place of m/s^2"
+            ]
+        );
         let turning = |case: &mut Case, gyro: f64, encoder: f64| {
             let turn = core::f64::consts::FRAC_PI_2;
             for (number, segment) in case.segments.iter_mut().enumerate().filter(|(number, _)| number % 2 == 1) {
@@ -813,7 +560,10 @@ mod tests {
                 case.segments.iter_mut().for_each(|segment| segment.duration_us = 6_000_000);
                 turning(case, gyro, encoder);
             });
-            assert!(found.len() == 1 && found[0].contains(&format!(": {expected} in place of rad")), "{found:?}");
+            assert!(
+                found.len() == 1 && found[0].contains(&format!("; probable cause: {expected} in place of rad")),
+                "{found:?}"
+            );
         }
     }
 
@@ -827,7 +577,7 @@ mod tests {
                 stop.held = Held { samples: 2000, channel: 2, stale: 0 };
             });
         });
-        assert_eq!(dead[0], "segment 0, accel z: does not change over 2000 samples");
+        assert_eq!(dead[0], "[held-value] in segment 0, accel z does not change over 2000 samples");
     }
 
     #[test]
@@ -842,18 +592,24 @@ mod tests {
                 }
             })
         };
-        assert_eq!(scaled(0..3, 9.0), ["accelerometers: noise is 3.00 times the configured"]);
-        assert_eq!(scaled(3..6, 1e-4), ["gyros: noise is 0.01 times the configured"]);
-        assert_eq!(scaled(4..5, 9.0), ["gyro y: noise is 3.00 times the configured"]);
+        assert_eq!(
+            scaled(0..3, 9.0),
+            ["[noise-level] the noise of the accelerometers is 3.00 times the configured noise"]
+        );
+        assert_eq!(scaled(3..6, 1e-4), ["[noise-level] the noise of the gyros is 0.01 times the configured noise"]);
+        assert_eq!(scaled(4..5, 9.0), ["[noise-level] the noise of gyro y is 3.00 times the configured noise"]);
         let quiet = reasons(|case| {
             case.solution.fit.chi_square = 60.0;
             case.segments.iter_mut().for_each(|stop| stop.standing_mut().scatter.variance[5] *= 0.36);
         });
-        assert_eq!((quiet.len(), quiet[0].as_str()), (2, "gyro z: noise is 0.60 times the configured"));
+        assert_eq!(
+            (quiet.len(), quiet[0].as_str()),
+            (2, "[noise-level] the noise of gyro z is 0.60 times the configured noise")
+        );
         let few = reasons(|case| {
             case.segments[..9].iter_mut().for_each(|stop| stop.standing_mut().scatter.variance[1] *= 9.0)
         });
-        assert_eq!(few[0], "segment 0, accel y: variance 9.0 times that of the configured noise");
+        assert_eq!(few[0], "[unrest] in segment 0, the variance of accel y is 9.0 times that of the configured noise");
     }
 
     #[test]
@@ -864,8 +620,11 @@ mod tests {
                 case.segments[..stops].iter_mut().for_each(|stop| stop.standing_mut().scatter.variance[1] *= 9.0);
             })
         };
-        assert_eq!(loud(3), ["accel y: noise is 3.00 times the configured"]);
-        assert_eq!(loud(2)[0], "segment 0, accel y: variance 9.0 times that of the configured noise");
+        assert_eq!(loud(3), ["[noise-level] the noise of accel y is 3.00 times the configured noise"]);
+        assert_eq!(
+            loud(2)[0],
+            "[unrest] in segment 0, the variance of accel y is 9.0 times that of the configured noise"
+        );
     }
 
     #[test]

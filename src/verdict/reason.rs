@@ -18,77 +18,127 @@ pub const CHANNEL_NAMES: [&str; CHANNELS] = ["accel x", "accel y", "accel z", "g
 /// Why a stop does not look like an instrument at rest.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Unrest {
-    /// The variance of its block means is this many times that of white noise.
+    /// The variance of the block means of the stop is this many times that of white noise.
     Variance(f32),
-    /// Its block means drift by this many sigmas.
+    /// The block means of the stop drift by this many sigmas.
     Trend(f32),
-    /// The channel does not change.
+    /// The channel does not change during the stop.
     Stuck,
 }
 
-/// One channel, or a triad of them.
+/// One channel or one triad of sensors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Sensors {
-    /// One, as in [`CHANNEL_NAMES`].
+    /// One channel, as in [`CHANNEL_NAMES`].
     Channel(u8),
-    /// All three.
+    /// All three accelerometers.
     Accelerometers,
-    /// All three.
+    /// All three gyros.
     Gyros,
 }
 
-/// One doubt. Parameters are given by index, segments counted from 0, channels as in [`CHANNEL_NAMES`].
+/// One doubt about a result. Parameters are given by index, segments are counted from 0, channels are as in
+/// [`CHANNEL_NAMES`].
+///
+/// Calibrations are stored with their reasons: whoever changes this type reads
+/// [`REASONS_SCHEMA`](crate::run::result::REASONS_SCHEMA) first, and writes the page of a new [code](Self::code) into the
+/// chapter [`reasons`](crate::guide::reasons) of the guide.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[expect(missing_docs, reason = "the text of a variant says what its fields are")]
 pub enum Reason {
-    /// Samples are not in the units they should be in.
+    /// The samples are not in the expected units.
     Scale(WrongScale),
-    /// Something was configured that is not so.
+    /// A configured value contradicts the measurements.
     Setting(WrongSetting),
-    /// The noise at most stops is far from the configured one: this many times as large.
+    /// The noise at most stops is far from the configured noise: this many times as large.
     NoiseLevel { sensors: Sensors, ratio: f64 },
-    /// The longest time that the run may take was over after this leg, of so many.
+    /// The longest permitted time of the run was over after this leg, of so many.
     Cut { leg: u16, legs: u16 },
-    /// There are too few segments to determine anything.
+    /// This many segments are too few for a calibration.
     TooFewSegments(u16),
-    /// The estimate does not stand after this many sweeps.
+    /// The estimate has not converged after this many sweeps.
     NotConverged(u8),
     /// A parameter or its sigma is not finite.
     NotFinite { parameter: u8 },
-    /// So many measurements were refused by the filter, because they are not finite.
+    /// The filter refused this many measurements, because they are not finite.
     Refused(u32),
-    /// A parameter is not observed: its sigma is this part of the prior.
+    /// A parameter is not observed: its sigma is this fraction of its prior sigma.
     Unobserved { parameter: u8, of_prior: f64 },
-    /// A sigma, SI, exceeds the required one.
+    /// The sigma of a parameter, SI, exceeds the required sigma.
     Sigma { parameter: u8, sigma: f64, required: f64 },
     /// A parameter, SI, is outside its plausible range.
     Implausible { parameter: u8, value: f64, limit: f64 },
-    /// The residual chi-square is outside its bounds.
+    /// The chi-square of the residuals is outside its bounds.
     ChiSquare { chi_square: f64, degrees_of_freedom: u32, low: f64, high: f64 },
-    /// One measurement disagrees with all others.
+    /// One measurement disagrees with all others, by this many sigmas.
     Innovation { segment: u16, channel: u8, normalized: f64 },
-    /// A stop was not at rest.
+    /// The instrument was not at rest during a stop.
     Unrest { segment: u16, channel: u8, unrest: Unrest },
-    /// The noise of a channel, over all stops from a segment on, is this many times the configured one.
+    /// The variance of a channel, over all stops from a segment on, is this many times the configured variance.
     Noise { segment: u16, channel: u8, ratio: f64 },
-    /// A channel drifts during the stops: its trends are this many times those of white noise.
+    /// A channel drifts during the stops: the mean square of its trends is this many times that of white noise.
     Trends { channel: u8, ratio: f64 },
-    /// A channel does not change over this many samples.
+    /// A channel repeats the same value over this many samples.
     Held { segment: u16, channel: u8, samples: u16 },
-    /// This many samples of a segment repeat the one before.
+    /// This many samples of a segment repeat the sample before them.
     Stale { segment: u16, samples: u16 },
     /// Too many samples are missing, of so many.
     Missing { missing: u32, of: u64 },
-    /// What should be constant changed.
+    /// A quantity that is constant by assumption changed during the run.
     Changing(Suspicion),
-    /// A channel or an encoder is not what it claims to be.
+    /// A channel or an encoder has the wrong sign or the wrong place.
     Wiring(Wiring),
-    /// Samples are missing in a segment for too long, us.
+    /// Samples are missing in a segment for this time, us.
     Gap { segment: u16, longest_us: u64 },
-    /// More segments than fit were left out.
+    /// This many segments did not fit into memory and were left out.
     LeftOut(u16),
-    /// Differs from the stored calibration by this many combined sigmas.
+    /// A parameter differs from the stored calibration by this many combined sigmas.
     Changed { parameter: u8, sigmas: f64 },
+}
+
+impl Reason {
+    /// Short name of the reason. It is printed with the text, and `rins explain` shows its page of the guide.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Scale(_) => "wrong-scale",
+            Self::Setting(wrong) => wrong.code(),
+            Self::NoiseLevel { .. } => "noise-level",
+            Self::Cut { .. } => "cut-short",
+            Self::TooFewSegments(_) => "too-few-segments",
+            Self::NotConverged(_) => "not-converged",
+            Self::NotFinite { .. } => "not-finite",
+            Self::Refused(_) => "refused-measurements",
+            Self::Unobserved { .. } => "unobserved",
+            Self::Sigma { .. } => "sigma",
+            Self::Implausible { .. } => "implausible",
+            Self::ChiSquare { .. } => "chi-square",
+            Self::Innovation { .. } => "innovation",
+            Self::Unrest { unrest: Unrest::Variance(_) | Unrest::Trend(_), .. } => "unrest",
+            Self::Unrest { unrest: Unrest::Stuck, .. } => "stuck-channel",
+            Self::Noise { .. } => "noise-rise",
+            Self::Trends { .. } => "drift",
+            Self::Held { .. } => "held-value",
+            Self::Stale { .. } => "stale-samples",
+            Self::Missing { .. } => "missing-samples",
+            Self::Changing(suspicion) => change_code(suspicion.change),
+            Self::Wiring(_) => "wiring",
+            Self::Gap { .. } => "gap",
+            Self::LeftOut(_) => "left-out",
+            Self::Changed { .. } => "changed",
+        }
+    }
+}
+
+fn change_code(change: Change) -> &'static str {
+    match change {
+        Change::Step(_) => "parameter-step",
+        Change::Ramp(_) => "parameter-ramp",
+        Change::Slip(_) => "encoder-slip",
+        Change::EncoderScale(_) => "encoder-scale",
+        Change::Outlier(_) => "outlier",
+        Change::EarthRate(_) => "earth-rate",
+        Change::Heading => "heading-error",
+    }
 }
 
 /// A number with so many decimals, or in scientific notation where it is huge.
@@ -123,8 +173,8 @@ fn channel_name(channel: u8) -> &'static str {
 fn sensors_name(sensors: Sensors) -> &'static str {
     match sensors {
         Sensors::Channel(channel) => channel_name(channel),
-        Sensors::Accelerometers => "accelerometers",
-        Sensors::Gyros => "gyros",
+        Sensors::Accelerometers => "the accelerometers",
+        Sensors::Gyros => "the gyros",
     }
 }
 
@@ -141,27 +191,28 @@ fn write_suspicion(f: &mut fmt::Formatter<'_>, suspicion: &Suspicion) -> fmt::Re
         }
         Change::Ramp(parameter) => {
             let ParameterInfo { name, unit, unit_si } = change_info(parameter);
-            write!(
-                f,
-                "from segment {segment} on, {name} drifts by {} {unit} an hour",
-                Fixed(size * HOUR_S / unit_si, 1)
-            )
+            let an_hour = Fixed(size * HOUR_S / unit_si, 1);
+            write!(f, "from segment {segment} on, {name} drifts by {an_hour} {unit} in an hour")
         }
         Change::Slip(axis) => {
-            write!(f, "segment {segment}, {}: slip of {} arcsec", encoder_name(axis), Fixed(size / ARCSEC, 2))
+            write!(f, "in segment {segment}, the {} slips by {} arcsec", encoder_name(axis), Fixed(size / ARCSEC, 2))
         }
         Change::EncoderScale(axis) => {
-            write!(f, "from segment {segment} on, {}: scale error of {} ppm", encoder_name(axis), Fixed(size / PPM, 2))
+            let ppm = Fixed(size / PPM, 2);
+            write!(f, "from segment {segment} on, the {} has a scale error of {ppm} ppm", encoder_name(axis))
         }
-        // Settings are told as such, by their own reason.
-        Change::EarthRate(_) => write!(f, "the Earth rate differs by {} deg/h", Fixed(size / DEG_H, 4)),
-        Change::Heading => write!(f, "the heading differs by {} deg", Fixed(size / DEG, 4)),
+        Change::EarthRate(_) => {
+            write!(f, "the measured Earth rate differs from that of the site by {} deg/h", Fixed(size / DEG_H, 4))
+        }
+        Change::Heading => {
+            write!(f, "the measured heading differs from the configured heading by {} deg", Fixed(size / DEG, 4))
+        }
         Change::Outlier(channel) => {
             let (size, unit) = if channel < 3 { (size / MICRO_G, "ug") } else { (size / ARCSEC, "arcsec") };
-            write!(f, "segment {segment}, {}: off by {} {unit}", channel_name(channel), Fixed(size, 2))
+            write!(f, "in segment {segment}, {} is off by {} {unit}", channel_name(channel), Fixed(size, 2))
         }
     }?;
-    write!(f, ", {} sigma, limit {}", Fixed(sigmas, 1), Fixed(limit, 1))
+    write!(f, "; this is {} sigma, and the limit is {} sigma", Fixed(sigmas, 1), Fixed(limit, 1))
 }
 
 fn write_wiring(f: &mut fmt::Formatter<'_>, wiring: Wiring) -> fmt::Result {
@@ -172,98 +223,106 @@ fn write_wiring(f: &mut fmt::Formatter<'_>, wiring: Wiring) -> fmt::Result {
             write!(f, "{} and {} are swapped", channel_name(channel), channel_name(next))
         }
         Wiring::EncoderReversed(axis) => write!(f, "the sign of the {} is wrong", encoder_name(axis)),
-        Wiring::EncodersSwapped => write!(f, "the encoders are swapped, or an axis is wired wrongly"),
+        Wiring::EncodersSwapped => write!(f, "the two encoders are swapped, or an axis is wired wrongly"),
     }
 }
 
+fn write_unrest(f: &mut fmt::Formatter<'_>, segment: u16, channel: u8, unrest: Unrest) -> fmt::Result {
+    let name = channel_name(channel);
+    match unrest {
+        Unrest::Variance(ratio) => {
+            let ratio = Fixed(ratio.into(), 1);
+            write!(f, "in segment {segment}, the variance of {name} is {ratio} times that of the configured noise")
+        }
+        Unrest::Trend(sigmas) => {
+            write!(f, "in segment {segment}, {name} drifts by {} sigma during the stop", Fixed(sigmas.into(), 1))
+        }
+        Unrest::Stuck => write!(f, "in segment {segment}, {name} does not change"),
+    }
+}
+
+fn write_sigma(f: &mut fmt::Formatter<'_>, parameter: u8, sigma: f64, required: f64) -> fmt::Result {
+    let ParameterInfo { name, unit, unit_si } = info(parameter);
+    let (sigma, required) = (Fixed(sigma / unit_si, 3), Fixed(required / unit_si, 3));
+    write!(f, "the sigma of {name} is {sigma} {unit}, but {required} {unit} or less is required")
+}
+
+fn write_implausible(f: &mut fmt::Formatter<'_>, parameter: u8, value: f64, limit: f64) -> fmt::Result {
+    let ParameterInfo { name, unit, unit_si } = info(parameter);
+    let (value, limit) = (Fixed(value / unit_si, 1), Fixed(limit / unit_si, 1));
+    write!(f, "{name} is {value} {unit}, but no more than {limit} {unit} is plausible")
+}
+
+/// The [code](Reason::code) in brackets, then the text in one line.
 impl fmt::Display for Reason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "[{}] ", self.code())?;
         match *self {
             Self::Scale(wrong) => wrong.fmt(f),
             Self::Setting(wrong) => wrong.fmt(f),
             Self::NoiseLevel { sensors, ratio } => {
-                write!(f, "{}: noise is {} times the configured", sensors_name(sensors), Fixed(ratio, 2))
+                write!(f, "the noise of {} is {} times the configured noise", sensors_name(sensors), Fixed(ratio, 2))
             }
             Self::Cut { leg, legs } => {
-                write!(f, "the run was cut after leg {leg} of {legs}: its longest time was over")
+                write!(f, "the run ended after leg {leg} of {legs}, because its longest permitted time was over")
             }
-            Self::TooFewSegments(count) => write!(f, "only {count} segments: no stop, move and stop to calibrate from"),
-            Self::NotConverged(sweeps) => write!(f, "the estimate does not stand after {sweeps} sweeps"),
-            Self::NotFinite { parameter } => write!(f, "{} is not finite", info(parameter).name),
-            Self::Refused(1) => write!(f, "1 measurement is not finite"),
-            Self::Refused(count) => write!(f, "{count} measurements are not finite"),
-            Self::Unobserved { parameter, of_prior } => {
-                write!(f, "{} is not observed: its sigma is still {of_prior:.2} of the prior's", info(parameter).name)
-            }
-            Self::Sigma { parameter, sigma, required } => {
-                let info = info(parameter);
-                let (sigma, required) = (sigma / info.unit_si, required / info.unit_si);
+            Self::TooFewSegments(count) => {
                 write!(
                     f,
-                    "sigma of {} is {} {}, required {}",
-                    info.name,
-                    Fixed(sigma, 3),
-                    info.unit,
-                    Fixed(required, 3)
+                    "the number of segments is {count}; a calibration needs at least 3: a stop, a move and another stop"
                 )
             }
-            Self::Implausible { parameter, value, limit } => {
-                let info = info(parameter);
-                let (value, limit) = (value / info.unit_si, limit / info.unit_si);
-                write!(f, "{} is {} {}, plausible up to {}", info.name, Fixed(value, 1), info.unit, Fixed(limit, 1))
+            Self::NotConverged(sweeps) => write!(f, "the estimate has not converged after {sweeps} sweeps"),
+            Self::NotFinite { parameter } => write!(f, "the estimate of {} is not finite", info(parameter).name),
+            Self::Refused(1) => write!(f, "1 measurement was refused because it is not finite"),
+            Self::Refused(count) => write!(f, "{count} measurements were refused because they are not finite"),
+            Self::Unobserved { parameter, of_prior } => {
+                let name = info(parameter).name;
+                write!(f, "{name} is not observed: its sigma is still {of_prior:.2} times its sigma before the run")
             }
+            Self::Sigma { parameter, sigma, required } => write_sigma(f, parameter, sigma, required),
+            Self::Implausible { parameter, value, limit } => write_implausible(f, parameter, value, limit),
             Self::ChiSquare { chi_square, degrees_of_freedom, low, high } => write!(
                 f,
-                "chi-square {} with {degrees_of_freedom} degrees of freedom is outside {low:.1} to {high:.1}",
+                "the chi-square {} with {degrees_of_freedom} degrees of freedom is outside its bounds, {low:.1} to {high:.1}",
                 Fixed(chi_square, 1)
             ),
             Self::Innovation { segment, channel, normalized } => {
-                write!(f, "segment {segment}, {}: innovation of {} sigma", channel_name(channel), Fixed(normalized, 1))
+                let (name, sigmas) = (channel_name(channel), Fixed(normalized, 1));
+                write!(f, "in segment {segment}, {name} differs by {sigmas} sigma from what all other segments predict")
             }
-            Self::Unrest { segment, channel, unrest } => {
-                write!(f, "segment {segment}, {}: ", channel_name(channel))?;
-                match unrest {
-                    Unrest::Variance(ratio) => {
-                        write!(f, "variance {} times that of the configured noise", Fixed(ratio.into(), 1))
-                    }
-                    Unrest::Trend(sigmas) => write!(f, "drift of {} sigma during the stop", Fixed(sigmas.into(), 1)),
-                    Unrest::Stuck => write!(f, "the channel does not change"),
-                }
-            }
-            Self::Noise { segment, channel, ratio } => write!(
-                f,
-                "{} from segment {segment} on: {} times the variance of the configured noise",
-                channel_name(channel),
-                Fixed(ratio, 2)
-            ),
-            Self::Trends { channel, ratio } => {
+            Self::Unrest { segment, channel, unrest } => write_unrest(f, segment, channel, unrest),
+            Self::Noise { segment, channel, ratio } => {
+                let (name, ratio) = (channel_name(channel), Fixed(ratio, 2));
                 write!(
                     f,
-                    "{}: drift during the stops, {} times that of white noise",
-                    channel_name(channel),
-                    Fixed(ratio, 1)
+                    "from segment {segment} on, the variance of {name} is {ratio} times that of the configured noise"
+                )
+            }
+            Self::Trends { channel, ratio } => {
+                let (name, ratio) = (channel_name(channel), Fixed(ratio, 1));
+                write!(
+                    f,
+                    "{name} drifts during the stops: the mean square of its trends is {ratio} times that of white noise"
                 )
             }
             Self::Held { segment, channel, samples } => {
-                write!(f, "segment {segment}, {}: does not change over {samples} samples", channel_name(channel))
+                write!(f, "in segment {segment}, {} does not change over {samples} samples", channel_name(channel))
             }
             Self::Stale { segment, samples } => {
-                write!(f, "segment {segment}: {samples} samples repeat the one before")
+                write!(f, "in segment {segment}, {samples} samples repeat the sample before them")
             }
             Self::Missing { missing, of } => write!(f, "{missing} of {of} samples are missing"),
             Self::Changing(suspicion) => write_suspicion(f, &suspicion),
             Self::Wiring(wiring) => write_wiring(f, wiring),
             Self::Gap { segment, longest_us } => {
-                write!(f, "segment {segment}: no samples for {} ms", longest_us / 1000)
+                write!(f, "in segment {segment}, no sample arrived for {} ms", longest_us / 1000)
             }
-            Self::LeftOut(count) => write!(f, "{count} segments did not fit and were left out"),
+            Self::LeftOut(1) => write!(f, "1 segment did not fit into memory and was left out"),
+            Self::LeftOut(count) => write!(f, "{count} segments did not fit into memory and were left out"),
             Self::Changed { parameter, sigmas } => {
-                write!(
-                    f,
-                    "{} differs from the stored calibration by {} combined sigma",
-                    info(parameter).name,
-                    Fixed(sigmas, 1)
-                )
+                let (name, sigmas) = (info(parameter).name, Fixed(sigmas, 1));
+                write!(f, "{name} differs from the stored calibration by {sigmas} combined sigma")
             }
         }
     }

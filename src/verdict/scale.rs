@@ -3,7 +3,7 @@
 //!
 //! A wrong unit is the same factor in every stop or move. Anything else that is wrong is not, and is left to others.
 
-use super::VerdictLimits;
+use super::limits::VerdictLimits;
 use crate::base::linear::{ComplexField, Real};
 use crate::base::units::{DEG, DEG_H, MICRO_G};
 use crate::segment::{Segment, SegmentKind};
@@ -80,17 +80,19 @@ impl fmt::Display for WrongScale {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::Force { of_gravity, .. } => {
-                write!(f, "accelerometers read {} times gravity at the stops", Significant(of_gravity))
+                write!(f, "the accelerometers measure {} times gravity at the stops", Significant(of_gravity))
             }
             Self::Turn { of_encoders, .. } => {
-                write!(f, "gyros turn {} times as far as the encoders", Significant(of_encoders))
+                write!(f, "the gyros turn {} times as far as the encoders", Significant(of_encoders))
             }
             Self::Speed(rad_s) => write!(f, "the axes turn at {} rad/s", Significant(rad_s)),
         }?;
         match (self.unit(), self) {
-            (Some(unit), _) => write!(f, ": {unit}?"),
-            (None, Self::Turn { .. }) => write!(f, ": an unknown unit, a saturated sensor or lost samples?"),
-            (None, _) => write!(f, ": an unknown unit or a saturated sensor?"),
+            (Some(unit), _) => write!(f, "; probable cause: {unit}"),
+            (None, Self::Turn { .. }) => {
+                write!(f, "; probable cause: an unknown unit, a saturated sensor or lost samples")
+            }
+            (None, _) => write!(f, "; probable cause: an unknown unit or a saturated sensor"),
         }
     }
 }
@@ -171,22 +173,38 @@ mod tests {
     #[test]
     fn factors_name_their_units() {
         let force = |of_gravity| WrongScale::Force { of_gravity, interval_s: 0.005 }.to_string();
-        assert_eq!(force(0.102), "accelerometers read 0.102 times gravity at the stops: g in place of m/s^2?");
-        assert_eq!(force(1004.0), "accelerometers read 1004 times gravity at the stops: mm/s^2 in place of m/s^2?");
-        assert!(force(0.005_02).ends_with("5.02e-3 times gravity at the stops: increments in place of m/s^2?"));
+        assert_eq!(
+            force(0.102),
+            "the accelerometers measure 0.102 times gravity at the stops; probable cause: g in place of m/s^2"
+        );
+        assert_eq!(
+            force(1004.0),
+            "the accelerometers measure 1004 times gravity at the stops; probable cause: mm/s^2 in place of m/s^2"
+        );
+        assert!(
+            force(0.005_02)
+                .ends_with("5.02e-3 times gravity at the stops; probable cause: increments in place of m/s^2")
+        );
         assert_eq!(
             force(1e7),
-            "accelerometers read 1.00e7 times gravity at the stops: an unknown unit or a saturated sensor?"
+            "the accelerometers measure 1.00e7 times gravity at the stops; probable cause: an unknown unit or a saturated sensor"
         );
         let turn = |of_encoders| WrongScale::Turn { of_encoders, interval_s: 0.01 }.to_string();
-        assert_eq!(turn(57.3), "gyros turn 57.3 times as far as the encoders: gyros in deg/s in place of rad/s?");
-        assert!(turn(0.017_46).ends_with("encoders in deg in place of rad?"));
+        assert_eq!(
+            turn(57.3),
+            "the gyros turn 57.3 times as far as the encoders; probable cause: gyros in deg/s in place of rad/s"
+        );
+        assert!(turn(0.017_46).ends_with("encoders in deg in place of rad"));
         assert_eq!(
             turn(0.85),
-            "gyros turn 0.850 times as far as the encoders: an unknown unit, a saturated sensor or lost samples?"
+            "the gyros turn 0.850 times as far as the encoders; probable cause: an unknown unit, a saturated sensor or lost samples"
         );
-        assert!(turn(0.573).ends_with(": gyro increments in deg in place of rad/s?"));
-        assert!(turn(0.010_02).ends_with("gyro increments in place of rad/s?"));
-        assert!(WrongScale::Speed(16.0).to_string().starts_with("the axes turn at 16.0 rad/s: gyros and encoders in"));
+        assert!(turn(0.573).ends_with("; probable cause: gyro increments in deg in place of rad/s"));
+        assert!(turn(0.010_02).ends_with("gyro increments in place of rad/s"));
+        assert!(
+            WrongScale::Speed(16.0)
+                .to_string()
+                .starts_with("the axes turn at 16.0 rad/s; probable cause: gyros and encoders in")
+        );
     }
 }

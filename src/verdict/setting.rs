@@ -7,7 +7,7 @@ use crate::base::linear::{ComplexField, RealField};
 use crate::base::site::{EARTH_RATE_RAD_S, Site};
 use crate::base::units::DEG;
 use crate::estimator::Solution;
-use crate::estimator::constancy::Settings;
+use crate::estimator::constancy::SettingEvidence;
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
@@ -29,12 +29,23 @@ const SHARED_PART: f64 = 0.2;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[expect(missing_docs, reason = "the text of a variant says what its fields are")]
 pub enum WrongSetting {
-    /// The gyros feel the Earth rate of another latitude, rad.
+    /// The gyros measure the Earth rate of another latitude, rad.
     Latitude { felt_rad: f64, sigma_rad: f64, configured_rad: f64 },
-    /// The gyros find another heading than the configured one: the difference, rad, and in sigmas.
+    /// The gyros measure another heading than the configured one: the difference, rad, and in sigmas.
     Heading { off_rad: f64, sigmas: f64 },
-    /// All three accelerometers read this many times the configured gravity, m/s^2.
+    /// All three accelerometers measure this many times the configured gravity, m/s^2.
     Gravity { of_configured: f64, configured_m_s2: f64 },
+}
+
+impl WrongSetting {
+    /// Short name of the setting that is wrong, as [`Reason::code`](super::Reason::code).
+    pub fn code(&self) -> &'static str {
+        match self {
+            Self::Latitude { .. } => "wrong-latitude",
+            Self::Heading { .. } => "wrong-heading",
+            Self::Gravity { .. } => "wrong-gravity",
+        }
+    }
 }
 
 impl fmt::Display for WrongSetting {
@@ -44,23 +55,23 @@ impl fmt::Display for WrongSetting {
                 let hemisphere = (felt_rad + configured_rad).abs() < 0.5 * (felt_rad - configured_rad).abs();
                 write!(
                     f,
-                    "the gyros feel the Earth rate of latitude {:.3} +- {:.3} deg, configured is {:.3} deg{}",
+                    "the gyros measure the Earth rate of latitude {:.3} +- {:.3} deg, but {:.3} deg is configured{}",
                     felt_rad / DEG,
                     sigma_rad / DEG,
                     configured_rad / DEG,
-                    if hemisphere { ": the other hemisphere?" } else { "" }
+                    if hemisphere { "; is the site in the other hemisphere?" } else { "" }
                 )
             }
             Self::Heading { off_rad, sigmas } => write!(
                 f,
-                "the gyros find a heading that is {:.3} deg from the configured one, {:.1} sigma",
+                "the gyros measure a heading that differs from the configured heading by {:.3} deg, which is {:.1} sigma",
                 off_rad / DEG,
                 sigmas.abs()
             ),
             Self::Gravity { of_configured, configured_m_s2 } => write!(
                 f,
-                "all three accelerometers read {of_configured:.5} times the configured gravity of {configured_m_s2:.5} \
-                 m/s^2: measured gravity, height or latitude?"
+                "all three accelerometers measure {of_configured:.5} times the configured gravity of {configured_m_s2:.5} \
+                 m/s^2; check the measured gravity, the height and the latitude"
             ),
         }
     }
@@ -86,7 +97,7 @@ pub(super) fn wrong_setting(solution: &Solution, site: &Site) -> Option<Explanat
 }
 
 /// The latitude whose Earth rate fits best, and the chi-square that it explains; `None` if it is the Earth rate of none.
-fn latitude(settings: &Settings, site: &Site) -> Option<(WrongSetting, f64)> {
+fn latitude(settings: &SettingEvidence, site: &Site) -> Option<(WrongSetting, f64)> {
     let [_, north, up] = site.earth_rate_n();
     let error = settings.earth_rate_error_rad_s()?;
     let mut felt_rad = RealField::atan2(up + error[1], north + error[0]);
@@ -107,8 +118,8 @@ fn latitude(settings: &Settings, site: &Site) -> Option<(WrongSetting, f64)> {
     is_earth.then_some((setting, explained))
 }
 
-fn heading(settings: &Settings) -> Option<(WrongSetting, f64)> {
-    let Settings { heading_rad: off_rad, heading_sigmas: sigmas, .. } = *settings;
+fn heading(settings: &SettingEvidence) -> Option<(WrongSetting, f64)> {
+    let SettingEvidence { heading_rad: off_rad, heading_sigmas: sigmas, .. } = *settings;
     Some((WrongSetting::Heading { off_rad, sigmas }, sigmas * sigmas))
 }
 

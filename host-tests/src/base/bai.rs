@@ -1,7 +1,7 @@
 //! Numbers that Bai et al. publish (Sensors 2019, 19(18), 4005), arcsec, in the order of the parameters: the twelve that
 //! the method is for.
 
-use rins_selfcal::estimator::observability::INSTALLATION_STATES;
+use rins_selfcal::model::error_model::INSTALLATION_STATES;
 
 /// One for each of the twelve installation errors, arcsec.
 pub type Twelve = [f64; INSTALLATION_STATES];

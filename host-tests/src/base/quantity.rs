@@ -1,14 +1,14 @@
 //! Parameters in report units: headings within a turn, errors against a truth, numbers with as many digits as they are
 //! worth.
 
-use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS, ParameterInfo, block};
+use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS, ParameterInfo};
 use rins_selfcal::model::options::{OPTIONAL_INFO, OPTIONAL_STATES};
 
 /// The parameters and, after them, the optional states.
 pub const STATES: usize = PARAMETERS + OPTIONAL_STATES;
 
-/// Index of the heading, the only parameter that is an angle of any size.
-pub const HEADING: usize = block::ATTITUDE + 2;
+/// The only parameter that is an angle of any size.
+pub use rins_selfcal::model::error_model::block::HEADING;
 
 /// Larger numbers are in scientific notation.
 const HUGE: f64 = 1e6;

@@ -87,7 +87,8 @@ pub fn read(path: &Path) -> Result<SizesByImage> {
 /// # Errors
 /// It cannot be written.
 pub fn write(path: &Path, sizes: &SizesByImage) -> Result<()> {
-    let head = "# What the firmware's images take, bytes. Written and compared by `firmware-report`, see README.\n\n";
+    let head =
+        "# What the firmware's images take, bytes. Written and compared by `firmware-report`, see CONTRIBUTING.md.\n\n";
     std::fs::write(path, head.to_owned() + &toml::to_string(sizes)?).with_context(|| path.display().to_string())
 }
 

@@ -25,7 +25,8 @@ use rins_selfcal::instrument::{
 use rins_selfcal::keep::black_box::{Entry, Event};
 use rins_selfcal::link::{Link, Refusal};
 use rins_selfcal::run::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
-use rins_selfcal::run::calibrator::{Calibrator, CalibratorConfig};
+use rins_selfcal::run::calibrator::Calibrator;
+use rins_selfcal::run::config::CalibratorConfig;
 use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig};
 use rins_selfcal::run::result::StoredCalibration;
 use rins_selfcal::run::telemetry::Message;

@@ -18,7 +18,7 @@ use rins_selfcal::base::method::Method;
 use rins_selfcal::drivers::kvh1750::MESSAGE_BYTES;
 use rins_selfcal::gimbal::servo::PERIOD_S;
 use rins_selfcal::run::assignment::Assignment;
-use rins_selfcal::run::calibrator::CalibratorConfig;
+use rins_selfcal::run::config::CalibratorConfig;
 use rins_selfcal::run::config::SelfCalibrationConfig;
 use rins_selfcal::run::state::State;
 use rins_selfcal::run::telemetry::Message;

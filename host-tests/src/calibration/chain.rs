@@ -17,12 +17,14 @@ use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETERS, ParameterIn
 use rins_selfcal::model::measurement::ENCODER_ERRORS;
 use rins_selfcal::model::options::{OPTIONAL_INFO, Options};
 use rins_selfcal::run::abort::Abort;
-use rins_selfcal::run::calibrator::{Calibrator, CalibratorConfig, Progress};
+use rins_selfcal::run::calibrator::Calibrator;
+use rins_selfcal::run::config::CalibratorConfig;
 use rins_selfcal::run::telemetry::Message;
+use rins_selfcal::run::telemetry::Progress;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::SegmentKind;
 use rins_selfcal::segment::intake::IntakeCounts;
-use rins_selfcal::verdict::{Verdict, VerdictLimits};
+use rins_selfcal::verdict::{Reason, Verdict, VerdictLimits};
 use serde::Serialize;
 
 /// Segments that fit on the host: any log that a day of calibration can give.
@@ -342,7 +344,12 @@ impl Outcome {
         estimated.map(|(info, (value, sigma))| (info, value / info.unit_si, sigma / info.unit_si))
     }
 
-    /// Every doubt in words.
+    /// Codes of the reasons, in the order of [`Self::reasons`].
+    pub fn reason_codes(&self) -> Vec<&'static str> {
+        self.verdict.reasons.iter().map(Reason::code).collect()
+    }
+
+    /// Every reason in words, with its code in front. A last line counts the reasons that were not kept.
     pub fn reasons(&self) -> Vec<String> {
         let mut reasons: Vec<String> = self.verdict.reasons.iter().map(ToString::to_string).collect();
         if self.verdict.more > 0 {

@@ -9,7 +9,7 @@ use crate::result::saved::Saved;
 use crate::virtual_unit::plant::Reading;
 use clap::{Args, ValueEnum};
 use rins_selfcal::base::linear::Vector3;
-use rins_selfcal::model::error_model::Calibration;
+use rins_selfcal::model::correction::Calibration;
 use std::path::PathBuf;
 
 #[derive(Debug, Args)]

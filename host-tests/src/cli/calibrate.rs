@@ -21,11 +21,11 @@ use anyhow::Context;
 use clap::{Args, ValueEnum};
 use rins_selfcal::base::units::ARCSEC;
 use rins_selfcal::model::error_model::block;
-use rins_selfcal::run::calibrator::Progress as Segmented;
 use rins_selfcal::run::policy::{Decision, PowerUpPolicy};
 use rins_selfcal::run::sequencer::Pace;
 use rins_selfcal::run::state::State;
 use rins_selfcal::run::telemetry::Message;
+use rins_selfcal::run::telemetry::Progress as Segmented;
 use rins_selfcal::verdict::VerdictLimits;
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
@@ -266,7 +266,9 @@ impl<'a> Live<'a> {
             Message::Segment(segment) => *self.known.borrow_mut() = worst(segment),
             Message::Decided(decision) => self.progress.suspend(|| sayln!("power-up: {decision}")),
             Message::Fault(fault) => self.progress.warn(&format!("fault: {fault}")),
-            Message::Store { damaged: true, .. } => self.progress.warn("store: a record is damaged"),
+            Message::Store { damaged: true, .. } => {
+                self.progress.warn("store: a record is damaged or in another version of the format")
+            }
             Message::Store { fault: true, .. } => self.progress.warn("store: the memory does not answer"),
             Message::Saved(false) => self.progress.warn("store: the calibration could not be stored"),
             _ => return,

@@ -3,6 +3,8 @@
 use super::apply::ApplyArguments;
 use super::calibrate::CalibrateArguments;
 use super::compare::CompareArguments;
+use super::explain::ExplainArguments;
+use super::guide::GuideArguments;
 use super::history::HistoryArguments;
 use super::inspect::InspectArguments;
 use super::manual::CompletionsArguments;
@@ -85,6 +87,12 @@ pub enum Command {
     /// Show the calibrations that an instrument keeps, from an image of its memory
     #[command(after_help = "Example: rins history eeprom.bin --json history.json")]
     History(HistoryArguments),
+    /// Explain a code that is printed with a reason, or list all codes
+    #[command(after_help = "Examples:\n  rins explain\n  rins explain noise-level")]
+    Explain(ExplainArguments),
+    /// Print a chapter of the guide, or the list of chapters
+    #[command(after_help = "Examples:\n  rins guide\n  rins guide tutorial")]
+    Guide(GuideArguments),
     /// Print the completions of a shell
     #[command(after_help = "Example: rins completions bash > ~/.local/share/bash-completion/completions/rins")]
     Completions(CompletionsArguments),

@@ -158,7 +158,7 @@ fn read(client: &mut Client, item: ReadArgument, json: Option<&Path>) -> Result<
                     _ => None,
                 },
             )?;
-            history::show(&History { entries, damaged: 0 }, json)
+            history::show(&History { entries, ..History::default() }, json)
         }
         ReadArgument::BlackBox => {
             let events = series(

@@ -17,7 +17,7 @@ use crate::result::table;
 use clap::Args;
 use rayon::prelude::*;
 use rins_selfcal::base::method::Method;
-use rins_selfcal::estimator::observability::INSTALLATION_STATES;
+use rins_selfcal::model::error_model::INSTALLATION_STATES;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::scheme::library::LIBRARY;
 use rins_selfcal::segment::SegmentKind;

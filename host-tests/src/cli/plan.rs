@@ -22,9 +22,9 @@ use anyhow::ensure;
 use clap::Args;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::units::DEG;
-use rins_selfcal::estimator::rehearsal::Turning;
 use rins_selfcal::model::error_model::PARAMETER_INFO;
 use rins_selfcal::scheme::Scheme;
+use rins_selfcal::scheme::Turning;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 

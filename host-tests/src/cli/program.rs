@@ -4,8 +4,8 @@ use super::command_line::{Arguments, Command};
 use super::ending::Ending;
 use super::output::say;
 use super::{
-    apply, calibrate, compare, history, inspect, manual, monitor, monte_carlo, observability, output, plan, replay,
-    replicate, simulate,
+    apply, calibrate, compare, explain, guide, history, inspect, manual, monitor, monte_carlo, observability, output,
+    plan, replay, replicate, simulate,
 };
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser};
@@ -41,6 +41,8 @@ fn run(arguments: Arguments) -> anyhow::Result<Ending> {
         Command::Replicate(arguments) => replicate::run(&arguments),
         Command::Monitor(arguments) => monitor::run(&arguments),
         Command::History(arguments) => history::run(&arguments),
+        Command::Explain(arguments) => explain::run(&arguments),
+        Command::Guide(arguments) => guide::run(&arguments),
         Command::Completions(arguments) => manual::completions(&arguments, Arguments::command()),
         Command::Man => manual::page(Arguments::command()),
     }

@@ -18,7 +18,7 @@ use crate::result::table;
 use anyhow::Context;
 use clap::Args;
 use rins_selfcal::model::error_model::PARAMETER_INFO;
-use rins_selfcal::run::calibrator::Progress;
+use rins_selfcal::run::telemetry::Progress;
 use rins_selfcal::segment::SegmentKind;
 use sha2::{Digest, Sha256};
 use std::fs::File;

@@ -145,6 +145,17 @@ pub enum LogFault {
         /// What it holds.
         found: String,
     },
+    /// A column of a Parquet file has a compression that this program cannot read.
+    #[error(
+        "column {column}: compressed with {codec}, which is not supported; write the file again with snappy, gzip, \
+             lz4 or no compression"
+    )]
+    Codec {
+        /// The column.
+        column: String,
+        /// Name of the compression.
+        codec: &'static str,
+    },
     /// A field without a value.
     #[error("column {column}: no value")]
     Null {

@@ -5,7 +5,7 @@ use super::error::{LogError, LogFault};
 use super::layout::{Layout, Wanted};
 use super::mapping::Column;
 use super::rows::{RawRows, open_file};
-use parquet::basic::Type as PhysicalType;
+use parquet::basic::{Compression, Type as PhysicalType};
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::data_type::DataType;
 use parquet::errors::ParquetError;
@@ -41,6 +41,7 @@ impl ParquetRows {
         for (column, wanted) in columns.iter_mut().zip(&layout.wanted) {
             *column = find(schema.columns(), wanted.as_ref()).map_err(refused)?;
         }
+        check_codecs(&file, columns.iter().flatten().map(|(position, _)| *position)).map_err(refused)?;
         Ok(Self {
             path: path.into(),
             file,
@@ -151,6 +152,25 @@ fn find(columns: &[ColumnDescPtr], wanted: Option<&Wanted>) -> Result<Option<(us
         return Err(LogFault::NotNumbers { column: column.to_string(), found });
     }
     Ok(Some((position, description.clone())))
+}
+
+/// Refuses columns whose compression this program was built without.
+fn check_codecs(
+    file: &SerializedFileReader<File>,
+    columns: impl Iterator<Item = usize> + Clone,
+) -> Result<(), LogFault> {
+    for group in file.metadata().row_groups() {
+        for chunk in columns.clone().filter_map(|position| group.columns().get(position)) {
+            let codec = match chunk.compression() {
+                Compression::ZSTD(_) => "zstd",
+                Compression::BROTLI(_) => "brotli",
+                Compression::LZO => "lzo",
+                _ => continue,
+            };
+            return Err(LogFault::Codec { column: chunk.column_path().string(), codec });
+        }
+    }
+    Ok(())
 }
 
 fn holds_numbers(column: &ColumnDescPtr) -> bool {

@@ -33,8 +33,10 @@ pub enum MemoryKind {
 pub struct History {
     /// The entries.
     pub entries: Vec<StoredCalibration>,
-    /// Slots with damage; 0 where that is not known.
+    /// Damaged slots; 0 where the number is not known.
     pub damaged: usize,
+    /// Intact records of another version of the store's format; 0 where the number is not known.
+    pub other_versions: usize,
 }
 
 impl History {
@@ -66,7 +68,7 @@ impl History {
         for back in 0..count {
             history.entries.extend(store.entry(back).map_err(no_store)?.map(|(_, record)| record));
         }
-        history.damaged = store.damaged();
+        (history.damaged, history.other_versions) = (store.damaged(), store.other_versions());
         Ok(history)
     }
 
@@ -88,6 +90,10 @@ impl fmt::Display for History {
         }
         for (number, entry) in self.entries.iter().enumerate() {
             entry.reasons().try_for_each(|reason| writeln!(f, "entry {}: {reason}", number + 1))?;
+        }
+        if self.other_versions > 0 {
+            let records = self.other_versions;
+            writeln!(f, "not shown: {records} calibrations in another version of the store's format")?;
         }
         match self.damaged {
             0 => Ok(()),

@@ -248,7 +248,7 @@ fn warning(message: &Message) -> Option<String> {
         Message::Store { fault: true, .. } => Some("the calibration memory does not work".into()),
         Message::Store { damaged: true, found, .. } => {
             let rest = if *found { "an older calibration is used" } else { "there is no good calibration" };
-            Some(format!("a stored calibration is damaged; {rest}"))
+            Some(format!("a stored calibration is damaged or in another version of the format; {rest}"))
         }
         Message::Released => Some("the axes are brought to rest, and controlled no longer".into()),
         Message::Fault(fault) => Some(fault.to_string()),
@@ -283,7 +283,7 @@ pub fn lines(event: &Event) -> Vec<String> {
 mod tests {
     use super::*;
     use rins_selfcal::model::error_model::InstrumentErrors;
-    use rins_selfcal::run::calibrator::Progress;
+    use rins_selfcal::run::telemetry::Progress;
     use rins_selfcal::segment::SegmentKind;
 
     #[test]

@@ -4,12 +4,12 @@ use super::canvas::{Curve, Drawn, Figure, Scale, figure, shade, shade_signed};
 use crate::base::quantity;
 use crate::calibration::Outcome;
 use crate::files::truth::ParameterTable;
+use crate::plan::observability::along_scheme;
 use crate::result::signals::Signals;
 use rins_selfcal::base::site::Site;
 use rins_selfcal::base::units::DEG;
-use rins_selfcal::estimator::observability::{INSTALLATION_STATES, along_scheme};
 use rins_selfcal::gimbal::fault::AXIS_NAMES;
-use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETER_INFO};
+use rins_selfcal::model::error_model::{INSTALLATION_STATES, InstrumentErrors, PARAMETER_INFO};
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::verdict::CHANNEL_NAMES;
 
@@ -63,7 +63,7 @@ pub fn estimate(outcome: &Outcome, index: usize, truth: Option<&ParameterTable>)
 
 /// Time, value and sigma of a parameter after every segment, in report units.
 fn values_of(outcome: &Outcome, index: usize) -> Vec<(f64, f64, f64)> {
-    let of = |progress: &rins_selfcal::run::calibrator::Progress| {
+    let of = |progress: &rins_selfcal::run::telemetry::Progress| {
         let estimate = &progress.estimate;
         let (value, sigma) = (quantity::values(&estimate.errors)[index], quantity::sigmas(&estimate.sigmas)[index]);
         (progress.end_us as f64 * 1e-6, value, sigma)
@@ -99,10 +99,7 @@ pub fn singular_values(scheme: &Scheme, site: &Site, base: &InstrumentErrors<f64
 }
 
 /// What counts as zero is drawn at the axis.
-fn singular_value(
-    seen: &rins_selfcal::estimator::observability::Observability<INSTALLATION_STATES>,
-    number: usize,
-) -> f64 {
+fn singular_value(seen: &crate::plan::observability::Observability<INSTALLATION_STATES>, number: usize) -> f64 {
     const LEAST: f64 = 1e-6;
     if number < seen.rank { seen.singular_values[number].max(LEAST) } else { LEAST }
 }

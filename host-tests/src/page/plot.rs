@@ -3,7 +3,7 @@
 use crate::plan::prediction::{Prediction, SegmentGain};
 use anyhow::{Result, anyhow};
 use plotters::prelude::*;
-use rins_selfcal::estimator::observability::INSTALLATION_STATES;
+use rins_selfcal::model::error_model::INSTALLATION_STATES;
 use std::path::Path;
 
 const SIZE: (u32, u32) = (960, 600);

@@ -10,8 +10,7 @@ use crate::study::replication::{Foresight, Replication, ShownRun, Study};
 use anyhow::Context;
 use maud::{Markup, html};
 use rins_selfcal::base::method::Method;
-use rins_selfcal::estimator::observability::INSTALLATION_STATES;
-use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETER_INFO, block};
+use rins_selfcal::model::error_model::{INSTALLATION_STATES, InstrumentErrors, PARAMETER_INFO, block};
 use rins_selfcal::scheme::{SETTLING_S, Scheme};
 use std::path::Path;
 
@@ -150,7 +149,8 @@ fn rank_steps(ranks: &[RankAt]) -> Vec<RankAt> {
 /// Time at which the inner axis has moved for the first time, s.
 fn inner_moved_s(scheme: &Scheme) -> f64 {
     let before = scheme.legs.iter().take_while(|leg| leg.inner_rad == 0.0).copied().collect();
-    let inner_s = scheme.move_s(scheme.legs.iter().map(|leg| leg.inner_rad).find(|angle| *angle != 0.0).unwrap_or(0.0));
+    let way_rad = scheme.legs.iter().map(|leg| leg.inner_rad).find(|angle| *angle != 0.0).unwrap_or(0.0);
+    let inner_s = scheme.turning().profile(way_rad).duration_s();
     Scheme { legs: before, periods: 1, ..scheme.clone() }.duration_s() + inner_s
 }
 

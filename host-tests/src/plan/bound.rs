@@ -27,9 +27,8 @@ use crate::calibration::Setup;
 use rayon::prelude::*;
 use rins_selfcal::base::linear::Matrix;
 use rins_selfcal::base::units::DEG;
-use rins_selfcal::estimator::rehearsal::{Stand, Turning};
 use rins_selfcal::model::error_model::block;
-use rins_selfcal::scheme::Scheme;
+use rins_selfcal::scheme::{Leg, Scheme};
 use rins_selfcal::segment::GUARD_S;
 
 /// Accelerometer non-orthogonality, mounting, bias and scale; roll and pitch of the base.
@@ -53,7 +52,7 @@ pub fn of_scheme(setup: &Setup, scheme: &Scheme, duration_s: f64) -> Option<f64>
     lower_bound(&PlanRequest {
         setup: setup.clone(),
         time_s: duration_s,
-        turning: Turning::of(scheme),
+        turning: scheme.turning(),
         settling_s: GUARD_S,
         travel: [Travel::default(); 2],
         angle_step_rad: None,
@@ -107,8 +106,8 @@ fn squared_weights(request: &PlanRequest) -> Option<[f64; STATES]> {
 
 /// Time for the accelerometers in a scheme that reaches at least this far, s.
 fn standing_s(request: &PlanRequest, reach_rad: f64) -> f64 {
-    let there = Stand { outer_rad: reach_rad, inner_rad: 0.0, stop_s: 0.0 };
-    let moves_s = request.turning.move_s(&Stand { outer_rad: 0.0, ..there }, &there);
+    let there = Leg { outer_rad: reach_rad, inner_rad: 0.0, stop_s: 0.0 };
+    let moves_s = request.turning.move_s(&Leg { outer_rad: 0.0, ..there }, &there);
     request.time_s - moves_s - (LEAST_STOPS - 1.0) * (request.settling_s.max(GUARD_S) + GUARD_S)
 }
 
@@ -130,7 +129,7 @@ impl Design {
             let [outer, inner] = request.travel.map(|travel| angles(&travel, reach_rad, step_rad));
             let stands = outer.iter().flat_map(|outer| inner.iter().map(|inner| (*outer, *inner)));
             let rows = stands.map(|(outer_rad, inner_rad)| {
-                let by = forecast.force_rows(&Stand { outer_rad, inner_rad, stop_s: 0.0 });
+                let by = forecast.force_rows(&Leg { outer_rad, inner_rad, stop_s: 0.0 });
                 let mut rows = Rows::zeros();
                 for (parameter, column) in by.column_iter().enumerate() {
                     if let Some(place) = place(parameter) {
@@ -198,7 +197,7 @@ mod tests {
     use crate::plan::prediction::{duration_s, predicted_sigmas_si};
     use rins_selfcal::base::method::Method;
     use rins_selfcal::base::units::ARCSEC;
-    use rins_selfcal::estimator::observability::INSTALLATION_STATES;
+    use rins_selfcal::model::error_model::INSTALLATION_STATES;
     use rins_selfcal::scheme::library::LIBRARY;
 
     #[test]

@@ -13,11 +13,12 @@ use crate::calibration::Setup;
 use crate::calibration::virtual_run::SETTLING_S;
 use rins_selfcal::base::linear::{ComplexField, Matrix, Vector};
 use rins_selfcal::base::site::EARTH_RATE_RAD_S;
-use rins_selfcal::estimator::rehearsal::{BLOCK_LOSS_S, Stand, Turning, move_segment, stop_segment, usable_s};
+use rins_selfcal::estimator::rehearsal::{BLOCK_LOSS_S, move_segment, stop_segment, usable_s};
 use rins_selfcal::estimator::{BASIC_STATES, EstimatorConfig};
 use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETERS, block};
 use rins_selfcal::model::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
 use rins_selfcal::model::options::{OptionalColumns, force_columns, rotation_columns};
+use rins_selfcal::scheme::{Leg, Turning};
 use rins_selfcal::segment::white_noise::Noise;
 use rins_selfcal::segment::{AngleIntegrals, Course, GUARD_S, Segment, SegmentKind};
 use std::borrow::Borrow;
@@ -199,12 +200,12 @@ impl<const STATES: usize> Forecast<STATES> {
     }
 
     /// Derivative of the mean specific force at a stop by the parameters, (3 x 28), SI.
-    pub fn force_rows(&self, stand: &Stand) -> Matrix<f64, 3, PARAMETERS> {
+    pub fn force_rows(&self, stand: &Leg) -> Matrix<f64, 3, PARAMETERS> {
         self.model.force_at_stop(&stop_segment(stand, 1.0)).by_parameters
     }
 
     /// The model of a leg; the first stop has no move before it.
-    pub fn leg(&self, from: &Stand, to: &Stand) -> LegModel {
+    pub fn leg(&self, from: &Leg, to: &Leg) -> LegModel {
         let move_s = self.turning.move_s(from, to);
         let turn = move_segment(from, to, &self.turning);
         let at_rest = stop_segment(to, 1.0);
@@ -221,7 +222,7 @@ impl<const STATES: usize> Forecast<STATES> {
     /// The information at the end of all stops. `on_segment` gets it after each segment, with the time, s.
     pub fn information<L: Borrow<LegModel>>(
         &self,
-        stands: &[Stand],
+        stands: &[Leg],
         legs: &[L],
         mut on_segment: impl FnMut(SegmentKind, f64, &Information<STATES>),
     ) -> Information<STATES> {
@@ -260,7 +261,7 @@ impl<const STATES: usize> Forecast<STATES> {
     }
 
     /// The information of a whole scheme.
-    pub fn of_stands(&self, stands: &[Stand]) -> Information<STATES> {
+    pub fn of_stands(&self, stands: &[Leg]) -> Information<STATES> {
         let from = stands.iter().take(1).chain(stands);
         let legs: Vec<LegModel> = from.zip(stands).map(|(from, to)| self.leg(from, to)).collect();
         self.information(stands, &legs, |_, _, _| ())
@@ -284,7 +285,7 @@ impl<const STATES: usize> Forecast<STATES> {
 
 /// A second of rest. As a move by nothing, since a stop's angles are whole ticks of the encoders: what a search finds shall not
 /// depend on them.
-fn rest_segment(stand: &Stand) -> Segment<f64> {
+fn rest_segment(stand: &Leg) -> Segment<f64> {
     let ((so, co), (si, ci)) = (stand.outer_rad.sin_cos(), stand.inner_rad.sin_cos());
     let attitude_s = [1.0, ci, si].map(|inner| [1.0, co, so].map(|outer| (inner * outer) as f32));
     let integrals = AngleIntegrals { attitude_s, ..AngleIntegrals::default() };
@@ -314,7 +315,6 @@ mod tests {
     use rins_selfcal::base::method::Method;
     use rins_selfcal::base::units::{DEG_H, MICRO_G};
     use rins_selfcal::estimator::FULL_STATES;
-    use rins_selfcal::estimator::rehearsal::stands;
     use rins_selfcal::model::error_model::PARAMETER_INFO;
     use rins_selfcal::model::options::Options;
     use rins_selfcal::scheme::Scheme;
@@ -324,8 +324,8 @@ mod tests {
     }
 
     fn sigmas<const STATES: usize>(setup: &Setup, scheme: &Scheme) -> [f64; PARAMETERS] {
-        let stands: Vec<Stand> = stands(scheme).collect();
-        let information = Forecast::<STATES>::new(setup, Turning::of(scheme), GUARD_S).of_stands(&stands);
+        let stands: Vec<Leg> = scheme.stops().collect();
+        let information = Forecast::<STATES>::new(setup, scheme.turning(), GUARD_S).of_stands(&stands);
         information.sigmas().expect("positive definite")
     }
 

@@ -6,11 +6,13 @@
 //! - `search`: simulated annealing over the stops
 //! - `bound`: what no scheme can go below
 //! - `request`: what is asked for; `planning`: what comes of it
+//! - `observability`: what a rotation scheme makes observable
 //! - `prediction`: what the core makes of a scheme
 
 pub mod bound;
 pub mod information;
 pub mod objective;
+pub mod observability;
 mod planning;
 pub mod prediction;
 mod request;

@@ -4,8 +4,7 @@ use super::information::Information;
 use crate::base::quantity::{HEADING, states};
 use rins_selfcal::base::linear::{ComplexField, Matrix, Vector};
 use rins_selfcal::estimator::OBSERVED_RATIO;
-use rins_selfcal::estimator::observability::INSTALLATION_STATES;
-use rins_selfcal::model::error_model::PARAMETERS;
+use rins_selfcal::model::error_model::{INSTALLATION_STATES, PARAMETERS};
 use rins_selfcal::model::options::Options;
 
 /// How weighted sigmas make one number.

@@ -8,7 +8,6 @@ use super::search::{Problem, search};
 use crate::calibration::virtual_run::SETTLING_S;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::units::DEG;
-use rins_selfcal::estimator::rehearsal::Stand;
 use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES, MAX_SEGMENTS};
 use rins_selfcal::scheme::{Leg, MAX_LEGS, Scheme};
 use rins_selfcal::segment::GUARD_S;
@@ -66,17 +65,14 @@ pub fn plan(request: &PlanRequest, name: &str, progress: &(impl Fn(u64, f64) + S
         rate_rad_s: request.turning.rate_rad_s,
         acceleration_rad_s2: request.turning.acceleration_rad_s2,
         first_stop_s: stands[0].stop_s,
-        legs: stands.iter().skip(1).map(leg).collect(),
+        legs: stands.iter().skip(1).copied().collect(),
         periods: 1,
     };
     debug_assert!(duration_s(&request.setup, &scheme) <= request.time_s + 1e-9);
     Ok(Planned { scheme, value, bound: lower_bound(request) })
 }
 
-fn found<const STATES: usize>(
-    request: &PlanRequest,
-    progress: &(impl Fn(u64, f64) + Sync),
-) -> Option<(f64, Vec<Stand>)> {
+fn found<const STATES: usize>(request: &PlanRequest, progress: &(impl Fn(u64, f64) + Sync)) -> Option<(f64, Vec<Leg>)> {
     let problem = Problem {
         forecast: Forecast::<STATES>::new(&request.setup, request.turning, request.settling_s),
         objective: &request.objective,
@@ -88,8 +84,4 @@ fn found<const STATES: usize>(
         most_legs: MOST_LEGS,
     };
     search(&problem, request.evaluations, request.seed, progress)
-}
-
-fn leg(stand: &Stand) -> Leg {
-    Leg { outer_rad: stand.outer_rad, inner_rad: stand.inner_rad, stop_s: stand.stop_s }
 }

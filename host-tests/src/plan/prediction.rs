@@ -3,6 +3,7 @@
 //! The covariance does not depend on the data beyond the geometry, so a perfect unit without noise is run through the
 //! core, which is told the noise of the real one.
 
+use super::observability::{along_scheme, of_covariance};
 use crate::base::quantity::{STATES, states};
 use crate::calibration::virtual_run::VirtualRun;
 use crate::calibration::{Setup, is_estimated};
@@ -11,10 +12,9 @@ use crate::result::report::{Named, SOFTWARE, SiteReport, Software};
 use crate::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::linear::Matrix;
 use rins_selfcal::estimator::OBSERVED_RATIO;
-use rins_selfcal::estimator::observability::{INSTALLATION_STATES, along_scheme, of_covariance};
-use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETERS, ParameterInfo};
-use rins_selfcal::run::calibrator::Progress;
-use rins_selfcal::scheme::Scheme;
+use rins_selfcal::model::error_model::{INSTALLATION_STATES, InstrumentErrors, PARAMETERS, ParameterInfo};
+use rins_selfcal::run::telemetry::Progress;
+use rins_selfcal::scheme::{Leg, Scheme};
 use rins_selfcal::segment::SegmentKind;
 use serde::Serialize;
 use std::ops::Range;
@@ -335,12 +335,11 @@ fn installation_rank(setup: &Setup, scheme: &Scheme) -> Vec<RankAt> {
 
 /// Times at which the stops of one period end, s.
 fn stop_ends_s(scheme: &Scheme) -> Vec<f64> {
-    let mut from = (0.0, 0.0);
+    let mut from = Leg::default();
     let mut time_s = scheme.first_stop_s;
     let ends = scheme.legs.iter().map(|leg| {
-        let move_s = scheme.move_s(leg.outer_rad - from.0).max(scheme.move_s(leg.inner_rad - from.1));
-        from = (leg.outer_rad, leg.inner_rad);
-        time_s += move_s + leg.stop_s;
+        time_s += scheme.move_s(&from, leg) + leg.stop_s;
+        from = *leg;
         time_s
     });
     ends.collect()

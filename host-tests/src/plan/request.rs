@@ -2,8 +2,8 @@
 
 use super::objective::Objective;
 use crate::calibration::Setup;
-use rins_selfcal::estimator::rehearsal::Turning;
 use rins_selfcal::gimbal::axis::AxisLimits;
+use rins_selfcal::scheme::Turning;
 
 /// Angles that an axis may stand at, rad, counted over whole turns; zero is one of them.
 #[derive(Clone, Copy, Debug, PartialEq)]

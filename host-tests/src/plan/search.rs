@@ -15,7 +15,7 @@ use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;
 use rins_selfcal::base::linear::ComplexField;
 use rins_selfcal::base::units::DEG;
-use rins_selfcal::estimator::rehearsal::Stand;
+use rins_selfcal::scheme::Leg;
 use std::collections::HashMap;
 use std::rc::Rc;
 
@@ -81,9 +81,9 @@ impl<const STATES: usize> Problem<'_, STATES> {
         ComplexField::round(steps(angle_rad)).clamp(lowest, highest) * self.step_rad
     }
 
-    fn stand(&self, angles_rad: [f64; 2], stop_s: f64) -> Stand {
+    fn stand(&self, angles_rad: [f64; 2], stop_s: f64) -> Leg {
         let [outer_rad, inner_rad] = [0, 1].map(|axis| self.snapped(axis, angles_rad[axis]));
-        Stand { outer_rad, inner_rad, stop_s }
+        Leg { outer_rad, inner_rad, stop_s }
     }
 
     fn grid_s(&self, duration_s: f64) -> f64 {
@@ -110,7 +110,7 @@ impl Chance {
 }
 
 /// A scheme and how good it is.
-type Valued = (f64, Vec<Stand>);
+type Valued = (f64, Vec<Leg>);
 
 struct Chain<'a, const STATES: usize> {
     problem: &'a Problem<'a, STATES>,
@@ -151,13 +151,13 @@ impl<'a, const STATES: usize> Chain<'a, STATES> {
     }
 
     /// Some stops by chance, in the order of the outer angle.
-    fn start(&mut self) -> Option<Vec<Stand>> {
+    fn start(&mut self) -> Option<Vec<Leg>> {
         for trial in 0..TRIALS {
             // One stop for 15 s and five more; fewer if they do not fit.
             let legs = (4 + (self.problem.time_s / 15.0) as usize).min(self.problem.most_legs);
             let legs = legs - (legs - 1) * trial / TRIALS;
             let stop_s = self.problem.least_stop_s + 1.0;
-            let mut stands: Vec<Stand> = (0..legs).map(|_| self.anywhere(stop_s)).collect();
+            let mut stands: Vec<Leg> = (0..legs).map(|_| self.anywhere(stop_s)).collect();
             stands.sort_by(|a, b| a.outer_rad.abs().total_cmp(&b.outer_rad.abs()));
             stands.insert(0, self.problem.stand([0.0; 2], stop_s));
             if self.fitted(&mut stands).is_some() {
@@ -167,7 +167,7 @@ impl<'a, const STATES: usize> Chain<'a, STATES> {
         None
     }
 
-    fn anywhere(&mut self, stop_s: f64) -> Stand {
+    fn anywhere(&mut self, stop_s: f64) -> Leg {
         let angles = [0, 1].map(|axis| {
             let Travel { lowest_rad, highest_rad } = self.problem.travel[axis];
             lowest_rad + (highest_rad - lowest_rad) * self.chance.part()
@@ -177,7 +177,7 @@ impl<'a, const STATES: usize> Chain<'a, STATES> {
 
     fn anneal(
         &mut self,
-        start: Vec<Stand>,
+        start: Vec<Leg>,
         cooling: &Cooling,
         evaluations: u64,
         progress: &(impl Fn(u64, f64) + Sync),
@@ -206,7 +206,7 @@ impl<'a, const STATES: usize> Chain<'a, STATES> {
     }
 
     /// What the objective says of a scheme in the end: of the worst sigma itself, not of the norm that stands for it.
-    fn told_value(&mut self, stands: &[Stand]) -> f64 {
+    fn told_value(&mut self, stands: &[Leg]) -> f64 {
         self.value(&mut stands.to_vec(), f64::INFINITY).unwrap_or(f64::INFINITY)
     }
 
@@ -215,7 +215,7 @@ impl<'a, const STATES: usize> Chain<'a, STATES> {
     }
 
     /// A scheme near this one. `step` is the size of the changes, 1 for the largest.
-    fn neighbour(&mut self, stands: &[Stand], step: f64) -> Vec<Stand> {
+    fn neighbour(&mut self, stands: &[Leg], step: f64) -> Vec<Leg> {
         let mut stands = stands.to_vec();
         let last = stands.len() - 1;
         let (one, other) = (1 + self.chance.below(last), 1 + self.chance.below(last));
@@ -259,7 +259,7 @@ impl<'a, const STATES: usize> Chain<'a, STATES> {
     }
 
     /// One or both axes elsewhere, by chance.
-    fn replace(&mut self, stand: &mut Stand) {
+    fn replace(&mut self, stand: &mut Leg) {
         let new = self.anywhere(stand.stop_s);
         let axes = self.chance.below(3);
         if axes != 0 {
@@ -271,7 +271,7 @@ impl<'a, const STATES: usize> Chain<'a, STATES> {
     }
 
     /// Shifts one or both axes of all these stops by about `way_rad`.
-    fn shift(&mut self, stands: &mut [Stand], way_rad: f64) {
+    fn shift(&mut self, stands: &mut [Leg], way_rad: f64) {
         let axes = self.chance.below(3);
         let ways = [0, 1].map(|axis| if axes == axis { 0.0 } else { way_rad * self.chance.bell() });
         for stand in stands {
@@ -280,8 +280,8 @@ impl<'a, const STATES: usize> Chain<'a, STATES> {
     }
 
     /// Stretches or shrinks the stops to fill the time; the legs. `None` if that cannot be, or a leg moves nothing.
-    fn fitted(&mut self, stands: &mut [Stand]) -> Option<Vec<Rc<LegModel>>> {
-        let stays = |pair: &[Stand]| (pair[0].outer_rad, pair[0].inner_rad) == (pair[1].outer_rad, pair[1].inner_rad);
+    fn fitted(&mut self, stands: &mut [Leg]) -> Option<Vec<Rc<LegModel>>> {
+        let stays = |pair: &[Leg]| (pair[0].outer_rad, pair[0].inner_rad) == (pair[1].outer_rad, pair[1].inner_rad);
         if stands.windows(2).any(stays) {
             return None;
         }
@@ -292,13 +292,13 @@ impl<'a, const STATES: usize> Chain<'a, STATES> {
         if free_s <= 0.0 {
             return None;
         }
-        let extra_s = |stand: &Stand| (stand.stop_s - least_s).max(LEAST_EXTRA_S);
+        let extra_s = |stand: &Leg| (stand.stop_s - least_s).max(LEAST_EXTRA_S);
         let factor = free_s / stands.iter().map(extra_s).sum::<f64>();
         stands.iter_mut().for_each(|stand| stand.stop_s = least_s + extra_s(stand) * factor);
         Some(legs)
     }
 
-    fn leg(&mut self, from: &Stand, to: &Stand) -> Rc<LegModel> {
+    fn leg(&mut self, from: &Leg, to: &Leg) -> Rc<LegModel> {
         if self.remembered.len() > REMEMBERED {
             self.remembered.clear();
         }
@@ -307,14 +307,14 @@ impl<'a, const STATES: usize> Chain<'a, STATES> {
         Rc::clone(self.remembered.entry(key).or_insert_with(|| Rc::new(forecast.leg(from, to))))
     }
 
-    fn value(&mut self, stands: &mut [Stand], exponent: f64) -> Option<f64> {
+    fn value(&mut self, stands: &mut [Leg], exponent: f64) -> Option<f64> {
         let legs = self.fitted(stands)?;
         let information = self.problem.forecast.information(stands, &legs, |_, _, _| ());
         self.problem.objective.value(&information, exponent)
     }
 
     /// Stops rounded down to the sample grid, and what the objective says then.
-    fn on_grid(&mut self, mut stands: Vec<Stand>) -> Option<Valued> {
+    fn on_grid(&mut self, mut stands: Vec<Leg>) -> Option<Valued> {
         let legs = self.fitted(&mut stands)?;
         let sample_s = self.problem.sample_s;
         let on_grid = |stop_s: f64| ComplexField::floor(stop_s / sample_s + 1e-6) * sample_s;

@@ -9,7 +9,8 @@ use rins_selfcal::base::method::Method;
 use rins_selfcal::base::site::Site;
 use rins_selfcal::base::units::DEG;
 use rins_selfcal::estimator::{Estimate, LargestInnovation};
-use rins_selfcal::model::error_model::{Calibration, InstrumentErrors, PARAMETER_INFO, ParameterInfo};
+use rins_selfcal::model::correction::Calibration;
+use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETER_INFO, ParameterInfo};
 use rins_selfcal::run::result::StoredCalibration;
 use rins_selfcal::segment::intake::IntakeCounts;
 use rins_selfcal::verdict::CHANNEL_NAMES;
@@ -123,6 +124,8 @@ struct InnovationReport {
 pub struct CalibrationReport {
     verdict: &'static str,
     reasons: Vec<String>,
+    /// In the order of `reasons`.
+    reason_codes: Vec<&'static str>,
     stored: Option<bool>,
     method: &'static str,
     duration_s: f64,
@@ -157,6 +160,7 @@ impl From<&Outcome> for CalibrationReport {
         Self {
             verdict: outcome.verdict_name(),
             reasons: outcome.reasons(),
+            reason_codes: outcome.reason_codes(),
             stored: outcome.stored,
             method: method_name(outcome.setup.method),
             duration_s: solution.duration_s,
@@ -252,6 +256,8 @@ fn fit(outcome: &Outcome) -> FitReport {
 pub struct StoredReport {
     verdict: &'static str,
     reasons: Vec<String>,
+    /// In the order of `reasons`.
+    reason_codes: Vec<&'static str>,
     method: &'static str,
     scheme: String,
     chi_square: f64,
@@ -270,6 +276,7 @@ impl From<&StoredCalibration> for StoredReport {
         Self {
             verdict: if stored.verdict.accepted() { "accepted" } else { "rejected" },
             reasons: stored.reasons().map(|reason| reason.to_string()).collect(),
+            reason_codes: stored.reasons().map(|reason| reason.code()).collect(),
             method: method_name(stored.method),
             scheme: stored.scheme.as_str().into(),
             chi_square: stored.chi_square,

@@ -187,6 +187,9 @@ pub fn verdict(outcome: &Outcome) -> String {
     for reason in outcome.reasons() {
         text += &format!("  - {reason}\n");
     }
+    if let Some(code) = outcome.reason_codes().first() {
+        text += &format!("`rins explain {code}` says what a code means and what to do\n");
+    }
     text
 }
 

@@ -14,7 +14,7 @@ use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::gimbal::servo::PERIOD_US;
 use rins_selfcal::link::{Command, MAX_FRAME_BYTES, encode};
 use rins_selfcal::run::assignment::Assignment;
-use rins_selfcal::run::calibrator::CalibratorConfig;
+use rins_selfcal::run::config::CalibratorConfig;
 use rins_selfcal::run::config::SelfCalibrationConfig;
 use rins_selfcal::run::policy::PowerUpPolicy;
 use rins_selfcal::run::result::StoredCalibration;

@@ -9,9 +9,10 @@ use crate::plan::prediction::Prediction;
 use crate::result::signals::Signals;
 use rayon::prelude::*;
 use rins_selfcal::base::method::Method;
-use rins_selfcal::estimator::observability::INSTALLATION_STATES;
 use rins_selfcal::estimator::{BASIC_STATES, Estimator};
-use rins_selfcal::run::calibrator::{Calibrator, Progress};
+use rins_selfcal::model::error_model::INSTALLATION_STATES;
+use rins_selfcal::run::calibrator::Calibrator;
+use rins_selfcal::run::telemetry::Progress;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::Segment;
 

@@ -38,7 +38,7 @@ impl Profile {
         if angle_rad == 0.0 {
             return Self::default();
         }
-        let move_s = scheme.move_s(angle_rad);
+        let move_s = scheme.turning().profile(angle_rad).duration_s();
         // A profile that ends on the grid shall not get one sample more by rounding.
         let samples = (move_s / interval_s - 1e-6).ceil().max(2.0) as u32;
         let ramp_s = (scheme.rate_rad_s / scheme.acceleration_rad_s2).min(0.5 * move_s);

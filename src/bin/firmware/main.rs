@@ -32,7 +32,8 @@ use rins_selfcal::gimbal::servo::MotorAndLoad;
 use rins_selfcal::instrument::{Instrument, Recording};
 use rins_selfcal::link::Link;
 use rins_selfcal::run::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
-use rins_selfcal::run::calibrator::{Calibrator, CalibratorConfig};
+use rins_selfcal::run::calibrator::Calibrator;
+use rins_selfcal::run::config::CalibratorConfig;
 use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig};
 
 /// The scalar of this image.

@@ -1,4 +1,4 @@
-//! The board NUCLEO-H743ZI2: an STM32H743ZI at 480 MHz, a Cortex-M7 with double precision. Pins: README.
+//! The board NUCLEO-H743ZI2: an STM32H743ZI at 480 MHz, a Cortex-M7 with double precision. Pins: chapter `board` of the guide.
 //!
 //! ```text
 //! TIM6 control period   priority 1   encoders on SPI3 and SPI4 -> gimbal -> bridges on TIM1

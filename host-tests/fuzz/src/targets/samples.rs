@@ -11,7 +11,7 @@ use rins_selfcal::link::{
 };
 use rins_selfcal::model::error_model::PARAMETERS;
 use rins_selfcal::run::assignment::Assignment;
-use rins_selfcal::run::calibrator::CalibratorConfig;
+use rins_selfcal::run::config::CalibratorConfig;
 use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig};
 use rins_selfcal::run::policy::PowerUpPolicy;
 use rins_selfcal::run::result::{StoredCalibration, StoredVerdict};

@@ -10,6 +10,8 @@ use std::process::Command;
 
 /// The target of the firmware.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
+/// The profile of the firmware in `Cargo.toml`.
+const PROFILE: &str = "firmware";
 
 /// What an image runs on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -114,14 +116,14 @@ pub fn build(variant: impl Into<Variant>) -> Result<Image> {
     ensure_target(root)?;
     let output = cargo()
         .current_dir(root)
-        .args(["build", "--release", "--quiet", "--package", "rins-selfcal", "--bin", "firmware"])
+        .args(["build", "--profile", PROFILE, "--quiet", "--package", "rins-selfcal", "--bin", "firmware"])
         .args(["--features", &variant.features(), "--target", TARGET, "--target-dir"])
         .arg(&directory)
         .args(variant.board.configuration().iter().flat_map(|file| ["--config", file]))
         .output()
         .context("cannot run cargo")?;
     ensure!(output.status.success(), "the firmware does not build:\n{}", String::from_utf8_lossy(&output.stderr));
-    Ok(Image { path: directory.join(TARGET).join("release/firmware"), board: variant.board, imu: variant.imu })
+    Ok(Image { path: directory.join(TARGET).join(PROFILE).join("firmware"), board: variant.board, imu: variant.imu })
 }
 
 /// cargo without the environment that replaces or doubles the linker arguments of `.cargo/config.toml`.

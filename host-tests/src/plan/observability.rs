@@ -1,6 +1,6 @@
 //! What a rotation scheme makes observable.
 //!
-//! Bai's twelve are constant, F = 0, so the stripped observability matrix of the piecewise constant system (PWCS; Goshen-
+//! The twelve installation errors are constant, F = 0, so the stripped observability matrix of the piecewise constant system (PWCS; Goshen-
 //! Meskin and Bar-Itzhack 1992) is the stack of the measurement matrices:
 //! ```text
 //! (11) H1 = [0(3x6) | R^T F(f_a) - F(f_a0) | [(R^T f_a) x](I - R^T)]      at stops
@@ -10,16 +10,13 @@
 //! that its singular values cost the same however long the scheme is. H1 is taken in units of gravity and H2 in units of
 //! the scheme's rate, so that both are numbers.
 
-use crate::base::angle::Angle;
-use crate::base::linear::{ComplexField, Matrix, Vector, Vector3, singular_values, skew};
-use crate::base::profile::Profile;
-use crate::base::site::Site;
-use crate::model::error_model::InstrumentErrors;
-use crate::model::measurement::{accel_non_orthogonality_matrix, gyro_non_orthogonality_matrix};
-use crate::scheme::{Leg, Scheme};
-
-/// Bai's states: Sgxy Sgxz Sgyx Sgyz Sgzx Sgzy, Sayz Sazx Sazy, alpha beta gamma.
-pub const INSTALLATION_STATES: usize = 12;
+use rins_selfcal::base::angle::Angle;
+use rins_selfcal::base::linear::{ComplexField, Matrix, Vector, Vector3, skew};
+use rins_selfcal::base::site::Site;
+use rins_selfcal::model::error_model::{INSTALLATION_STATES, InstrumentErrors, frame_rotation_x, frame_rotation_z};
+use rins_selfcal::model::rotation::gyro_non_orthogonality_matrix;
+use rins_selfcal::model::stop_force::accel_non_orthogonality_matrix;
+use rins_selfcal::scheme::{Leg, Scheme};
 
 /// A singular value below this part of the largest counts as zero. Earth rate, 2e-4 of the scheme's, counts as seen.
 const RANK_TOLERANCE: f64 = 1e-10;
@@ -27,6 +24,45 @@ const RANK_TOLERANCE: f64 = 1e-10;
 const ROW_S: f64 = 0.1;
 /// A direction is observed if the measurements leave at most this part of its prior variance.
 const OBSERVED_VARIANCE: f64 = 0.01;
+
+/// Singular values, the largest first: one-sided Jacobi rotations (Hestenes 1958), accurate for small ones too.
+fn singular_values<const N: usize>(m: &Matrix<f64, N, N>) -> Vector<f64, N> {
+    const SWEEPS: usize = 30;
+    let mut columns = *m;
+    for _ in 0..SWEEPS {
+        let mut rotated = false;
+        for i in 0..N {
+            for j in i + 1..N {
+                rotated |= orthogonalize(&mut columns, i, j);
+            }
+        }
+        if !rotated {
+            break;
+        }
+    }
+    let mut values = Vector::<f64, N>::from_fn(|row, _| columns.column(row).norm());
+    values.as_mut_slice().sort_unstable_by(|a, b| b.partial_cmp(a).unwrap_or(std::cmp::Ordering::Equal));
+    values
+}
+
+/// Rotates two columns into orthogonal ones. Returns `false` if they were orthogonal already.
+fn orthogonalize<const N: usize>(columns: &mut Matrix<f64, N, N>, i: usize, j: usize) -> bool {
+    let (a, b) = (columns.column(i).norm_squared(), columns.column(j).norm_squared());
+    let c = columns.column(i).dot(&columns.column(j));
+    if c.abs() <= f64::EPSILON * (a * b).sqrt() {
+        return false;
+    }
+    let zeta = (b - a) / (c + c);
+    let tan = zeta.signum() / (zeta.abs() + (1.0 + zeta * zeta).sqrt());
+    let cos = (1.0 + tan * tan).sqrt().recip();
+    let sin = cos * tan;
+    for row in 0..N {
+        let (x, y) = (columns[(row, i)], columns[(row, j)]);
+        columns[(row, i)] = cos * x - sin * y;
+        columns[(row, j)] = sin * x + cos * y;
+    }
+    true
+}
 
 /// Rank and singular values of a stacked matrix.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -115,22 +151,6 @@ fn turn_matrix(omega_g: &Vector3<f64>, unit_rad_s: f64) -> Matrix<f64, 3, INSTAL
 
 /// Stacks (11) and (13) along one period of a scheme on an instrument without errors, its base at this attitude, and
 /// reports after every row while turning and after every stop: time (s) and observability.
-///
-/// ```
-/// use rins_selfcal::model::error_model::InstrumentErrors;
-/// use rins_selfcal::estimator::observability::along_scheme;
-/// use rins_selfcal::scheme::Scheme;
-/// use rins_selfcal::base::site::Site;
-///
-/// let (scheme, base) = (Scheme::bai(200.0, 1), InstrumentErrors::default());
-/// let (mut rank, mut full_s) = (0, None);
-/// along_scheme(&scheme, &Site::default(), &base, |time_s, seen| {
-///     rank = seen.rank;
-///     if rank == 12 { full_s.get_or_insert(time_s); }
-/// });
-/// // Not before the inner axis moves, after six stops and five moves.
-/// assert!(rank == 12 && full_s.is_some_and(|time_s| time_s > 6.0 * 200.0 + 5.0 * 5.5));
-/// ```
 pub fn along_scheme(
     scheme: &Scheme,
     site: &Site,
@@ -142,29 +162,25 @@ pub fn along_scheme(
     let earth_rate_b = rot_bn * Vector3::from(site.earth_rate_n());
     let mut stripped = StrippedMatrix::default();
     let mut time_s = scheme.first_stop_s;
-    let mut from = (0.0, 0.0);
+    let mut from = Leg::default();
     for leg in &scheme.legs {
-        let Leg { outer_rad, inner_rad, stop_s } = *leg;
-        let move_s = scheme.move_s(outer_rad - from.0).max(scheme.move_s(inner_rad - from.1));
-        let [outer, inner] = [outer_rad - from.0, inner_rad - from.1]
-            .map(|way| Profile::trapezoid(way, scheme.rate_rad_s, scheme.acceleration_rad_s2));
+        let move_s = scheme.move_s(&from, leg);
+        let [outer, inner] = leg.ways_from(&from).map(|way_rad| scheme.turning().profile(way_rad));
         let rows = ComplexField::ceil(move_s / ROW_S) as u32;
         for row in 1..rows {
             let at_s = move_s * f64::from(row) / f64::from(rows);
             let (outer, inner) = (outer.at(at_s), inner.at(at_s));
-            let rot_inner =
-                crate::model::error_model::frame_rotation_z::<f64>(Angle::from_rad(from.1 + inner.angle_rad));
-            let rot_outer =
-                crate::model::error_model::frame_rotation_x::<f64>(Angle::from_rad(from.0 + outer.angle_rad));
+            let rot_inner = frame_rotation_z::<f64>(Angle::from_rad(from.inner_rad + inner.angle_rad));
+            let rot_outer = frame_rotation_x::<f64>(Angle::from_rad(from.outer_rad + outer.angle_rad));
             let omega_g = rot_inner * (Vector3::x() * outer.rate_rad_s + rot_outer * earth_rate_b)
                 + Vector3::z() * inner.rate_rad_s;
             stripped.add(&turn_matrix(&omega_g, scheme.rate_rad_s));
             report(time_s + at_s, &stripped.observability());
         }
-        time_s += move_s + stop_s;
-        stripped.add(&stop_matrix(Angle::from_rad(outer_rad), Angle::from_rad(inner_rad), &up_b));
+        time_s += move_s + leg.stop_s;
+        stripped.add(&stop_matrix(Angle::from_rad(leg.outer_rad), Angle::from_rad(leg.inner_rad), &up_b));
         report(time_s, &stripped.observability());
-        from = (outer_rad, inner_rad);
+        from = *leg;
     }
 }
 
@@ -186,8 +202,7 @@ pub fn of_covariance<const N: usize>(covariance: &Matrix<f64, N, N>, prior_sigma
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::units::DEG;
-    use std::vec::Vec;
+    use rins_selfcal::base::units::DEG;
 
     #[test]
     fn triangle_has_the_singular_values_of_the_stack() {
@@ -220,5 +235,19 @@ mod tests {
         let before = trace.iter().filter(|(time_s, _)| *time_s <= inner_moves_s).map(|(_, rank)| *rank).max();
         assert_eq!(before, Some(9));
         assert_eq!(trace.last().map(|(_, rank)| *rank), Some(12));
+    }
+
+    #[test]
+    fn all_states_are_seen_once_the_inner_axis_has_moved() {
+        let (scheme, base) = (Scheme::bai(200.0, 1), InstrumentErrors::default());
+        let (mut rank, mut full_s) = (0, None);
+        along_scheme(&scheme, &Site::default(), &base, |time_s, seen| {
+            rank = seen.rank;
+            if rank == 12 {
+                full_s.get_or_insert(time_s);
+            }
+        });
+        // Six stops and five moves come before the first move of the inner axis.
+        assert!(rank == 12 && full_s.is_some_and(|time_s| time_s > 6.0 * 200.0 + 5.0 * 5.5));
     }
 }

@@ -1,0 +1,251 @@
+//! The final pass: all segments are processed again about the last estimate until it has converged (iterated Kalman
+//! filter, Gauss-Newton), so no linearization error remains. Then changes during the run are tested for
+//! ([`super::constancy`]). The pass is done piece by piece, some segments at a call, so that samples go on being taken in
+//! between.
+
+use super::configuration::BASIC_STATES;
+use super::constancy::{SettingEvidence, Suspicion};
+use super::joint::{Estimator, SEGMENTS_PER_PIECE};
+use super::solution::{Estimate, Fit, SegmentInnovations, Solution, sigmas};
+use super::sweep::{HeadingSteps, Pass, Sweep};
+use super::two_stage::find_period;
+use crate::base::linear::{ComplexField, Real, Vector, real};
+use crate::base::method::Method;
+use crate::base::sample::CHANNELS;
+use crate::model::error_model::{InstrumentErrors, PARAMETERS};
+use crate::model::measurement::ENCODER_ERRORS;
+use crate::model::options::{OPTIONAL_STATES, OptionalEstimate};
+use crate::segment::SegmentKind;
+
+/// Most sweeps over the segments: an estimate that has not converged by then is rejected.
+const MAX_SWEEPS: u8 = 24;
+
+/// Converged when no step exceeds this fraction of sigma plus rounding noise.
+const CONVERGED_PART: f64 = 0.01;
+
+const ROUNDING_NOISE_EPSILONS: f64 = 2.5e6;
+
+impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS, STATES> {
+    /// One piece of the final pass: processes all segments again and again until the estimate has converged, and tests for
+    /// changes. Returns whether there is a [`Estimator::solution`] now; a further call begins anew.
+    pub fn solve_piece(&mut self) -> bool {
+        match self.pass {
+            Pass::Idle | Pass::Refreshing { .. } => {
+                self.begin_pass();
+                false
+            }
+            Pass::Iterating { mut sweep, made, before, heading } => {
+                let swept = self.sweep_piece(&mut sweep);
+                self.pass = Pass::Iterating { sweep, made, before, heading };
+                if swept {
+                    self.iterate(sweep, made + 1, &before, heading);
+                }
+                false
+            }
+            Pass::Closing { mut sweep } => {
+                let swept = self.sweep_piece(&mut sweep);
+                self.pass = if swept { Pass::Idle } else { Pass::Closing { sweep } };
+                swept
+            }
+            Pass::Testing { mut sweep, onset, part } => {
+                let swept = self.sweep_piece(&mut sweep);
+                self.pass = Pass::Testing { sweep, onset, part };
+                if swept {
+                    self.tested(onset, part);
+                }
+                false
+            }
+        }
+    }
+
+    /// One piece of a sweep over all segments so far: it leaves the live estimate linearized about where it was, and the
+    /// chi-square that of one model. Returns chi-square and degrees of freedom when done.
+    pub fn refresh_piece(&mut self) -> Option<(f64, u32)> {
+        let mut sweep = match self.pass {
+            Pass::Refreshing { sweep } => sweep,
+            _ => self.begin_sweep(self.config.period_moves),
+        };
+        let swept = self.sweep_piece(&mut sweep);
+        self.pass = if swept { Pass::Idle } else { Pass::Refreshing { sweep } };
+        swept.then(|| (self.fit.chi_square, self.degrees_of_freedom(&self.estimate())))
+    }
+
+    /// Whether such a sweep is under way, and the live estimate not whole.
+    pub fn is_refreshing(&self) -> bool {
+        matches!(self.pass, Pass::Refreshing { .. })
+    }
+
+    /// Innovations of the segments that the last piece of the final pass has processed for the last time; none while the
+    /// estimate is still sought.
+    pub fn closing_innovations(&self) -> &[SegmentInnovations] {
+        let closing = matches!(self.pass, Pass::Closing { .. }) || self.solution().is_some();
+        if closing { &self.innovations } else { &[] }
+    }
+
+    /// The outcome of the final pass, once it is done.
+    pub fn solution(&self) -> Option<&Solution> {
+        self.solution.as_ref().filter(|_| matches!(self.pass, Pass::Idle))
+    }
+
+    fn begin_pass(&mut self) {
+        let period_moves = self.config.period_moves.or_else(|| find_period(&self.segments));
+        self.reference_us = self.segments.last().map_or(0, |last| last.start_us + last.duration_us);
+        // Not from the live estimate: updates about poor early points can lead it astray.
+        self.nominal = self.start;
+        self.solution = None;
+        self.suspects.clear();
+        let sweep = self.begin_sweep(period_moves);
+        self.pass = Pass::Iterating { sweep, made: 0, before: self.nominal, heading: HeadingSteps::NONE };
+    }
+
+    /// A sweep has ended, and `made` are made: another one, unless the estimate has converged. Not inlined: what it
+    /// needs on the stack, the sweeps do not.
+    #[inline(never)]
+    fn iterate(
+        &mut self,
+        Sweep { period_moves, .. }: Sweep,
+        made: u8,
+        before: &Vector<T, PARAMETERS>,
+        mut heading: HeadingSteps<T>,
+    ) {
+        let mut errors = InstrumentErrors::from_vector(&self.nominal);
+        let heading_before = InstrumentErrors::from_vector(before).heading;
+        let turned = errors.heading - heading_before;
+        errors.heading = heading_before + turned * heading.next(turned);
+        self.nominal = errors.to_vector();
+        let converged = self.has_converged(before);
+        if made < MAX_SWEEPS && !converged {
+            let sweep = self.begin_sweep(period_moves);
+            self.pass = Pass::Iterating { sweep, made, before: self.nominal, heading };
+            return;
+        }
+        self.solution = Some(self.solved(made, converged));
+        match self.config.method {
+            Method::TwoStage => self.close(period_moves),
+            Method::Joint => self.test_next(0, 0),
+        }
+    }
+
+    fn close(&mut self, period_moves: Option<u16>) {
+        self.innovations.clear();
+        self.pass = Pass::Closing { sweep: self.begin_sweep(period_moves) };
+    }
+
+    /// A sweep with changes under test has ended. It leaves the estimate as it was solved.
+    #[inline(never)]
+    fn tested(&mut self, onset: usize, part: usize) {
+        let found = self.suspects.most_significant(&sigmas(&self.filter, ENCODER_ERRORS));
+        if let Some(solution) = &mut self.solution {
+            self.nominal = solution.estimate.errors.to_vector().map(real);
+            solution.suspicion = solution.suspicion.more_significant(found);
+            solution.settings = self.suspects.settings().unwrap_or(solution.settings);
+        }
+        self.test_next(onset, part + 1);
+    }
+
+    /// Begins the sweep that tests this part of the changes that begin with segment `onset`, or the next one that there
+    /// is: changes begin with the first stop and with every move. After the last one the pass is closed.
+    fn test_next(&mut self, onset: usize, part: usize) {
+        let mut part = part;
+        for onset in onset..self.segments.len() {
+            let is_stop = self.segments.get(onset).is_some_and(|segment| segment.kind() == SegmentKind::Stop);
+            if (!is_stop || onset == 0) && self.suspects.restart(onset as u16, is_stop, part) {
+                let sweep = self.begin_sweep(None);
+                self.pass = Pass::Testing { sweep, onset, part };
+                return;
+            }
+            part = 0;
+        }
+        self.suspects.clear();
+        self.close(None);
+    }
+
+    fn begin_sweep(&mut self, period_moves: Option<u16>) -> Sweep {
+        // A change under test may be large, and shall be seen.
+        let gate_sigma = self.config.gate_sigma.filter(|_| self.suspects.is_empty());
+        self.restart_filters(gate_sigma);
+        self.fit = Fit::NONE;
+        self.forget_last_stop();
+        let deviation = self.start - self.nominal;
+        self.filter.state_mut().fixed_rows_mut::<PARAMETERS>(ENCODER_ERRORS).copy_from(&deviation);
+        Sweep { next: 0, moves: 0, period_moves }
+    }
+
+    /// Processes the next segments of a sweep. Returns whether it has ended.
+    fn sweep_piece(&mut self, sweep: &mut Sweep) -> bool {
+        self.innovations.clear();
+        for _ in 0..SEGMENTS_PER_PIECE {
+            let Some(segment) = self.segments.get(sweep.next).copied() else { break };
+            let usage = self.use_of(segment.kind(), sweep.moves, sweep.period_moves);
+            let none = SegmentInnovations { segment: sweep.next as u16, normalized: [None; CHANNELS] };
+            // It holds those of a piece.
+            let _ = self.innovations.push(none);
+            let _ = self.process(sweep.next, &segment, usage);
+            sweep.moves += u16::from(segment.kind() == SegmentKind::Move);
+            sweep.next += 1;
+        }
+        let ended = sweep.next >= self.segments.len();
+        if ended {
+            self.absorb();
+        }
+        ended
+    }
+
+    /// Whether no parameter has moved by more than the limit since the sweep before.
+    fn has_converged(&self, before: &Vector<T, PARAMETERS>) -> bool {
+        let step = self.nominal - before;
+        let variances = self.filter.variances();
+        let part = CONVERGED_PART + ROUNDING_NOISE_EPSILONS * T::EPSILON;
+        let limit = real::<T>(part * part);
+        let moved = |(step, variance): (&T, &T)| *step * *step > limit * *variance;
+        !step.iter().zip(variances.iter().skip(ENCODER_ERRORS)).any(moved)
+    }
+
+    fn solved(&self, sweeps: u8, converged: bool) -> Solution {
+        let estimate = self.estimate();
+        let broken = self.segments.iter().filter(|segment| segment.is_broken()).count();
+        let ends = self.segments.first().zip(self.segments.last());
+        let count = self.segments.len().max(1) as f32;
+        Solution {
+            estimate,
+            fit: Fit { gated: self.filter.gated(), refused: self.filter.refused(), ..self.fit },
+            degrees_of_freedom: self.degrees_of_freedom(&estimate),
+            sweeps,
+            converged,
+            segments: self.segments.len() as u16,
+            left_out: self.left_out.saturating_add(broken as u16),
+            duration_s: ends.map_or(0.0, |(first, last)| {
+                (last.start_us + last.duration_us).saturating_sub(first.start_us) as f64 * 1e-6
+            }),
+            optional: self.optional(),
+            suspicion: Suspicion::default(),
+            settings: SettingEvidence::default(),
+            temperature_c: self.segments.iter().map(|segment| segment.temperature_c).sum::<f32>() / count,
+        }
+    }
+
+    fn degrees_of_freedom(&self, estimate: &Estimate) -> u32 {
+        self.fit.measurements.saturating_sub(self.determined(estimate))
+    }
+
+    /// How many parameters the measurements, not the prior, determine.
+    fn determined(&self, estimate: &Estimate) -> u32 {
+        let gained = |(sigma, prior): (&f64, &f64)| {
+            if *prior > 0.0 { 1.0 - sigma * sigma / (prior * prior) } else { 0.0 }
+        };
+        let total: f64 = estimate.sigmas.iter().zip(&self.config.prior_sigmas()).map(gained).sum();
+        let optional = self.optional().sigmas;
+        let optional: f64 = optional.iter().zip(&self.config.options.prior_sigmas()).map(gained).sum();
+        // Of the accelerometers' scale errors, the two-stage method knows only one, common to the three.
+        let common = if self.config.method == Method::TwoStage { 2.0 } else { 0.0 };
+        ComplexField::round(total + optional - common) as u32
+    }
+
+    fn optional(&self) -> OptionalEstimate {
+        let mut values = [0.0; OPTIONAL_STATES];
+        for (value, state) in values.iter_mut().zip(self.filter.state().iter().skip(BASIC_STATES)) {
+            *value = state.widened();
+        }
+        OptionalEstimate { values, sigmas: sigmas(&self.filter, BASIC_STATES) }
+    }
+}

@@ -1,0 +1,299 @@
+//! The gyros over a move or a stop: the rotation that they should have measured, and how that depends on every
+//! parameter. (5), (12)
+
+use super::error_model::{block, frame_rotation_z};
+use super::measurement::{
+    ENCODER_ERRORS, HARMONICS, MeasurementModel, Motion, Prediction, add_bias, harmonics, in_order, sensed, unit,
+};
+use crate::base::angle::Angle;
+use crate::base::linear::{Matrix, Matrix3, Real, Vector3, real, skew};
+use crate::segment::{AngleIntegrals, GUARD_S, Segment, SegmentKind, Turned};
+
+impl<T: Real> MeasurementModel<T> {
+    /// Integral of the gyro outputs over a segment. (5), (12)
+    #[inline(never)]
+    pub fn rotation(&self, segment: &Segment<T>) -> Prediction<T> {
+        let integrals = segment.integrals();
+        let tilt = &self.rot_inner_axis;
+        let untilt = tilt.transpose();
+        let axes = GimbalAxes::new(tilt, segment, &integrals);
+        let y = skew(&unit::<T>(1));
+        let attitude = tilt * attitude_integral(&integrals, &untilt);
+        let attitude_by_tilt = y * attitude - tilt * attitude_integral(&integrals, &(untilt * y));
+        let turned = axes.outer_integral + axes.inner * segment.turned.inner;
+        let turned_by_tilt = y * turned + tilt * axes.outer_sums * untilt.column(2);
+        let motion = Motion {
+            in_r: turned + attitude * self.earth_rate_b,
+            by_b: attitude,
+            by_non_perpendicularity: turned_by_tilt + attitude_by_tilt * self.earth_rate_b,
+            by_encoder_errors: axes.by_encoder_errors(),
+            by_harmonics: axes.by_harmonics(tilt, segment, &integrals),
+        };
+        let mut prediction = self.felt(&motion, &self.earth_rate_b);
+        sensed(&mut prediction, &self.rot_gs, &self.errors.gyro_scale, block::GYRO_SCALE, |omega_g| {
+            (block::GYRO_NON_ORTHOGONALITY, gyro_non_orthogonality_matrix(omega_g))
+        });
+        add_bias(&mut prediction, &self.errors.gyro_bias_g, block::GYRO_BIAS, segment.duration_s());
+        // The base turns against what a fixed vector seems to do in b.
+        let scaled = Matrix3::from_diagonal(&Vector3::from(self.errors.gyro_scale.map(|k| T::one() + k)));
+        let by_rate = scaled * self.rot_gs * self.rot_sr * attitude;
+        prediction.by_attitude_rate = by_rate * -self.attitude_axes_b;
+        prediction.by_earth_rate = by_rate * self.earth_axes_b;
+        prediction
+    }
+
+    /// The outer and the inner axis in the IMU frame, where the inner angle is this.
+    pub fn axes_at(&self, inner: Angle) -> [Vector3<T>; 2] {
+        let tilt = &self.rot_inner_axis;
+        let outer = tilt * frame_rotation_z(inner) * tilt.transpose().column(0);
+        [outer, self.inner_axis()].map(|axis| self.rot_sr * axis)
+    }
+}
+
+/// Time that the axes stand at either end of a move, s: the guard, and what its blocks are longer on average.
+const STANDING_S: f64 = GUARD_S + 0.025;
+
+/// The gimbal axes in the rotation frame over one segment.
+struct GimbalAxes<T: Real> {
+    /// Integral of R_z over the outer angle, rad.
+    outer_sums: Matrix3<T>,
+    /// Integral of the outer axis over the outer angle, rad.
+    outer_integral: Vector3<T>,
+    /// The same, weighted with the part of the move's time that has passed.
+    outer_late: Vector3<T>,
+    /// Mean of the outer axis over the time of the move.
+    outer_mean: Vector3<T>,
+    inner: Vector3<T>,
+}
+
+impl<T: Real> GimbalAxes<T> {
+    fn new(tilt: &Matrix3<T>, segment: &Segment<T>, integrals: &AngleIntegrals<T>) -> Self {
+        let turned = &segment.turned;
+        let [_, [cos_s, _, _], [sin_s, _, _]] = integrals.attitude_s.map(|row| row.map(|sum_s| real(sum_s.into())));
+        let outer_sums = rotation_z_integral(turned.outer_cos_inner, turned.outer_sin_inner, turned.outer);
+        let outer_untilted = tilt.transpose().column(0).into_owned();
+        // What stands still at both ends of a move is no part of it.
+        let duration_s = segment.duration_s();
+        let standing_s: T = if segment.kind() == SegmentKind::Move { real(STANDING_S) } else { T::zero() };
+        let move_s = (duration_s - standing_s - standing_s).max(standing_s);
+        let (sin_to, cos_to): (T, T) = segment.inner.sin_cos();
+        let (sin_from, cos_from): (T, T) = segment.inner_from().sin_cos();
+        let ends = rotation_z_integral(cos_from + cos_to, sin_from + sin_to, T::one() + T::one()) * standing_s;
+        let mean = (rotation_z_integral(cos_s, sin_s, duration_s) - ends) / move_s;
+        let late = |late_s: T, sum: T| (late_s - sum * standing_s) / move_s;
+        let outer_late = rotation_z_integral(
+            late(integrals.late_cos_inner_s, turned.outer_cos_inner),
+            late(integrals.late_sin_inner_s, turned.outer_sin_inner),
+            turned.outer * real(0.5),
+        );
+        Self {
+            outer_sums,
+            outer_integral: tilt * outer_sums * outer_untilted,
+            outer_late: tilt * outer_late * outer_untilted,
+            outer_mean: tilt * mean * outer_untilted,
+            inner: tilt.column(2).into_owned(),
+        }
+    }
+
+    /// An encoder's error goes from that of one stop to that of the next in proportion to time. Along its axis it counts
+    /// where it changes; across, an inner error turns the outer axis, while that turns.
+    fn by_encoder_errors(&self) -> Matrix<T, 3, ENCODER_ERRORS> {
+        let late = self.inner.cross(&self.outer_late);
+        let early = self.inner.cross(&self.outer_integral) - late;
+        Matrix::from_columns(&[self.outer_mean, self.inner + early, -self.outer_mean, late - self.inner])
+    }
+
+    /// Of the harmonics, from their integrals and, along the inner axis, from its angles at the ends.
+    fn by_harmonics(
+        &self,
+        tilt: &Matrix3<T>,
+        segment: &Segment<T>,
+        integrals: &AngleIntegrals<T>,
+    ) -> Matrix<T, 3, HARMONICS> {
+        let along_outer = |[cos, sin]: [f64; 2]| tilt * Vector3::new(real(cos), real(-sin), T::zero());
+        let across = |[cos, sin]: [f64; 2]| tilt * Vector3::new(real(sin), real(cos), T::zero());
+        let (before, after) = (harmonics::<T>(segment.inner_from()), harmonics::<T>(segment.inner));
+        let mut changes = before.into_iter().zip(after).map(|(before, after)| self.inner * (before - after));
+        let mut along_inner = || changes.next().unwrap_or_else(Vector3::zeros);
+        in_order(
+            outer_harmonics(integrals).map(along_outer),
+            inner_harmonics(&segment.turned, integrals).map(|along_way| across(along_way) + along_inner()),
+        )
+    }
+}
+
+/// Integrals of (cos, sin)(inner) over the error of an outer harmonic, of each, negative.
+fn outer_harmonics<T>(integrals: &AngleIntegrals<T>) -> [[f64; 2]; HARMONICS / 2] {
+    let [by_cos, by_sin] = integrals.harmonics.outer.map(|row| row.map(f64::from));
+    let of = |[cos, sin, cos_double, sin_double]: [f64; 4]| [sin, -cos, 2.0 * sin_double, -2.0 * cos_double];
+    let [a, b, c, d] = of(by_cos);
+    let [e, f, g, h] = of(by_sin);
+    [[a, e], [b, f], [c, g], [d, h]]
+}
+
+/// Integrals of (cos, sin)(inner) times an inner harmonic over the outer angle, of each.
+fn inner_harmonics<T: Real>(turned: &Turned<T>, integrals: &AngleIntegrals<T>) -> [[f64; 2]; HARMONICS / 2] {
+    let [one, cos, sin] = [turned.outer, turned.outer_cos_inner, turned.outer_sin_inner].map(Real::widened);
+    let [cos_2, sin_2, cos_3, sin_3] = integrals.harmonics.inner.map(f64::from);
+    [
+        [0.5 * (one + cos_2) - cos, 0.5 * sin_2 - sin],
+        [0.5 * sin_2, 0.5 * (one - cos_2)],
+        [0.5 * (cos_3 + cos) - cos, 0.5 * (sin_3 - sin) - sin],
+        [0.5 * (sin_3 + sin), 0.5 * (cos - cos_3)],
+    ]
+}
+
+/// Integral of `R_z` from those of cosine, sine and 1.
+fn rotation_z_integral<T: Real>(cos: T, sin: T, one: T) -> Matrix3<T> {
+    let zero = T::zero();
+    Matrix3::new(cos, sin, zero, -sin, cos, zero, zero, zero, one)
+}
+
+/// Integral of `R_z(inner) middle R_x(outer)` over time, s.
+fn attitude_integral<T: Real>(integrals: &AngleIntegrals<T>, middle: &Matrix3<T>) -> Matrix3<T> {
+    let (zero, one) = (T::zero(), T::one());
+    // R_z = [1, cos, sin] . inner parts, R_x = [1, cos, sin] . outer parts
+    let inner_parts = [
+        rotation_z_integral(zero, zero, one),
+        rotation_z_integral(one, zero, zero),
+        rotation_z_integral(zero, one, zero),
+    ];
+    let outer_parts = [
+        Matrix3::from_diagonal(&Vector3::new(one, zero, zero)),
+        Matrix3::from_diagonal(&Vector3::new(zero, one, one)),
+        Matrix3::new(zero, zero, zero, zero, zero, one, zero, -one, zero),
+    ];
+    let mut integral = Matrix3::zeros();
+    for (inner, row) in inner_parts.iter().zip(&integrals.attitude_s) {
+        let mut weighted = Matrix3::zeros();
+        for (outer, weight) in outer_parts.iter().zip(row) {
+            weighted += outer * real::<T>((*weight).into());
+        }
+        integral += inner * middle * weighted;
+    }
+    integral
+}
+
+/// `G(w)` of (13): `(rot_sg - I) w = G(w) (Sgxy, Sgxz, Sgyx, Sgyz, Sgzx, Sgzy)`.
+pub fn gyro_non_orthogonality_matrix<T: Real>(w: &Vector3<T>) -> Matrix<T, 3, 6> {
+    let zero = T::zero();
+    Matrix::from_columns(&[
+        Vector3::new(w.z, zero, zero),
+        Vector3::new(-w.y, zero, zero),
+        Vector3::new(zero, -w.z, zero),
+        Vector3::new(zero, w.x, zero),
+        Vector3::new(zero, zero, w.y),
+        Vector3::new(zero, zero, -w.x),
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::error_model::InstrumentErrors;
+    use super::super::measurement::example::{angles, differences, errors, segments, segments_along, smooth};
+    use super::*;
+    use crate::base::linear::exp_so3;
+    use crate::base::site::Site;
+
+    #[test]
+    fn rotation_derivatives_match_differences() {
+        let [_, turn, _] = segments();
+        let site = Site::default();
+        let predict = |errors: &InstrumentErrors<f64>| MeasurementModel::new(errors, &site).rotation(&turn);
+        let found = (predict(&errors()).by_parameters - differences(|e| predict(e).value)).abs().max();
+        assert!(found < 1e-9, "{found}");
+    }
+
+    /// The integral of (12), summed sample by sample.
+    fn rotation_by_steps(
+        errors: &InstrumentErrors<f64>,
+        site: &Site,
+        turn: &Segment<f64>,
+        angles: impl Fn(f64) -> (f64, f64),
+    ) -> Vector3<f64> {
+        const STEPS: u32 = 200_000;
+        let (start_s, duration_s) = (turn.start_us as f64 * 1e-6, turn.duration_us as f64 * 1e-6);
+        let step_s = duration_s / f64::from(STEPS);
+        let axis_r = errors.rot_inner_axis() * Vector3::z();
+        let earth_rate_b = errors.rot_nb().transpose() * Vector3::from(site.earth_rate_n());
+        let mut sum_s = Vector3::zeros();
+        for step in 0..STEPS {
+            let time_s = start_s + f64::from(step) * step_s;
+            let (from, to) = (angles(time_s), angles(time_s + step_s));
+            let (outer, inner) = (0.5 * (from.0 + to.0), 0.5 * (from.1 + to.1));
+            let rot_inner = exp_so3(&(axis_r * -inner));
+            let rot_rr0 = rot_inner * exp_so3(&(Vector3::x() * -outer));
+            let earth = rot_rr0 * earth_rate_b * step_s;
+            sum_s += errors.rot_sr() * (rot_inner * Vector3::x() * (to.0 - from.0) + axis_r * (to.1 - from.1) + earth);
+        }
+        let rate_s = sum_s / duration_s;
+        errors.corrupt(&Vector3::zeros(), &rate_s).1 * duration_s
+    }
+
+    #[test]
+    fn equation_12_integrates_exactly_with_both_axes_turning() {
+        let [_, turn, _] = segments();
+        let (errors, site) = (errors(), Site::default());
+        let difference = MeasurementModel::new(&errors, &site).rotation(&turn).value
+            - rotation_by_steps(&errors, &site, &turn, angles);
+        // What is left is the change of rate within the segment's steps of 1 ms: acceleration * step^2 / 12 per radian.
+        assert!(difference.norm() < 1e-8, "{difference}");
+    }
+
+    /// The outer axis is there long before the inner one, which starts with it.
+    fn early(time_s: f64) -> (f64, f64) {
+        (-1.2 * smooth((time_s - 2.0) / 1.5), 0.9 * smooth((time_s - 2.0) / 4.0))
+    }
+
+    #[test]
+    fn axes_may_turn_at_unequal_rates_between_few_samples() {
+        let [_, turn, _] = segments_along(early, 10_000);
+        let (errors, site) = (errors(), Site::default());
+        let difference = MeasurementModel::new(&errors, &site).rotation(&turn).value
+            - rotation_by_steps(&errors, &site, &turn, early);
+        // 86 deg/s at 100 Hz. Without what the accelerations add it would be 6e-6, 1.2 arcsec.
+        assert!(difference.norm() < 5e-8, "{difference}");
+    }
+
+    #[test]
+    fn encoder_errors_of_a_move_match_differences() {
+        let [_, turn, _] = segments_along(early, 1000);
+        let (errors, site) = (errors(), Site::default());
+        let by = MeasurementModel::new(&errors, &site).rotation(&turn).by_encoder_errors;
+        let exact = rotation_by_steps(&errors, &site, &turn, early);
+        for column in 0..ENCODER_ERRORS {
+            // An error that goes, over the move, from one stop's to the other's; the true angle is the reading less it.
+            let with = rotation_by_steps(&errors, &site, &turn, |time_s| {
+                let (outer, inner) = early(time_s);
+                let part = ((time_s - 2.0) / 4.0).clamp(0.0, 1.0);
+                let error = 1e-5 * if column < 2 { 1.0 - part } else { part };
+                if column % 2 == 0 { (outer - error, inner) } else { (outer, inner - error) }
+            });
+            // The ends of the move are known to half a block of 0.1 s.
+            let found = ((with - exact) / 1e-5 - by.column(column)).norm();
+            assert!(found < 0.05, "{column}: {found}");
+        }
+    }
+
+    #[test]
+    fn harmonics_of_a_move_match_differences() {
+        let [stop, turn, _] = segments_along(early, 1000);
+        let (errors, site) = (errors(), Site::default());
+        let by = MeasurementModel::new(&errors, &site).rotation(&turn).by_harmonics;
+        let exact = rotation_by_steps(&errors, &site, &turn, early);
+        assert_eq!((stop.outer, stop.inner), (Angle::default(), Angle::default()));
+        for column in 0..HARMONICS {
+            let error = |angle: f64| {
+                let multiple = if column < HARMONICS / 2 { angle } else { 2.0 * angle };
+                1e-5 * if column % 2 == 0 { multiple.cos() - 1.0 } else { multiple.sin() }
+            };
+            let with = rotation_by_steps(&errors, &site, &turn, |time_s| {
+                let (outer, inner) = early(time_s);
+                if column % 4 < 2 { (outer - error(outer), inner) } else { (outer, inner - error(inner)) }
+            });
+            let found = ((with - exact) / 1e-5 - by.column(column)).norm();
+            // The tilt of the inner axis, 3e-3 here, is carried in part only; the double angle's error changes twice as fast.
+            assert!(found < 1e-2, "{column}: {found}");
+        }
+    }
+}

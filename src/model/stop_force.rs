@@ -1,0 +1,78 @@
+//! The accelerometers at a stop: what they should have measured, and how that depends on every parameter. (4), (10)
+
+use super::error_model::{block, frame_rotation_x, frame_rotation_z};
+use super::measurement::{MeasurementModel, Motion, Prediction, add_bias, harmonics, in_order, sensed, unit};
+use crate::base::linear::{Matrix, Matrix3, Real, Vector3};
+use crate::segment::Segment;
+
+impl<T: Real> MeasurementModel<T> {
+    /// Mean accelerometer output at a stop. (4), (10) Not inlined, as the next: what it needs on the stack is free again
+    /// for the filter.
+    #[inline(never)]
+    pub fn force_at_stop(&self, stop: &Segment<T>) -> Prediction<T> {
+        let rot_inner = self.rot_inner_axis * frame_rotation_z(stop.inner) * self.rot_inner_axis.transpose();
+        let rot_outer = frame_rotation_x(stop.outer);
+        let after_outer = rot_outer * self.force_b;
+        let force_r = rot_inner * after_outer;
+        let y = unit::<T>(1);
+        let by_outer = rot_inner * unit::<T>(0).cross(&after_outer);
+        let by_inner = self.inner_axis().cross(&force_r);
+        let motion = Motion {
+            in_r: force_r,
+            by_b: rot_inner * rot_outer,
+            by_non_perpendicularity: y.cross(&force_r) - rot_inner * y.cross(&after_outer),
+            by_encoder_errors: Matrix::from_columns(&[Vector3::zeros(), Vector3::zeros(), by_outer, by_inner]),
+            by_harmonics: in_order(
+                harmonics::<T>(stop.outer).map(|harmonic| by_outer * harmonic),
+                harmonics::<T>(stop.inner).map(|harmonic| by_inner * harmonic),
+            ),
+        };
+        let mut prediction = self.felt(&motion, &self.force_b);
+        sensed(&mut prediction, &self.rot_as, &self.errors.accel_scale, block::ACCEL_SCALE, |force_a| {
+            (block::ACCEL_NON_ORTHOGONALITY, accel_non_orthogonality_matrix(force_a))
+        });
+        add_bias(&mut prediction, &self.errors.accel_bias_a, block::ACCEL_BIAS, T::one());
+        prediction
+    }
+}
+
+/// `F(f)` of (11): `(rot_sa - I) f = F(f) (Sayz, Sazx, Sazy)`.
+pub fn accel_non_orthogonality_matrix<T: Real>(f: &Vector3<T>) -> Matrix3<T> {
+    let zero = T::zero();
+    Matrix3::new(zero, zero, zero, f.x, zero, zero, zero, f.y, -f.x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::error_model::InstrumentErrors;
+    use super::super::measurement::example::{differences, errors, segments};
+    use super::*;
+    use crate::base::angle::Angle;
+    use crate::base::site::Site;
+
+    #[test]
+    fn force_derivatives_match_differences() {
+        let [stop, ..] = segments();
+        let site = Site::default();
+        let predict = |errors: &InstrumentErrors<f64>| MeasurementModel::new(errors, &site).force_at_stop(&stop);
+        let found = (predict(&errors()).by_parameters - differences(|e| predict(e).value)).abs().max();
+        assert!(found < 1e-7, "{found}");
+    }
+
+    #[test]
+    fn encoder_errors_of_a_stop_match_differences() {
+        let [stop, ..] = segments();
+        let model = MeasurementModel::new(&errors(), &Site::default());
+        let by = model.force_at_stop(&stop).by_encoder_errors;
+        // An encoder error e means a true angle of reading - e.
+        let at = |outer: f64, inner: f64| {
+            let turned = |angle: Angle, by: f64| Angle::from_rad(angle.rad::<f64>() - by);
+            let stop = Segment { outer: turned(stop.outer, outer), inner: turned(stop.inner, inner), ..stop };
+            model.force_at_stop(&stop).value
+        };
+        let outer = (at(1e-3, 0.0) - at(-1e-3, 0.0)) / 2e-3;
+        let inner = (at(0.0, 1e-3) - at(0.0, -1e-3)) / 2e-3;
+        assert!((by.column(2) - outer).norm() < 1e-4 && (by.column(3) - inner).norm() < 1e-4);
+        assert_eq!(by.columns(0, 2).norm(), 0.0);
+    }
+}

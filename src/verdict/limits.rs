@@ -1,0 +1,101 @@
+//! Limits of a result beyond statistics: what is plausible, and how small a sigma is required.
+
+use crate::base::units::{DEG, DEG_H, MICRO_G, PPM};
+use crate::estimator::Solution;
+use crate::model::error_model::{INSTALLATION_STATES, PARAMETERS, block};
+use core::ops::Range;
+use serde::{Deserialize, Serialize};
+
+/// The twelve installation errors of the paper.
+pub(super) const INSTALLATION: Range<usize> = 0..INSTALLATION_STATES;
+
+/// What a result must fulfil beyond statistics.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct VerdictLimits {
+    /// Largest plausible non-orthogonality and mounting angle, rad.
+    pub installation_rad: f64,
+    /// Largest plausible accelerometer bias, m/s^2.
+    pub accel_bias_m_s2: f64,
+    /// Largest plausible gyro bias, rad/s.
+    pub gyro_bias_rad_s: f64,
+    /// Largest plausible scale-factor error.
+    pub scale: f64,
+    /// Largest plausible non-perpendicularity, rad.
+    pub non_perpendicularity_rad: f64,
+    /// Largest plausible tilt of the base, rad.
+    pub base_tilt_rad: f64,
+    /// Greatest sigmas, in the order of the parameter vector, SI; infinite where there is no requirement.
+    pub required_sigmas: Option<[f64; PARAMETERS]>,
+    /// Whether a result that differs from the stored calibration may replace it.
+    pub accept_change: bool,
+}
+
+impl VerdictLimits {
+    /// Whether every limit is positive and finite.
+    pub fn are_positive(&self) -> bool {
+        let limits = [
+            self.installation_rad,
+            self.accel_bias_m_s2,
+            self.gyro_bias_rad_s,
+            self.scale,
+            self.non_perpendicularity_rad,
+            self.base_tilt_rad,
+        ];
+        let required = self.required_sigmas.iter().flatten();
+        limits.iter().all(|limit| limit.is_finite() && *limit > 0.0) && required.into_iter().all(|limit| *limit > 0.0)
+    }
+
+    /// With a greatest sigma of the twelve installation errors, rad.
+    #[must_use]
+    pub fn requiring(self, sigma_rad: f64) -> Self {
+        let mut required = [f64::INFINITY; PARAMETERS];
+        required.iter_mut().take(INSTALLATION.end).for_each(|required| *required = sigma_rad);
+        Self { required_sigmas: Some(required), ..self }
+    }
+
+    /// Parameters whose sigma, SI, exceeds the required one: index, sigma, required.
+    pub fn unmet<'a>(&'a self, sigmas: &'a [f64; PARAMETERS]) -> impl Iterator<Item = (u8, f64, f64)> + 'a {
+        let required = self.required_sigmas.iter().flatten();
+        let pairs = (0_u8..).zip(sigmas.iter().zip(required));
+        pairs
+            .filter(|(_, (sigma, required))| sigma > required)
+            .map(|(parameter, (sigma, required))| (parameter, *sigma, *required))
+    }
+}
+
+impl Default for VerdictLimits {
+    /// 5 deg; 20 mg; 20 deg/h; 5000 ppm; 0.5 deg; 15 deg; no requirement; a change is not accepted.
+    fn default() -> Self {
+        Self {
+            installation_rad: 5.0 * DEG,
+            accel_bias_m_s2: 20_000.0 * MICRO_G,
+            gyro_bias_rad_s: 20.0 * DEG_H,
+            scale: 5000.0 * PPM,
+            non_perpendicularity_rad: 0.5 * DEG,
+            base_tilt_rad: 15.0 * DEG,
+            required_sigmas: None,
+            accept_change: false,
+        }
+    }
+}
+
+/// Largest plausible magnitude of a parameter, SI.
+pub(super) fn plausible(parameter: usize, limits: &VerdictLimits) -> f64 {
+    match parameter {
+        block::GYRO_NON_ORTHOGONALITY..block::ACCEL_BIAS => limits.installation_rad,
+        block::ACCEL_BIAS..block::ACCEL_SCALE => limits.accel_bias_m_s2,
+        block::GYRO_BIAS..block::GYRO_SCALE => limits.gyro_bias_rad_s,
+        block::ACCEL_SCALE..block::GYRO_BIAS | block::GYRO_SCALE..block::NON_PERPENDICULARITY => limits.scale,
+        block::NON_PERPENDICULARITY => limits.non_perpendicularity_rad,
+        block::HEADING => f64::INFINITY,
+        _ => limits.base_tilt_rad,
+    }
+}
+
+/// Parameters outside their plausible ranges: index, value, limit, SI.
+pub(super) fn implausible(solution: &Solution, limits: &VerdictLimits) -> impl Iterator<Item = (u8, f64, f64)> {
+    let values = solution.estimate.errors.to_vector().data.0[0];
+    let limits = core::array::from_fn::<_, PARAMETERS, _>(|parameter| plausible(parameter, limits));
+    let all = (0_u8..).zip(values).zip(limits).map(|((parameter, value), limit)| (parameter, value, limit));
+    all.filter(|(_, value, limit)| value.abs() > *limit)
+}
