@@ -4,9 +4,10 @@ use super::ending::Ending;
 use super::output::must_sayln;
 use anyhow::{Result, bail};
 use clap::Args;
+use rins_selfcal::guide::CHAPTERS;
 
 /// The chapter of the guide that has a page for each code.
-const CHAPTER: &str = include_str!("../../../src/guide/reasons.md");
+const CHAPTER: &str = "reasons";
 /// Widest text, columns.
 const WIDTH: usize = 100;
 /// Codes that are proposed in place of an unknown one.
@@ -48,7 +49,8 @@ pub fn run(arguments: &ExplainArguments) -> Result<Ending> {
 }
 
 fn pages() -> Vec<Page<'static>> {
-    let groups = CHAPTER.split("\n## ").skip(1);
+    let chapter = CHAPTERS.iter().find(|chapter| chapter.name == CHAPTER).map_or("", |chapter| chapter.text);
+    let groups = chapter.split("\n## ").skip(1);
     let pages = groups.flat_map(|group| {
         let title = group.lines().next().unwrap_or_default();
         let pages = group.split("\n### ").skip(1).filter_map(|page| page.split_once('\n'));
