@@ -146,7 +146,7 @@ fn schemes_that_cannot_be_run_are_refused_by_name_and_reason() {
     assert!(message.contains("leg 2 leaves the travel of the outer axis"), "{message}");
     for stop in ["0.0", "-2.0"] {
         let message = legs(&format!("{{ outer_deg = 0.0, inner_deg = 0.0, stop_s = {stop} }}"));
-        assert!(message.contains("wrong.toml:3: legs: the stop of leg 2 must be"), "{message}");
+        assert!(message.contains("wrong.toml:3: legs: [scheme-stop] the stop of leg 2 must be"), "{message}");
     }
     let message = legs("{ outer_deg = -180.0, inner_deg = 0.0, stop_s = 2.0 }");
     assert!(
