@@ -160,8 +160,8 @@ impl AngleSums {
     }
 }
 
-/// Integrals over the gimbal angles of a block, as in [`super::Turned`] and [`super::AngleIntegrals`]. The integrals
-/// stay zero while both axes are at rest.
+/// Integrals over the gimbal angles of a block, as in [`super::Turned`] and [`super::AngleIntegrals`]. While
+/// both axes are at rest, the integrals stay zero until the block ends.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Integrals<T> {
     pub(super) attitude_s: [[T; 3]; 3],
