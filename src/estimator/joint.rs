@@ -1,9 +1,10 @@
 //! The estimator: takes segments in one by one and keeps a live estimate of all parameters.
 //!
-//! State: `[encoder errors of the stop before (2), of this stop (2), parameters (28), optional states]`. An encoder error
-//! belongs to the accelerometers of its stop and to the two moves that meet there. Carried as states, the encoder errors
-//! correlate all three as they are correlated in the instrument. They are renewed at every move. Each segment updates the
-//! filter when it ends, so estimate and covariance are live. [`super::passes`] has the final pass over all segments.
+//! State: `[encoder errors of the stop before (2), of this stop (2), parameters (28), optional states]`. An encoder
+//! error belongs to the accelerometers of its stop and to the two moves that meet there. Carried as states, the
+//! encoder errors correlate all three as they are correlated in the instrument. They are renewed at every move. Each
+//! segment updates the filter when it ends, so estimate and covariance are live. [`super::passes`] has the final pass
+//! over all segments.
 //!
 //! Joint method: every stop gives specific force and rate, every move its rotation. [`super::two_stage`] has what the
 //! paper's method does otherwise.
@@ -29,8 +30,8 @@ pub const MAX_SEGMENTS: usize = 76;
 /// Encoder errors of one stop.
 const ENCODER_ERRORS_PER_STOP: usize = 2;
 
-/// Segments processed by one piece of the final pass: 0.4 million instructions with changes under test, 0.7 million with
-/// the optional states, of the 2.5 million that a sample interval of 5 ms has on a Cortex-M7 at 500 MHz.
+/// Segments processed by one piece of the final pass: 0.4 million instructions with changes under test, 0.7 million
+/// with the optional states, of the 2.5 million that a sample interval of 5 ms has on a Cortex-M7 at 500 MHz.
 pub(super) const SEGMENTS_PER_PIECE: usize = 4;
 
 /// Standard deviation of what rounding does to a sum and its prediction, in units of the spacing of numbers.
@@ -274,9 +275,9 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.take_in(&segment.rotation_g, (&prediction, &optional), variance, usage, (number, 3));
     }
 
-    /// What the encoder readings at the ends of a segment add to the variance of its rotation, channel by channel: single
-    /// ones along the axes as these stand there; and across, while the outer axis turns, an inner axis whose step changes at
-    /// any time.
+    /// What the encoder readings at the ends of a segment add to the variance of its rotation, channel by channel:
+    /// single ones along the axes as these stand there; and across, while the outer axis turns, an inner axis whose
+    /// step changes at any time.
     fn ends_variance(
         &self,
         number: usize,

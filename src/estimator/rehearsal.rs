@@ -1,9 +1,9 @@
-//! A scheme before it is run: the stops and moves that the segmenter will find, from geometry alone, and what of a unit they
-//! will leave unobserved.
+//! A scheme before it is run: the stops and moves that the segmenter will find, from geometry alone, and what of a
+//! unit they will leave unobserved.
 //!
-//! The covariance depends on geometry alone, so a rehearsal is the filter's own work on segments of a perfect unit that is
-//! level and faces north: one sweep, done at power-up before anything turns. Windows are those of the segmenter, but for
-//! its blocks of 0.1 s, of which a stop loses a part that is taken as its mean.
+//! The covariance depends on geometry alone, so a rehearsal is the filter's own work on segments of a perfect unit
+//! that is level and faces north: one sweep, done at power-up before anything turns. Windows are those of the
+//! segmenter, but for its blocks of 0.1 s, of which a stop loses a part that is taken as its mean.
 
 use super::joint::Estimator;
 use super::solution::OBSERVED_RATIO;
@@ -16,7 +16,8 @@ use crate::segment::readings::Readings;
 use crate::segment::scatter::Scatter;
 use crate::segment::{AngleIntegrals, Course, GUARD_S, Held, Segment, SegmentKind, Standing, Turned};
 
-/// What a stop loses on average because its window is made of whole blocks, less the ends of the ramps that count as still, s.
+/// What a stop loses on average because its window is made of whole blocks, less the ends of the ramps that count as
+/// still, s.
 pub const BLOCK_LOSS_S: f64 = 0.05;
 /// Shortest stop, s: settling before it, guard after it, and a whole block between them wherever the blocks begin.
 pub const SHORTEST_STOP_S: f64 = 0.5;

@@ -1,4 +1,5 @@
-//! How far the final pass has come: one sweep over the segments, the passes made of sweeps, and the steps of the heading.
+//! How far the final pass has come: one sweep over the segments, the passes made of sweeps, and the steps of the
+//! heading.
 
 use crate::base::linear::{Real, Vector, real};
 use crate::model::error_model::PARAMETERS;
@@ -37,10 +38,10 @@ const LONGEST_STEP_RAD: f64 = 1.0;
 
 /// Steps of the heading from sweep to sweep.
 ///
-/// The gyros show the direction of a step by the horizontal Earth rate that they measure, and the step's size is divided by
-/// the true horizontal Earth rate. Near the poles, noise can make the measured rate more than twice as large as the true
-/// one. Then Gauss-Newton steps are too long and never converge. So steps of alternating sign are shortened: two
-/// successive steps determine by how much (Aitken's extrapolation).
+/// The gyros show the direction of a step by the horizontal Earth rate that they measure, and the step's size is
+/// divided by the true horizontal Earth rate. Near the poles, noise can make the measured rate more than twice as
+/// large as the true one. Then Gauss-Newton steps are too long and never converge. So steps of alternating sign are
+/// shortened: two successive steps determine by how much (Aitken's extrapolation).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct HeadingSteps<T: Real> {
     /// The last one, before it was cut.
