@@ -95,8 +95,8 @@ impl<T: Real> MeasurementModel<T> {
     }
 
     /// Transforms a motion from the rotation frame to the IMU frame, with its derivatives by mounting angles,
-    /// non-perpendicularity, attitude and encoder errors. `fixed_b` is the vector fixed in n, gravity or Earth rate,
-    /// in b.
+    /// non-perpendicularity, attitude and encoder errors. `fixed_b` is the vector fixed in n, specific force or Earth
+    /// rate, in b.
     pub(super) fn felt(&self, motion: &Motion<T>, fixed_b: &Vector3<T>) -> Prediction<T> {
         let value = self.rot_sr * motion.in_r;
         let by_mounting = skew(&value) * self.mounting_jacobian;
