@@ -1,13 +1,13 @@
-//! The estimator: takes segments in one by one and keeps a live estimate of all parameters.
+//! The estimator processes segments one by one and keeps a live estimate of all parameters.
 //!
-//! State: `[encoder errors of the stop before (2), of this stop (2), parameters (28), optional states]`. An encoder
-//! error belongs to the accelerometers of its stop and to the two moves that meet there. Carried as states, the
-//! encoder errors correlate all three as they are correlated in the instrument. They are renewed at every move. Each
-//! segment updates the filter when it ends, so estimate and covariance are live. [`super::passes`] has the final pass
-//! over all segments.
+//! State: `[encoder errors of the stop before (2), of this stop (2), parameters (28), optional states]`. The encoder
+//! error of a stop acts on the accelerometers at this stop and on the two moves that meet at this stop. Because the
+//! encoder errors are states, the filter correlates these three measurements as they are correlated in the instrument.
+//! The encoder errors are renewed at every move. Each segment updates the filter when the segment ends, so estimate
+//! and covariance are live. [`super::passes`] has the final pass over all segments.
 //!
-//! Joint method: every stop gives specific force and rate, every move its rotation. [`super::two_stage`] has what the
-//! paper's method does otherwise.
+//! In the joint method, every stop gives specific force (M6) and angular rate (M7), and every move gives its rotation
+//! (M7). [`super::two_stage`] has the differences of the paper's method.
 
 use super::configuration::{BASIC_STATES, EstimatorConfig, HeadingSource, prior_sigmas};
 use super::constancy::{Seen, Suspects};
@@ -30,8 +30,9 @@ pub const MAX_SEGMENTS: usize = 76;
 /// Number of encoder errors of one stop: outer and inner.
 const ENCODER_ERRORS_PER_STOP: usize = 2;
 
-/// Segments processed by one piece of the final pass: 0.4 million instructions with changes under test, 0.7 million
-/// with the optional states, of the 2.5 million that a sample interval of 5 ms has on a Cortex-M7 at 500 MHz.
+/// Number of segments that one piece of the final pass processes. A piece takes 0.4 million instructions with changes
+/// under test, and 0.7 million with the optional states. A sample interval of 5 ms has 2.5 million instructions on a
+/// Cortex-M7 at 500 MHz.
 pub(super) const SEGMENTS_PER_PIECE: usize = 4;
 
 /// Standard deviation of the rounding error of a sum and of its prediction, in units of the spacing of numbers.
@@ -279,9 +280,9 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.take_in(&segment.rotation_g, (&prediction, &optional), variance, usage, (number, 3));
     }
 
-    /// What the encoder readings at the ends of a segment add to the variance of its rotation, channel by channel:
-    /// single ones along the axes as these stand there; and across, while the outer axis turns, an inner axis whose
-    /// step changes at any time.
+    /// Variance that the encoder readings at the ends of a segment add to its rotation, for each channel. Single
+    /// readings act along the axes, in the direction that the axes have at that end. The inner reading also acts
+    /// across while the outer axis turns, because the encoder step may change at any time during the move.
     fn ends_variance(
         &self,
         number: usize,

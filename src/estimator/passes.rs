@@ -1,7 +1,7 @@
-//! The final pass: all segments are processed again about the last estimate until it has converged (iterated Kalman
-//! filter, Gauss-Newton), so no linearization error remains. Then changes during the run are tested for
-//! ([`super::constancy`]). The pass is done piece by piece, some segments at a call, so that samples go on being taken
-//! in between.
+//! The final pass. All segments are processed again about the last estimate until the estimate has converged (iterated
+//! Kalman filter, Gauss-Newton), so that no linearization error remains. Then the pass tests for changes during the run
+//! ([`super::constancy`]). The pass is done in pieces of a few segments for each call, so that samples are processed
+//! between two pieces.
 
 use super::configuration::BASIC_STATES;
 use super::constancy::{SettingEvidence, Suspicion};
@@ -26,8 +26,9 @@ const CONVERGED_PART: f64 = 0.01;
 const ROUNDING_NOISE_EPSILONS: f64 = 2.5e6;
 
 impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS, STATES> {
-    /// One piece of the final pass: processes all segments again and again until the estimate has converged, and tests
-    /// for changes. Returns whether there is a [`Estimator::solution`] now; a further call begins anew.
+    /// Does one piece of the final pass. The pass processes all segments repeatedly until the estimate has converged,
+    /// and then tests for changes. Returns whether the pass is done and [`Estimator::solution`] is available. A
+    /// further call begins a new pass.
     pub fn solve_piece(&mut self) -> bool {
         match self.pass {
             Pass::Idle | Pass::Refreshing { .. } => {
@@ -58,8 +59,9 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         }
     }
 
-    /// One piece of a sweep over all segments so far: it leaves the live estimate linearized about where it was, and
-    /// the chi-square that of one model. Returns chi-square and degrees of freedom when done.
+    /// Does one piece of a sweep over all segments so far. The sweep linearizes all segments about the present live
+    /// estimate, so that the chi-square refers to one model. Returns chi-square and degrees of freedom when the sweep
+    /// is done.
     pub fn refresh_piece(&mut self) -> Option<(f64, u32)> {
         let mut sweep = match self.pass {
             Pass::Refreshing { sweep } => sweep,
@@ -75,8 +77,8 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         matches!(self.pass, Pass::Refreshing { .. })
     }
 
-    /// Innovations of the segments that the last piece of the final pass has processed for the last time; none while
-    /// the estimate is still sought.
+    /// Innovations of the segments that the last piece of the closing sweep has processed. Empty before the closing
+    /// sweep.
     pub fn closing_innovations(&self) -> &[SegmentInnovations] {
         let closing = matches!(self.pass, Pass::Closing { .. }) || self.solution().is_some();
         if closing { &self.innovations } else { &[] }

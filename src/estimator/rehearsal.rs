@@ -1,9 +1,9 @@
-//! A scheme before it is run: the stops and moves that the segmenter will find, from geometry alone, and what of a
-//! unit they will leave unobserved.
+//! Rehearsal of a scheme before the run. The stops and moves that the segmenter will find follow from the geometry of
+//! the scheme. The rehearsal finds the parameters that they will leave unobserved.
 //!
-//! The covariance depends on geometry alone, so a rehearsal is the filter's own work on segments of a perfect unit
-//! that is level and faces north: one sweep, done at power-up before anything turns. Windows are those of the
-//! segmenter, but for its blocks of 0.1 s, of which a stop loses a part that is taken as its mean.
+//! The covariance depends on the geometry alone. So a rehearsal is one sweep of the filter over the segments of a
+//! perfect unit that is level and points north. It is done at power-up, before an axis turns. The windows are those of
+//! the segmenter. Only the time that a stop loses because of the segmenter's blocks of 0.1 s is replaced by its mean.
 
 use super::joint::Estimator;
 use super::solution::OBSERVED_RATIO;
@@ -16,12 +16,13 @@ use crate::segment::readings::Readings;
 use crate::segment::scatter::Scatter;
 use crate::segment::{AngleIntegrals, Course, GUARD_S, Held, Segment, SegmentKind, Standing, Turned};
 
-/// What a stop loses on average because its window is made of whole blocks, less the ends of the ramps that count as
-/// still, s.
+/// Mean time that a stop loses, s. The window of a stop consists of whole blocks. The ends of the ramps that count as
+/// at rest are subtracted from the loss.
 pub const BLOCK_LOSS_S: f64 = 0.05;
-/// Shortest stop, s: settling before it, guard after it, and a whole block between them wherever the blocks begin.
+/// Shortest stop, s. It has room for the settling, the guard, and one whole block between them for any start of the
+/// blocks.
 pub const SHORTEST_STOP_S: f64 = 0.5;
-/// Steps of the integrals over a move: midpoint rule, good to 4e-4 over half a turn.
+/// Number of steps of the integrals over a move. The error of the midpoint rule is 4e-4 over half a turn.
 const STEPS: u32 = 32;
 
 /// Time of a stop of `stop_s` that the accelerometers can use, s. They need `settling_s` after a move. There is no move

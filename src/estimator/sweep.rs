@@ -1,5 +1,4 @@
-//! How far the final pass has come: one sweep over the segments, the passes made of sweeps, and the steps of the
-//! heading.
+//! Progress of the final pass: the sweep over the segments, the phase of the pass, and the steps of the heading.
 
 use crate::base::linear::{Real, Vector, real};
 use crate::model::error_model::PARAMETERS;

@@ -1,10 +1,10 @@
-//! The two-stage method of the paper (Bai et al., Sensors 2019, 19, 4005, section 3), as far as it is not the joint
-//! one.
+//! The two-stage method of the paper (Bai et al., Sensors 2019, 19, 4005, section 3): its differences from the joint
+//! method.
 //!
-//! - Stage 1 uses (11) at the stops of period one. Bai takes differences to the first stop, z1 = f_a0 - R^T f_a. A
-//!   difference removes the specific force of the base and makes the first stop's error common to all. Here that force
-//! is a   state (roll, pitch, and a scale common to the three accelerometers), which is the same estimate with the
-//! right   covariance.
+//! - Stage 1 uses (B11) at the stops of period one. Bai takes differences to the first stop, z1 = f_a0 - R^T f_a. The
+//!   differences remove the specific force of the base, and the error of the first stop becomes common to all
+//! differences.   Here the specific force of the base is a state instead: roll, pitch, and a scale common to the three
+//! accelerometers.   The estimate is the same, and the covariance is right.
 //! - The heading comes from gyrocompassing at the first stop, or from the configuration.
 //! - Stage 2 uses (B13) in the moves of period two, integrated over each move. The mounting angles and the levelled
 //!   attitude of stage 1 are only considered: their values do not change, but their uncertainty counts.
@@ -12,15 +12,15 @@
 //!   because the same encoder errors act on both stages.
 //!
 //! # Gains of stage 1
-//! The gains of (11) are Bai's: they assume noise that is the same in all directions. The true noise of (11) is the
-//! white noise of the accelerometers and the effect of the encoder errors. The encoder errors act in some directions
-//! only: along gravity, and along an axis that is not turned, a stop is nearly free of them. The optimal gain would
-//! rest on those directions alone. It would give the errors that this method takes as zero, such as biases, hundreds
-//! of times the weight of the noise: 130" from the errors of a real unit. A gain for noise of gravity times the
-//! encoders' error in every direction costs little and avoids that.
+//! The gains for (B11) are those of Bai. They assume noise that is the same in all directions. The true noise of (B11)
+//! is the white noise of the accelerometers and the effect of the encoder errors. The encoder errors act in some
+//! directions only: a stop is nearly free of them along gravity, and along an axis that is not turned. The optimal
+//! gain would use those directions alone. It would give the errors that this method takes as zero, such as biases,
+//! hundreds of times the weight of the noise. The result would be wrong by 130" with the errors of a real unit. A gain
+//! for noise of gravity times the encoder error in every direction costs little accuracy and avoids this error.
 //!
-//! A filter of the states that (11) sees gives these gains. Its covariance is not used: the covariance of the estimate,
-//! under the true noise, follows from the gains.
+//! A filter with the states of (B11) gives these gains. Its covariance is not used. The covariance of the estimate
+//! under the true noise follows from the gains.
 
 use super::filter::{Measurement, UdFilter};
 use crate::base::angle::ticks_to_rad;
@@ -43,8 +43,8 @@ pub(super) struct Use {
 }
 
 impl Use {
-    /// What this method takes from a segment after `moves_before` moves. With one period only, `period_moves` is
-    /// `None`. `gyrocompass`: the segment is the first stop, and its gyros give the heading.
+    /// Measurements that the two-stage method uses of a segment after `moves_before` moves. `period_moves` is `None` if
+    /// there is only one period. `gyrocompass` says that the segment is the first stop and its gyros give the heading.
     pub(super) fn in_two_stages(
         is_stop: bool,
         moves_before: u16,
@@ -73,8 +73,8 @@ pub(super) const ACCEL_SCALE: Range<usize> =
 /// Prior sigma of the scale error that is common to the three accelerometers.
 pub(super) const COMMON_SCALE_SIGMA: f64 = 0.02;
 
-/// One scale error common to the three accelerometers, with its prior sigma: it stands for the magnitude of the
-/// specific force, which (11) does not use.
+/// Direction of the scale error common to the three accelerometers, times its prior sigma. This scale error represents
+/// the unknown magnitude of the specific force, which (B11) does not use.
 pub(super) fn common_accel_scale<T: Real, const STATES: usize>() -> Vector<T, STATES> {
     Vector::from_fn(|state, _| if ACCEL_SCALE.contains(&state) { real(COMMON_SCALE_SIGMA) } else { T::zero() })
 }
