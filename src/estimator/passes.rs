@@ -23,6 +23,7 @@ const MAX_SWEEPS: u8 = 24;
 /// Converged when no step exceeds this fraction of sigma plus rounding noise.
 const CONVERGED_PART: f64 = 0.01;
 
+/// Rounding noise of an estimate as a fraction of its sigma, in units of the spacing of numbers.
 const ROUNDING_NOISE_EPSILONS: f64 = 2.5e6;
 
 impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS, STATES> {

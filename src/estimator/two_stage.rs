@@ -3,8 +3,8 @@
 //!
 //! - Stage 1 uses (B11) at the stops of period one. Bai takes differences to the first stop, z1 = f_a0 - R^T f_a. The
 //!   differences remove the specific force of the base, and the error of the first stop becomes common to all
-//! differences.   Here the specific force of the base is a state instead: roll, pitch, and a scale common to the three
-//! accelerometers.   The estimate is the same, and the covariance is right.
+//!   differences. Here the specific force of the base is a state instead: roll, pitch, and a scale common to the three
+//!   accelerometers. The estimate is the same, and the covariance is right.
 //! - The heading comes from gyrocompassing at the first stop, or from the configuration.
 //! - Stage 2 uses (B13) in the moves of period two, integrated over each move. The mounting angles and the levelled
 //!   attitude of stage 1 are only considered: their values do not change, but their uncertainty counts.
