@@ -50,7 +50,7 @@ impl Real for f32 {
     const ZERO: Self = 0.0;
 }
 
-/// `value` as the scalar `T`.
+/// Converts `value` to the scalar `T` by rounding.
 #[inline]
 pub fn real<T: Real>(value: f64) -> T {
     T::rounded(value)
@@ -61,12 +61,12 @@ pub const fn zeros<T: Real, const R: usize, const C: usize>() -> Matrix<T, R, C>
     Matrix::from_array_storage(nalgebra::ArrayStorage([[T::ZERO; R]; C]))
 }
 
-/// The columns in order.
+/// The columns of a matrix in order.
 pub fn columns<T: Real, const R: usize, const C: usize>(m: &Matrix<T, R, C>) -> &[[T; R]; C] {
     &m.data.0
 }
 
-/// The columns in order, mutable.
+/// The columns of a matrix in order, mutable.
 pub fn columns_mut<T: Real, const R: usize, const C: usize>(m: &mut Matrix<T, R, C>) -> &mut [[T; R]; C] {
     &mut m.data.0
 }
@@ -115,8 +115,8 @@ pub fn inverse3<T: Real>(m: &Matrix3<T>) -> Matrix3<T> {
     Matrix3::from_columns(&[yz, zx, xy]).transpose() / determinant
 }
 
-/// Sum that carries the rounding error of each addition into the next one (Knuth's two-sum). The mean of 100 000 `f32`
-/// samples is then as accurate as the mean of ten.
+/// Sum that carries the rounding error of each addition into the next addition (Knuth's two-sum). The mean of 100 000
+/// `f32` samples is then as accurate as the mean of ten.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct CompensatedSum<T> {
     sum: T,

@@ -1,4 +1,4 @@
-//! What the estimator must be told, and what it assumes before the first segment.
+//! Configuration of the estimator, and prior sigmas before the first segment.
 
 use super::two_stage::{ACCEL_SCALE, COMMON_SCALE_SIGMA};
 use crate::base::linear::{Real, Vector, real};
@@ -21,39 +21,40 @@ pub const FULL_STATES: usize = BASIC_STATES + OPTIONAL_STATES;
 /// Where the heading comes from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub enum HeadingSource {
-    /// The Earth rate felt at the first stop.
+    /// Gyrocompassing: the Earth rate that the gyros measure at the first stop.
     #[default]
     Gyrocompass,
-    /// The configuration.
+    /// The heading is configured.
     Configured {
         /// Bearing of the base's y axis, clockwise from north, rad.
         heading_rad: f64,
-        /// Its uncertainty, rad.
+        /// Standard deviation of the heading, rad.
         sigma_rad: f64,
     },
 }
 
-/// What the estimator must know.
+/// Configuration of the estimator.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EstimatorConfig {
-    /// Joint or two-stage.
+    /// Joint or two-stage method.
     pub method: Method,
-    /// Where the instrument stands.
+    /// Site of the instrument.
     pub site: Site,
-    /// Noise of its sensors.
+    /// Noise of the sensors and the encoders.
     pub noise: Noise,
-    /// Where the heading comes from.
+    /// Source of the heading.
     pub heading: HeadingSource,
-    /// Moves of period one, for the two-stage method; unknown, the periods are found from the stops' angles.
+    /// Number of moves in period one, for the two-stage method. With `None` the periods are found from the angles of
+    /// the stops.
     pub period_moves: Option<u16>,
-    /// Normalized innovation beyond which a measurement is kept out and counted; `None` keeps all.
+    /// Gate: a measurement with a larger normalized innovation is not used, but counted. `None` uses all measurements.
     pub gate_sigma: Option<f64>,
-    /// Further effects to be estimated or allowed for, by the joint method.
+    /// Optional effects, for the joint method.
     pub options: Options,
 }
 
 impl EstimatorConfig {
-    /// Sigmas of the parameters before any segment, SI; 0 for a parameter that the method takes as known.
+    /// Prior sigmas of the parameters, SI; 0 for a parameter that the method takes as known.
     pub fn prior_sigmas(&self) -> [f64; PARAMETERS] {
         let common = |state: &usize| self.method == Method::TwoStage && ACCEL_SCALE.contains(state);
         let prior = prior_sigmas::<f64, BASIC_STATES>(self);
@@ -76,7 +77,7 @@ impl EstimatorConfig {
     };
 }
 
-/// Prior sigma of a block of parameters: wide, so that it carries no information worth mentioning.
+/// Prior sigma of a block of parameters. It is so wide that it adds almost no information.
 struct Prior {
     states: Range<usize>,
     sigma: f64,
@@ -101,8 +102,8 @@ const PRIORS: [Prior; 10] = [
     prior(block::HEADING, 1, 2.0, true),
 ];
 
-/// Sigmas of the states before any segment, (STATES). They are wide where the method estimates a parameter, and zero where
-/// it takes the parameter as known. The common scale error of the two-stage method comes on top.
+/// Prior sigmas of all states, (STATES). A sigma is wide for a parameter that the method estimates, and zero for a
+/// parameter that the method takes as known. The common scale error of the two-stage method is not included.
 pub(super) fn prior_sigmas<T: Real, const STATES: usize>(config: &EstimatorConfig) -> Vector<T, STATES> {
     let mut sigmas = Vector::<T, STATES>::zeros();
     sigmas.fixed_rows_mut::<ENCODER_ERRORS>(0).fill(real(config.noise.encoder_sigma_rad));

@@ -1,20 +1,22 @@
-//! Did anything change during the run? The parameters are constant; every way in which they may not have been is tested
-//! by itself, because one number for all of them, the chi-square, sees a small disturbance of one kind least.
+//! Tests for changes during the run. The method takes the parameters as constant. Each kind of change is tested
+//! separately, because the chi-square is one number for all measurements and is not sensitive to a small change of one
+//! kind.
 //!
-//! A change of size s adds `s c_k` to measurement k. The filter absorbs part of it; what is left shows in the innovations:
+//! A change of size s adds `s c_k` to measurement k. The filter absorbs part of the change. The rest appears in the
+//! innovations:
 //! ```text
 //! innovation k changes by s g_k,   g_k = c_k + h_k y_k,   y_k+1 = y_k - K_k g_k
-//! y: what has changed and the filter has not absorbed, per unit of s
+//! y: the part of the change in the states that the filter has not absorbed, per unit of s
 //! score = sum g_k nu_k / S_k,   information = sum g_k^2 / S_k
 //! s = score / information,   significance = score / sqrt(information)
 //! ```
-//! nu, S, K, h: innovation, its variance, gain and row of the filter. Innovations of a consistent filter are white, so
-//! the significance is standard normal when nothing changed, and no test for this kind of change has more power
-//! (generalized likelihood ratio; Willsky and Jones 1976).
+//! nu is the innovation, S its variance, K the gain and h the row of the measurement matrix. The innovations of a
+//! consistent filter are white. So the significance is standard normal if nothing has changed. No test for one kind of
+//! change has more power (generalized likelihood ratio; Willsky and Jones 1976).
 //!
-//! A change begins with a move, or with the run. Tested are steps and ramps of parameters, slips of encoders, and single
-//! measurements that are off. What was configured, and may be wrong from the first to the last segment, is tested in the same
-//! way: the Earth rate of the site, and the heading.
+//! A change begins with a move, or with the run. The tests are for steps and ramps of parameters, slips and scale
+//! changes of encoders, and outliers of single measurements. The configured Earth rate of the site and the configured
+//! heading may be wrong from the first segment to the last. They are tested in the same way.
 
 use crate::base::linear::{ComplexField, Real, Vector, zeros};
 use crate::base::units::ARCSEC;
@@ -23,41 +25,48 @@ use crate::model::measurement::ENCODER_ERRORS;
 use crate::segment::{Segment, SegmentKind};
 use serde::{Deserialize, Serialize};
 
-/// Limit of a change that does no harm before it is found: 6e-7 each, 4e-4 for 700 of them.
+/// Highest limit of the significance, for a change that does no harm below the limit. The probability of a false alarm
+/// is 6e-7 for each test, and 4e-4 for 700 tests.
 const HIGHEST_LIMIT: f64 = 5.0;
-/// Limit of one that could do harm before: 6e-5 each; of scheme "bai" with stops of 10 s, eight are so.
+/// Lowest limit, for a change that could do harm below a higher limit. The probability of a false alarm is 6e-5 for
+/// each test. In scheme "bai" with stops of 10 s there are eight such changes.
 const LOWEST_LIMIT: f64 = 4.0;
-/// Found this many sigmas before it alone uses up the tolerance; noise needs its part.
+/// A change is found this many sigmas before the change alone uses up the tolerance. The reserve is for noise.
 const RESERVE_SIGMAS: f64 = 0.5;
-/// The scale of an encoder shows in all that follows its onset, so the tests of all onsets are nearly one: 2e-4 for all of
-/// them. That affords a lower limit, and to find it when it uses up this part of the tolerance.
+/// Lowest limit for the scale of an encoder. The scale acts on all segments after the onset. So the tests for all
+/// onsets are nearly the same test, and the probability of a false alarm is 2e-4 for all of them. This permits a lower
+/// limit.
 const LOWEST_SCALE_LIMIT: f64 = 3.7;
+/// A change of the scale of an encoder is found when it uses up this fraction of the tolerance.
 const TOLERATED_SCALE_PART: f64 = 0.45;
-/// An installation error may be wrong by so many sigmas, or by so much, rad.
+/// Tolerance of an installation error, in sigmas. The larger of the two tolerances applies.
 const TOLERANCE_SIGMAS: f64 = 4.5;
+/// Tolerance of an installation error, rad.
 const TOLERANCE_RAD: f64 = ARCSEC;
 
-/// What may have changed.
+/// Kind of change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Change {
-    /// A parameter, by index, is another one from here on; of the attitude's, the gyros have felt the turn.
+    /// A parameter, by index, has a different value from the onset on. For a step of the attitude, the gyros have
+    /// measured the turn.
     Step(u8),
-    /// A parameter, by index, ramps from here on. Size per second.
+    /// A parameter, by index, ramps from the onset on. The size is per second.
     Ramp(u8),
-    /// An encoder, outer or inner, has slipped.
+    /// An encoder has slipped: 0 for outer, 1 for inner.
     Slip(u8),
-    /// An encoder, outer or inner, has another scale from here on.
+    /// An encoder has a different scale from the onset on: 0 for outer, 1 for inner.
     EncoderScale(u8),
-    /// One measurement is off: accelerometers (m/s^2) and gyros (rad) of a stop, or gyros of a move.
+    /// One channel of one segment is an outlier: an accelerometer (m/s^2) or a gyro (rad) at a stop, or a gyro in a
+    /// move.
     Outlier(u8),
-    /// The Earth rate is another one than that of the site: north, up, or both by as much, rad/s.
+    /// The Earth rate differs from that of the site: north, up, or both by the same amount, rad/s.
     EarthRate(EarthRateAxis),
-    /// The heading that was known beforehand is another one, rad.
+    /// The configured heading is wrong, rad.
     Heading,
 }
 
 impl Change {
-    /// Whether it is no change, but something that was configured.
+    /// Whether this is an error of the configuration, not a change during the run.
     fn is_setting(self) -> bool {
         matches!(self, Self::EarthRate(_) | Self::Heading)
     }
@@ -66,25 +75,25 @@ impl Change {
 /// Component of the Earth rate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum EarthRateAxis {
-    /// Horizontal.
+    /// Horizontal component.
     North,
-    /// Vertical.
+    /// Vertical component.
     Up,
-    /// Both, for what they have in common.
+    /// Both components by the same amount. This test gives their common information.
     Both,
 }
 
-/// What the segments say about what was configured: of the Earth rate felt less that of the site, north and up, score
-/// (s/rad) and information (s^2/rad^2), and of the heading.
+/// Evidence of the segments about the configured site and heading. For the Earth rate, it is score (s/rad) and
+/// information (s^2/rad^2) of the measured Earth rate minus that of the site, north and up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SettingEvidence {
-    /// Score, north and up.
+    /// Score of the Earth rate, north and up, s/rad.
     pub earth_rate_score: [f64; 2],
-    /// Information: north, north with up, up.
+    /// Information on the Earth rate: north, north with up, up, s^2/rad^2.
     pub earth_rate_information: [f64; 3],
-    /// Heading that was felt less the one that was known beforehand, rad.
+    /// Measured heading minus the configured heading, rad.
     pub heading_rad: f64,
-    /// The same in units of its standard deviation.
+    /// `heading_rad` in units of its standard deviation.
     pub heading_sigmas: f64,
 }
 
@@ -95,13 +104,13 @@ impl SettingEvidence {
         a_north * (north * b_north + across * b_up) + a_up * (across * b_north + up * b_up)
     }
 
-    /// By how much the chi-square is smaller if the Earth rate is another one by this, rad/s.
+    /// Decrease of the chi-square if the Earth rate differs from that of the site by `error_rad_s`, rad/s.
     pub fn explained_by(&self, error_rad_s: [f64; 2]) -> f64 {
         let [north, up] = self.earth_rate_score;
         2.0 * (error_rad_s[0] * north + error_rad_s[1] * up) - self.product(error_rad_s, error_rad_s)
     }
 
-    /// Earth rate that was felt less that of the site, north and up, rad/s; `None` where it was not tested.
+    /// Measured Earth rate minus that of the site, north and up, rad/s. `None` if the Earth rate was not tested.
     pub fn earth_rate_error_rad_s(&self) -> Option<[f64; 2]> {
         let ([north, up], [i_nn, i_nu, i_uu]) = (self.earth_rate_score, self.earth_rate_information);
         let determinant = i_nn * i_uu - i_nu * i_nu;
@@ -113,26 +122,26 @@ impl SettingEvidence {
 /// The most significant change.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Suspicion {
-    /// What has changed.
+    /// Kind of change.
     pub change: Change,
-    /// From which segment on.
+    /// Segment with which the change begins, counted from 0.
     pub segment: u16,
-    /// Its estimated size, SI.
+    /// Estimated size of the change, SI.
     pub size: f64,
     /// The size in units of its standard deviation.
     pub sigmas: f64,
-    /// Largest `sigmas` that chance explains.
+    /// Largest magnitude of `sigmas` that is attributed to chance.
     pub limit: f64,
 }
 
 impl Suspicion {
-    /// Whether it cannot be chance.
+    /// Whether the significance is too large to be chance.
     pub fn is_founded(&self) -> bool {
-        // Not a number is no proof of innocence.
+        // A significance that is not a number must not pass the test.
         self.sigmas.is_nan() || self.sigmas.abs() > self.limit
     }
 
-    /// The one that exceeds its limit more, or comes nearer to it.
+    /// The suspicion with the larger ratio of `sigmas` to its limit.
     pub fn more_significant(self, other: Self) -> Self {
         if self.sigmas.is_nan() {
             return self;
@@ -160,7 +169,7 @@ pub struct Seen<'a, T: Real, const STATES: usize> {
     pub gain: &'a Vector<T, STATES>,
     /// Innovation.
     pub innovation: T,
-    /// Its variance.
+    /// Variance of the innovation.
     pub variance: T,
     /// Segment, counted from 0.
     pub segment: u16,
@@ -172,7 +181,8 @@ pub struct Seen<'a, T: Real, const STATES: usize> {
     pub by_earth_rate: [T; 2],
 }
 
-/// A change under test. Its vector is `f32`, whatever the filter computes in: significance needs two digits.
+/// A change under test. Its vector is `f32` even if the filter computes in `f64`, because a significance needs only two
+/// digits.
 #[derive(Clone, Debug)]
 struct Suspect<const STATES: usize> {
     change: Change,
@@ -182,8 +192,8 @@ struct Suspect<const STATES: usize> {
     information: f64,
 }
 
-/// Changes under test in one sweep: of 37 that begin with a segment, those of two sweeps, for the sake of memory. The four
-/// settings are in the first one of all.
+/// Largest number of changes under test in one sweep. There are 37 changes for each onset. To save memory, they are
+/// tested in two sweeps. The four configured settings are in the very first sweep.
 const SUSPECTS: usize = 19;
 
 /// Changes that begin with one segment, under test in one sweep of the filter.
@@ -191,7 +201,7 @@ const SUSPECTS: usize = 19;
 pub struct Suspects<const STATES: usize> {
     onset: u16,
     duration_s: f32,
-    /// What the axes have turned since the onset, rad.
+    /// Angles by which the axes have turned since the onset, rad.
     turned: [f32; 2],
     suspects: heapless::Vec<Suspect<STATES>, SUSPECTS>,
 }
@@ -205,13 +215,13 @@ impl<const STATES: usize> Suspects<STATES> {
         self.suspects.is_empty()
     }
 
-    /// Puts no change under test.
+    /// Removes all changes from the test.
     pub fn clear(&mut self) {
         self.suspects.clear();
     }
 
-    /// Puts the changes of sweep number `part`, from 0, that begin with segment `onset` under test; returns whether there
-    /// are any. `onset_is_stop`: which is the first stop.
+    /// Puts changes that begin with segment `onset` under test: those of sweep number `part`, counted from 0. Returns
+    /// whether there are any. `onset_is_stop` says that the onset is the first stop, not a move.
     pub fn restart(&mut self, onset: u16, onset_is_stop: bool, part: usize) -> bool {
         let attitude = block::ATTITUDE..PARAMETERS;
         let steps = (block::ACCEL_BIAS..block::NON_PERPENDICULARITY).chain(attitude.clone());
@@ -231,13 +241,13 @@ impl<const STATES: usize> Suspects<STATES> {
         (self.onset, self.duration_s, self.turned) = (onset, 0.0, [0.0; 2]);
         self.suspects.clear();
         for suspect in changes.map(suspect).skip(part * SUSPECTS).take(SUSPECTS) {
-            // As many as are taken fit.
+            // The vector cannot overflow: at most `SUSPECTS` changes are taken.
             let _ = self.suspects.push(suspect);
         }
         !self.suspects.is_empty()
     }
 
-    /// Segment `number` begins. At a move, the filter has renewed its leading states, the encoder errors.
+    /// Begins segment `number`. At a move, the filter has already renewed its leading states, the encoder errors.
     pub fn begin<T: Real>(&mut self, number: u16, segment: &Segment<T>) {
         if number < self.onset {
             return;
@@ -245,7 +255,7 @@ impl<const STATES: usize> Suspects<STATES> {
         let first = number == self.onset;
         let is_move = segment.kind() == SegmentKind::Move;
         let duration_s = segment.duration_s().widened() as f32;
-        // From the middle of the segment before to the middle of this one, or from the onset on.
+        // Time from the middle of the segment before, or from the onset, to the middle of this segment.
         let passed_s = (self.duration_s + duration_s) * 0.5;
         self.duration_s = duration_s;
         for (turned, increment) in self.turned.iter_mut().zip([segment.turned.outer, segment.turned.inner]) {
@@ -274,7 +284,7 @@ impl<const STATES: usize> Suspects<STATES> {
         }
     }
 
-    /// A measurement has been taken in.
+    /// Processes a measurement that the filter has used.
     pub fn see<T: Real>(&mut self, seen: &Seen<'_, T, STATES>) {
         if seen.segment < self.onset {
             return;
@@ -295,15 +305,14 @@ impl<const STATES: usize> Suspects<STATES> {
         }
     }
 
-    /// The most significant change of all, for parameters of these sigmas, SI: the one farthest beyond, or nearest to,
-    /// its limit.
+    /// The change with the largest ratio of significance to limit, for parameters with these sigmas, SI.
     pub fn most_significant(&self, sigmas: &[f64; PARAMETERS]) -> Suspicion {
         let changes = self.suspects.iter().filter(|suspect| !suspect.change.is_setting());
         let suspicions = changes.map(|suspect| suspect.suspicion(sigmas));
         suspicions.fold(Suspicion::default(), Suspicion::more_significant)
     }
 
-    /// What the segments say about what was configured, if that was under test.
+    /// Evidence about the configured site and heading. `None` if they were not under test.
     pub fn settings(&self) -> Option<SettingEvidence> {
         let found = |change| self.suspects.iter().find(|suspect| suspect.change == change);
         let of = |axis| found(Change::EarthRate(axis)).map(|suspect| (suspect.score, suspect.information));
@@ -320,7 +329,7 @@ impl<const STATES: usize> Suspects<STATES> {
 }
 
 impl<const STATES: usize> Suspect<STATES> {
-    /// The filter has renewed the encoder errors.
+    /// Renews the encoder errors in the same way as the filter.
     fn renew(&mut self) {
         let mut moved = self.not_absorbed.iter().copied().skip(ENCODER_ERRORS / 2).take(ENCODER_ERRORS / 2);
         let moved: [f32; ENCODER_ERRORS / 2] = core::array::from_fn(|_| moved.next().unwrap_or(0.0));
@@ -332,7 +341,7 @@ impl<const STATES: usize> Suspect<STATES> {
 
     fn suspicion(&self, sigmas: &[f64; PARAMETERS]) -> Suspicion {
         let sigma = ComplexField::sqrt(self.information.max(f64::MIN_POSITIVE)).recip();
-        // Installation errors do not change, so what is not absorbed of them is what they are wrong by.
+        // Installation errors do not change. So their entries in `not_absorbed` are the errors that the change causes.
         let wrong = self.not_absorbed.iter().skip(ENCODER_ERRORS).take(INSTALLATION_STATES).zip(sigmas);
         let harm = wrong.fold(0.0_f64, |harm, (wrong, parameter_sigma)| {
             let tolerance = (TOLERANCE_SIGMAS * parameter_sigma).max(TOLERANCE_RAD);
@@ -348,7 +357,7 @@ impl<const STATES: usize> Suspect<STATES> {
         Suspicion { change: self.change, segment: self.segment, size, sigmas: self.score * sigma, limit }
     }
 
-    /// What the change does to a measurement other than through the states.
+    /// Direct effect of the change on a measurement, `c_k`. The effect through the states is not included.
     fn direct<T: Real>(&self, seen: &Seen<'_, T, STATES>, onset: u16, duration_s: f32) -> f64 {
         let by_rate = |parameter: u8| {
             let axis = usize::from(parameter).checked_sub(block::ATTITUDE);
@@ -375,7 +384,8 @@ impl<const STATES: usize> Suspect<STATES> {
 mod tests {
     use super::*;
 
-    /// Limit of a change that makes an installation error of this sigma wrong by so much for each of its own sigmas.
+    /// Limit of a change. For each sigma of the change, an installation error of sigma `sigma_rad` is wrong by
+    /// `wrong_rad`.
     fn limit(change: Change, wrong_rad: f64, sigma_rad: f64) -> f64 {
         let mut not_absorbed: Vector<f32, { ENCODER_ERRORS + PARAMETERS }> = zeros();
         not_absorbed[ENCODER_ERRORS] = wrong_rad as f32;
@@ -385,10 +395,10 @@ mod tests {
     }
 
     #[test]
-    fn what_does_more_harm_is_found_sooner() {
+    fn a_change_that_does_more_harm_has_a_lower_limit() {
         let of = |change| move |part: f64| limit(change, part * TOLERANCE_RAD, 0.1 * ARCSEC);
         assert_eq!([0.0, 0.08, 0.1, 0.12, 1.0].map(of(Change::EncoderScale(0))), [5.0, 5.0, 4.5, 3.75, 3.7]);
         assert_eq!([0.0, 0.1, 0.2, 0.25, 1.0].map(of(Change::Slip(0))), [5.0, 5.0, 4.5, 4.0, 4.0]);
-        assert_eq!(limit(Change::Slip(0), TOLERANCE_RAD, 10.0 * ARCSEC), 5.0, "little to an error known no better");
+        assert_eq!(limit(Change::Slip(0), TOLERANCE_RAD, 10.0 * ARCSEC), 5.0, "harmless if the error is uncertain");
     }
 }

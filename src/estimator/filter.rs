@@ -1,23 +1,24 @@
-//! Kalman filter of fixed size, its covariance factored as U D U^T.
+//! Kalman filter of fixed size. The covariance is factored as U D U^T.
 //!
-//! U is unit upper triangular and D diagonal, so the covariance stays symmetric and positive whatever the rounding: the
-//! reason for this form, which keeps `f32` good where variances span twelve decades. One scalar measurement costs order
-//! N^2, and nothing is inverted. Measurements with correlated noise must be decorrelated by the caller.
+//! U is unit upper triangular and D is diagonal, so the covariance stays symmetric and positive in spite of rounding.
+//! This is the reason for the factored form: `f32` is sufficient even if the variances span twelve decades. One scalar
+//! measurement costs order N^2 operations, and no matrix is inverted. The caller must decorrelate measurements with
+//! correlated noise.
 //!
 //! Sources: Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, ch. V (measurement update) and
 //! III.3 (rank-one modification, after Agee and Turner); Gelb, Applied Optimal Estimation, 1974, (4.2-12), for the
 //! covariance of any gain.
 //!
-//! The state is the deviation from a point that the caller linearizes about.
+//! The state is the deviation from the linearization point of the caller.
 
 use crate::base::linear::{Matrix, Real, Vector, columns, columns_mut, zeros};
 
-/// What a measurement disagreed with the prediction by.
+/// Difference between a measurement and its prediction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Innovation<T> {
     /// Measured minus predicted.
     pub value: T,
-    /// Its predicted variance, `h P h^T + r`.
+    /// Predicted variance of the innovation, `h P h^T + r`.
     pub variance: T,
 }
 
@@ -28,26 +29,26 @@ impl<T: Real> Innovation<T> {
     }
 }
 
-/// What a measurement did to the state.
+/// Outcome of a measurement update.
 #[must_use]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Update<T> {
     /// State and covariance are updated.
     Applied(Innovation<T>),
-    /// The innovation exceeds the gate; nothing changed but the count.
+    /// The innovation exceeds the gate. Only the count has changed.
     Gated(Innovation<T>),
-    /// A number was not finite, or the noise not positive; nothing changed but the count.
+    /// A number is not finite, or the noise variance is not positive. Only the count has changed.
     Refused,
 }
 
 /// One scalar measurement, linear in the deviation: `z = h x + v`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measurement<T: Real, const N: usize> {
-    /// Measured minus predicted at zero deviation.
+    /// Measured value minus the value predicted at zero deviation.
     pub z: T,
     /// Row of the measurement matrix, (N).
     pub h: Vector<T, N>,
-    /// Variance of `v`.
+    /// Variance of the noise `v`.
     pub r: T,
 }
 
@@ -63,19 +64,20 @@ pub struct UdFilter<T: Real, const N: usize> {
 }
 
 impl<T: Real, const N: usize> UdFilter<T, N> {
-    /// A filter that knows its states for certain.
+    /// A filter whose states have zero variance.
     pub const CERTAIN: Self = Self { x: zeros(), u: zeros(), d: zeros(), gate_sigma: None, gated: 0, refused: 0 };
 
-    /// Independent states of deviation zero with these sigmas, (N); a state of sigma zero is known and stays so.
+    /// A filter of independent states with zero deviation and these sigmas, (N). A state with sigma zero is known and
+    /// stays known.
     ///
-    /// `gate_sigma`: measurements with a larger normalized innovation are kept out and counted.
+    /// A measurement with a normalized innovation above `gate_sigma` is not used, but counted.
     pub fn new(sigmas: &Vector<T, N>, gate_sigma: Option<T>) -> Self {
         let mut filter = Self::CERTAIN;
         filter.restart(sigmas, gate_sigma);
         filter
     }
 
-    /// Begins anew, in place, as [`UdFilter::new`] does.
+    /// Resets the filter in place to the state of [`UdFilter::new`].
     pub fn restart(&mut self, sigmas: &Vector<T, N>, gate_sigma: Option<T>) {
         self.x.fill(T::zero());
         self.u.fill_with_identity();
@@ -89,17 +91,17 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
         &self.x
     }
 
-    /// The deviation, to be moved with the point it refers to.
+    /// The deviation, mutable. The caller changes it together with the linearization point.
     pub fn state_mut(&mut self) -> &mut Vector<T, N> {
         &mut self.x
     }
 
-    /// Measurements kept out by the gate.
+    /// Number of measurements that the gate refused.
     pub fn gated(&self) -> u32 {
         self.gated
     }
 
-    /// Measurements refused for a number that is not finite.
+    /// Number of measurements refused because a number is not finite or the noise variance is not positive.
     pub fn refused(&self) -> u32 {
         self.refused
     }
@@ -137,8 +139,9 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
         row
     }
 
-    /// Takes in one scalar measurement. `choose` may change the gain, which comes as the optimal one: state and covariance
-    /// are those of the gain it leaves. Returns that gain too, (N); zero if the measurement was not taken in.
+    /// Updates the filter with one scalar measurement. `choose` receives the optimal gain and may change it. State and
+    /// covariance are updated with the resulting gain. Returns the outcome and the resulting gain, (N), which is zero
+    /// if the measurement was not used.
     pub fn update(
         &mut self,
         measurement: &Measurement<T, N>,
@@ -160,7 +163,7 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
         let mut gain = optimal;
         choose(&mut gain);
         self.x += gain * innovation.value;
-        // A gain that is off the optimum by k~ leaves k~ S k~^T more covariance.
+        // A gain that differs from the optimal gain by k~ adds k~ S k~^T to the covariance.
         self.inflate(&(optimal - gain), variance);
         (Update::Applied(innovation), gain)
     }
@@ -174,7 +177,7 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
         f
     }
 
-    /// Bierman's update of U and D; returns the gain times the innovation's variance.
+    /// Bierman's update of U and D. Returns the gain times the variance of the innovation.
     fn update_factors(&mut self, f: &Vector<T, N>, r: T) -> Vector<T, N> {
         let mut gain = [T::zero(); N];
         let mut alpha = r;
@@ -217,10 +220,11 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
         }
     }
 
-    /// Forgets the first `W` states, moves the next `W` to their place, and puts fresh independent states of deviation
-    /// zero and these variances behind them.
+    /// Drops the first `W` states and moves the next `W` states to their place. The places of the moved states receive
+    /// new independent states with zero deviation and these variances.
     ///
-    /// In this factored form it is exact and costs nothing: leading states can be dropped from U D U^T as they stand.
+    /// The operation is exact and needs no arithmetic, because leading states can be dropped from U D U^T without a
+    /// change of the other factors.
     pub fn renew_leading<const W: usize>(&mut self, variances: &[T; W]) {
         for j in 0..N {
             for i in 0..2 * W {
@@ -253,12 +257,12 @@ mod tests {
 
     const N: usize = 6;
 
-    /// A change of the gain, with a seed.
+    /// A function that changes the gain. The second argument is a random seed.
     type Change = fn(&mut Vector<f64, N>, &mut u64);
 
     fn leave<const N: usize, T: Real>(_: &mut Vector<T, N>) {}
 
-    /// Reproducible numbers in (-1, 1), without order.
+    /// Reproducible pseudo-random numbers in (-1, 1).
     fn scatter(seed: &mut u64) -> f64 {
         *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (*seed >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
@@ -281,7 +285,7 @@ mod tests {
 
     #[test]
     fn factored_updates_equal_joseph_form_for_any_gain() {
-        // The optimal gain; some states considered, not estimated (Schmidt 1966); a gain from elsewhere.
+        // Three cases: the optimal gain; some states only considered, not estimated (Schmidt 1966); an arbitrary gain.
         let considered: Change = |gain, _| (gain[1], gain[4]) = (0.0, 0.0);
         let other: Change =
             |gain, seed| *gain += Vector::from_fn(|row, _| if row == 3 { 0.0 } else { 0.1 * scatter(seed) });

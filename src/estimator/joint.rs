@@ -1,12 +1,13 @@
-//! The estimator: takes segments in one by one and keeps a live estimate of all parameters.
+//! The estimator processes segments one by one and keeps a live estimate of all parameters.
 //!
-//! State: `[encoder errors of the stop before (2), of this stop (2), parameters (28), optional states]`. An encoder error
-//! belongs to the accelerometers of its stop and to the two moves that meet there. Carried as states, the encoder errors
-//! correlate all three as they are correlated in the instrument. They are renewed at every move. Each segment updates the
-//! filter when it ends, so estimate and covariance are live. [`super::passes`] has the final pass over all segments.
+//! State: `[encoder errors of the stop before (2), of this stop (2), parameters (28), optional states]`. The encoder
+//! error of a stop acts on the accelerometers at this stop and on the two moves that meet at this stop. Because the
+//! encoder errors are states, the filter correlates these three measurements as they are correlated in the instrument.
+//! The encoder errors are renewed at every move. Each segment updates the filter when the segment ends, so estimate
+//! and covariance are live. [`super::passes`] has the final pass over all segments.
 //!
-//! Joint method: every stop gives specific force and rate, every move its rotation. [`super::two_stage`] has what the
-//! paper's method does otherwise.
+//! In the joint method, every stop gives specific force (M6) and angular rate (M7), and every move gives its rotation
+//! (M7). [`super::two_stage`] has the differences of the paper's method.
 
 use super::configuration::{BASIC_STATES, EstimatorConfig, HeadingSource, prior_sigmas};
 use super::constancy::{Seen, Suspects};
@@ -23,48 +24,50 @@ use crate::model::options::{OptionalColumns, force_columns, rotation_columns};
 use crate::segment::readings::Readings;
 use crate::segment::{Segment, SegmentKind, Standing};
 
-/// Segments that fit: scheme "bai" run twice has 73.
+/// Largest number of segments. Scheme "bai" with two periods has 73 segments.
 pub const MAX_SEGMENTS: usize = 76;
 
-/// Encoder errors of one stop.
+/// Number of encoder errors of one stop: outer and inner.
 const ENCODER_ERRORS_PER_STOP: usize = 2;
 
-/// Segments processed by one piece of the final pass: 0.4 million instructions with changes under test, 0.7 million with
-/// the optional states, of the 2.5 million that a sample interval of 5 ms has on a Cortex-M7 at 500 MHz.
+/// Number of segments that one piece of the final pass processes. A piece takes 0.4 million instructions with changes
+/// under test, and 0.7 million with the optional states. A sample interval of 5 ms has 2.5 million instructions on a
+/// Cortex-M7 at 500 MHz.
 pub(super) const SEGMENTS_PER_PIECE: usize = 4;
 
-/// Standard deviation of what rounding does to a sum and its prediction, in units of the spacing of numbers.
+/// Standard deviation of the rounding error of a sum and of its prediction, in units of the spacing of numbers.
 const ROUNDING_EPSILONS: f64 = 0.5;
 
-/// A step that changes at the start of a move or at its end, not half way, is off by half of it.
+/// An encoder step may change at the start or at the end of a move instead of half way. The error is then half of the
+/// step, and this is the square of one half.
 const PASSING_PART: f64 = 0.25;
 
-/// Takes segments in and gives parameters out.
+/// Estimates the parameters from segments.
 #[derive(Clone, Debug)]
 pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATES: usize = BASIC_STATES> {
     pub(super) config: EstimatorConfig,
     pub(super) segments: heapless::Vec<Segment<T>, SEGMENTS>,
     pub(super) left_out: u16,
-    /// Mean of the prior: zero, and the attitude of the coarse alignment.
+    /// Mean of the prior: zero for all parameters but the attitude, which comes from the coarse alignment.
     pub(super) start: Vector<T, PARAMETERS>,
-    /// The point that the filter's state deviates from.
+    /// Linearization point. The state of the filter is the deviation from this point.
     pub(super) nominal: Vector<T, PARAMETERS>,
     pub(super) filter: UdFilter<T, STATES>,
-    /// Of the two-stage method.
+    /// Gains of stage 1 of the two-stage method.
     pub(super) stage_one_gains: StageOneGains<T>,
     pub(super) fit: Fit,
-    /// Time that biases, attitude and optional rates refer to, us.
+    /// Reference time of biases, attitude and optional rates, us.
     pub(super) reference_us: u64,
-    /// How many times the configured variance there was, channel by channel.
+    /// Factor on the configured noise variance for each channel, from the last stop.
     pub(super) allowances: [f64; CHANNELS],
-    /// Of the encoders, at the stop before.
+    /// Readings of the encoders at the last stop.
     pub(super) readings: [Readings; 2],
     pub(super) pass: Pass<T>,
-    /// Of the final pass, complete when that is done.
+    /// Solution of the final pass. It is complete when the pass is done.
     pub(super) solution: Option<Solution>,
-    /// Changes under test; none but in the last part of the final pass.
+    /// Changes under test. They are tested in the last part of the final pass only.
     pub(super) suspects: Suspects<STATES>,
-    /// Innovations of the segments of the last piece.
+    /// Innovations of the segments that the last piece has processed.
     pub(super) innovations: heapless::Vec<SegmentInnovations, SEGMENTS_PER_PIECE>,
 }
 
@@ -96,7 +99,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         }
     }
 
-    /// Forgets all data and begins anew with a configuration.
+    /// Discards all data and starts again with this configuration.
     pub fn restart(&mut self, config: &EstimatorConfig) {
         self.config = *config;
         self.segments.clear();
@@ -110,8 +113,9 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.suspects.clear();
     }
 
-    /// Takes in a finished segment and updates the live estimate. Returns whether the segment is used; one before the
-    /// first stop, or broken by a gap, is not.
+    /// Processes a finished segment and updates the live estimate. Returns whether the segment is used. A move before
+    /// the first stop is not used, nor is a segment that is broken by a gap, nor a segment for which there is no
+    /// memory.
     pub fn add(&mut self, segment: &Segment<T>) -> bool {
         if self.segments.is_empty() && segment.kind() == SegmentKind::Move {
             return false;
@@ -121,7 +125,8 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             return false;
         }
         if let Some(standing) = segment.standing() {
-            // The later, the more have the encoders shown of it.
+            // The resolution of an encoder becomes better known with every stop, so it is set for the earlier stops
+            // too.
             let resolution_ticks = standing.readings.map(|readings| readings.resolution_ticks);
             self.segments.iter_mut().for_each(|earlier| earlier.know_resolution(resolution_ticks));
             if self.segments.len() == 1 {
@@ -150,17 +155,17 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.filter.covariance_row(ENCODER_ERRORS + parameter).fixed_rows::<PARAMETERS>(ENCODER_ERRORS).into_owned()
     }
 
-    /// The filter: encoder errors, parameters, optional states.
+    /// The filter. Its states are encoder errors, parameters and optional states.
     pub fn filter(&self) -> &UdFilter<T, STATES> {
         &self.filter
     }
 
-    /// The configuration.
+    /// The configuration of the last restart.
     pub fn config(&self) -> &EstimatorConfig {
         &self.config
     }
 
-    /// Segments taken in so far.
+    /// The segments so far, including those that are broken by a gap.
     pub fn segments(&self) -> &[Segment<T>] {
         &self.segments
     }
@@ -169,13 +174,14 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         (self.allowances, self.readings) = ([1.0; CHANNELS], [Readings::NONE; 2]);
     }
 
-    /// Encoder readings at the stop after segment `number`, or where there is none yet, at the one before.
+    /// Encoder readings at the stop after segment `number`. If this stop has not ended yet, the readings at the last
+    /// stop.
     fn readings_after(&self, number: usize) -> [Readings; 2] {
         let next = self.segments.get(number + 1).and_then(Segment::standing);
         next.map_or(self.readings, |standing| standing.readings)
     }
 
-    /// Sets the filters to what is known before any segment.
+    /// Sets the filters to the prior.
     pub(super) fn restart_filters(&mut self, gate_sigma: Option<f64>) {
         let prior = prior_sigmas(&self.config);
         self.filter.restart(&prior, gate_sigma.map(real));
@@ -193,7 +199,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         deviation.fill(T::zero());
     }
 
-    /// Which measurements are taken from a segment of this kind after so many moves.
+    /// The measurements that are used of a segment of this kind after `moves_before` moves.
     pub(super) fn use_of(&self, kind: SegmentKind, moves_before: u16, period_moves: Option<u16>) -> Use {
         let is_stop = kind == SegmentKind::Stop;
         let gyrocompass = is_stop && moves_before == 0 && self.config.heading == HeadingSource::Gyrocompass;
@@ -203,7 +209,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         }
     }
 
-    /// Takes in a segment, by its number from 0; returns whether it is used.
+    /// Processes segment `number`, counted from 0. Returns whether the segment is used.
     pub(super) fn process(&mut self, number: usize, segment: &Segment<T>, usage: Use) -> bool {
         if segment.kind() == SegmentKind::Move {
             let sigma = self.config.noise.encoder_sigma_rad;
@@ -233,7 +239,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         usage.force || usage.rotation
     }
 
-    // Not inlined, as the next two: what one of them needs on the stack is free again for the other.
+    // This function and the next one are not inlined, so that they use the same stack one after the other.
     #[inline(never)]
     fn process_force(
         &mut self,
@@ -266,7 +272,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         let mut prediction = model.rotation(segment);
         let variance = white + self.ends_variance(number, segment, model, &prediction);
         if segment.kind() == SegmentKind::Stop {
-            // The same encoder error at both ends.
+            // The encoder error is the same at both ends of a stop, so it does not act on the rotation.
             prediction.by_encoder_errors.fill(T::zero());
             prediction.by_harmonics.fill(T::zero());
         }
@@ -274,9 +280,9 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.take_in(&segment.rotation_g, (&prediction, &optional), variance, usage, (number, 3));
     }
 
-    /// What the encoder readings at the ends of a segment add to the variance of its rotation, channel by channel: single
-    /// ones along the axes as these stand there; and across, while the outer axis turns, an inner axis whose step changes at
-    /// any time.
+    /// Variance that the encoder readings at the ends of a segment add to its rotation, for each channel. Single
+    /// readings act along the axes, in the direction that the axes have at that end. The inner reading also acts
+    /// across while the outer axis turns, because the encoder step may change at any time during the move.
     fn ends_variance(
         &self,
         number: usize,
@@ -297,13 +303,13 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         variance + squares(Vector3::from(before) + Vector3::from(after)) * real::<T>(PASSING_PART * steps)
     }
 
-    /// From the time that biases and attitude refer to, to the middle of a segment.
+    /// Time from the reference time of biases and attitude to the middle of a segment, s.
     fn since_reference_s(&self, segment: &Segment<T>) -> T {
         let middle_us = segment.start_us + segment.duration_us / 2;
         real(middle_us.wrapping_sub(self.reference_us).cast_signed() as f64 * 1e-6)
     }
 
-    /// Lets the biases walk over a segment.
+    /// Adds the random walk of the biases over a segment to the covariance.
     fn walk(&mut self, segment: &Segment<T>) {
         let options = &self.config.options;
         let walks = [(block::ACCEL_BIAS, options.accel_bias_walk), (block::GYRO_BIAS, options.gyro_bias_walk)];
@@ -317,8 +323,8 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         }
     }
 
-    /// Three scalar updates: white sensor noise is independent from channel to channel. To its variance comes that of
-    /// rounding the sums, which counts in `f32` only.
+    /// Updates the filter with the three channels one by one, because white sensor noise is independent from channel to
+    /// channel. The variance of rounding the sums is added to the noise variance. Rounding matters in `f32` only.
     fn take_in(
         &mut self,
         measured: &Vector3<T>,
@@ -389,7 +395,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         }
     }
 
-    /// Attitude from the first stop as if the sensors were perfect: levelling, then gyrocompassing.
+    /// Attitude from the first stop, computed as for perfect sensors: levelling, then gyrocompassing.
     fn coarse_alignment(&self, stop: &Segment<T>, force_a: &Vector3<T>) -> Vector<T, PARAMETERS> {
         let rot_rr0 = InstrumentErrors::<T>::default().rot_rr0(stop.outer, stop.inner);
         let force_b = rot_rr0.transpose() * force_a;
@@ -422,14 +428,15 @@ mod tests {
     use crate::segment::{AngleIntegrals, Course, Turned};
 
     #[test]
-    fn readings_at_the_ends_of_a_move_count_along_the_axes_as_they_stand_there() {
+    fn readings_at_the_ends_of_a_move_act_along_the_axes_at_that_end() {
         let Assignment::SelfCalibrate(config) = Assignment::default() else { unreachable!() };
         let config = config.calibrator.estimator;
         let mut estimator = Estimator::<f64>::new();
         estimator.restart(&config);
         let noisy = Readings { jumps_ticks2: 6e6, count: 1000, resolution_ticks: 0 };
         estimator.readings = [noisy, Readings::NONE];
-        // The inner axis turns from 45 to 135 deg: the outer one is square to gyro x on average, but not at either end.
+        // The inner axis turns from 45 to 135 deg. The outer axis is normal to gyro x on average, but not at either
+        // end.
         let turn = Segment {
             inner: Angle::from_rad(135.0 * DEG),
             turned: Turned { inner: 90.0 * DEG, ..Turned::default() },

@@ -1,4 +1,4 @@
-//! From segments to parameters: the filter, the estimators of both methods, and tests for change.
+//! From segments to parameters: the filter, the estimator with both methods, and the tests for changes during a run.
 
 mod configuration;
 pub mod constancy;

@@ -1,7 +1,7 @@
-//! The final pass: all segments are processed again about the last estimate until it has converged (iterated Kalman
-//! filter, Gauss-Newton), so no linearization error remains. Then changes during the run are tested for
-//! ([`super::constancy`]). The pass is done piece by piece, some segments at a call, so that samples go on being taken in
-//! between.
+//! The final pass. All segments are processed again about the last estimate until the estimate has converged (iterated
+//! Kalman filter, Gauss-Newton), so that no linearization error remains. Then the pass tests for changes during the run
+//! ([`super::constancy`]). The pass is done in pieces of a few segments for each call, so that samples are processed
+//! between two pieces.
 
 use super::configuration::BASIC_STATES;
 use super::constancy::{SettingEvidence, Suspicion};
@@ -17,17 +17,19 @@ use crate::model::measurement::ENCODER_ERRORS;
 use crate::model::options::{OPTIONAL_STATES, OptionalEstimate};
 use crate::segment::SegmentKind;
 
-/// Most sweeps over the segments: an estimate that has not converged by then is rejected.
+/// Largest number of sweeps over the segments. An estimate that has not converged after these sweeps is rejected.
 const MAX_SWEEPS: u8 = 24;
 
 /// Converged when no step exceeds this fraction of sigma plus rounding noise.
 const CONVERGED_PART: f64 = 0.01;
 
+/// Rounding noise of an estimate as a fraction of its sigma, in units of the spacing of numbers.
 const ROUNDING_NOISE_EPSILONS: f64 = 2.5e6;
 
 impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS, STATES> {
-    /// One piece of the final pass: processes all segments again and again until the estimate has converged, and tests for
-    /// changes. Returns whether there is a [`Estimator::solution`] now; a further call begins anew.
+    /// Does one piece of the final pass. The pass processes all segments repeatedly until the estimate has converged,
+    /// and then tests for changes. Returns whether the pass is done and [`Estimator::solution`] is available. A
+    /// further call begins a new pass.
     pub fn solve_piece(&mut self) -> bool {
         match self.pass {
             Pass::Idle | Pass::Refreshing { .. } => {
@@ -58,8 +60,9 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         }
     }
 
-    /// One piece of a sweep over all segments so far: it leaves the live estimate linearized about where it was, and the
-    /// chi-square that of one model. Returns chi-square and degrees of freedom when done.
+    /// Does one piece of a sweep over all segments so far. The sweep linearizes all segments about the present live
+    /// estimate, so that the chi-square refers to one model. Returns chi-square and degrees of freedom when the sweep
+    /// is done.
     pub fn refresh_piece(&mut self) -> Option<(f64, u32)> {
         let mut sweep = match self.pass {
             Pass::Refreshing { sweep } => sweep,
@@ -70,19 +73,19 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         swept.then(|| (self.fit.chi_square, self.degrees_of_freedom(&self.estimate())))
     }
 
-    /// Whether such a sweep is under way, and the live estimate not whole.
+    /// Whether a sweep of [`Estimator::refresh_piece`] is in progress. The live estimate is then incomplete.
     pub fn is_refreshing(&self) -> bool {
         matches!(self.pass, Pass::Refreshing { .. })
     }
 
-    /// Innovations of the segments that the last piece of the final pass has processed for the last time; none while the
-    /// estimate is still sought.
+    /// Innovations of the segments that the last piece of the closing sweep has processed. Empty before the closing
+    /// sweep.
     pub fn closing_innovations(&self) -> &[SegmentInnovations] {
         let closing = matches!(self.pass, Pass::Closing { .. }) || self.solution().is_some();
         if closing { &self.innovations } else { &[] }
     }
 
-    /// The outcome of the final pass, once it is done.
+    /// The solution of the final pass. `None` until the pass is done.
     pub fn solution(&self) -> Option<&Solution> {
         self.solution.as_ref().filter(|_| matches!(self.pass, Pass::Idle))
     }
@@ -90,7 +93,8 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     fn begin_pass(&mut self) {
         let period_moves = self.config.period_moves.or_else(|| find_period(&self.segments));
         self.reference_us = self.segments.last().map_or(0, |last| last.start_us + last.duration_us);
-        // Not from the live estimate: updates about poor early points can lead it astray.
+        // The pass does not start from the live estimate, because updates about poor early estimates may have spoiled
+        // it.
         self.nominal = self.start;
         self.solution = None;
         self.suspects.clear();
@@ -98,8 +102,8 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.pass = Pass::Iterating { sweep, made: 0, before: self.nominal, heading: HeadingSteps::NONE };
     }
 
-    /// A sweep has ended, and `made` are made: another one, unless the estimate has converged. Not inlined: what it
-    /// needs on the stack, the sweeps do not.
+    /// Ends a sweep, the one with number `made`. Begins the next sweep, unless the estimate has converged.
+    // Not inlined, so that the sweeps do not need its stack.
     #[inline(never)]
     fn iterate(
         &mut self,
@@ -131,7 +135,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.pass = Pass::Closing { sweep: self.begin_sweep(period_moves) };
     }
 
-    /// A sweep with changes under test has ended. It leaves the estimate as it was solved.
+    /// Ends a sweep with changes under test. The estimate is set back to the solution.
     #[inline(never)]
     fn tested(&mut self, onset: usize, part: usize) {
         let found = self.suspects.most_significant(&sigmas(&self.filter, ENCODER_ERRORS));
@@ -143,8 +147,9 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.test_next(onset, part + 1);
     }
 
-    /// Begins the sweep that tests this part of the changes that begin with segment `onset`, or the next one that there
-    /// is: changes begin with the first stop and with every move. After the last one the pass is closed.
+    /// Begins the sweep that tests this part of the changes with the onset at segment `onset`. If there is no such
+    /// part, begins the sweep for the next onset. Changes begin with the first stop and with every move. After the
+    /// last onset the closing sweep begins.
     fn test_next(&mut self, onset: usize, part: usize) {
         let mut part = part;
         for onset in onset..self.segments.len() {
@@ -161,7 +166,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     }
 
     fn begin_sweep(&mut self, period_moves: Option<u16>) -> Sweep {
-        // A change under test may be large, and shall be seen.
+        // The gate is off while changes are under test, because it would hide a large change.
         let gate_sigma = self.config.gate_sigma.filter(|_| self.suspects.is_empty());
         self.restart_filters(gate_sigma);
         self.fit = Fit::NONE;
@@ -171,14 +176,14 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         Sweep { next: 0, moves: 0, period_moves }
     }
 
-    /// Processes the next segments of a sweep. Returns whether it has ended.
+    /// Processes the next segments of a sweep. Returns whether the sweep has ended.
     fn sweep_piece(&mut self, sweep: &mut Sweep) -> bool {
         self.innovations.clear();
         for _ in 0..SEGMENTS_PER_PIECE {
             let Some(segment) = self.segments.get(sweep.next).copied() else { break };
             let usage = self.use_of(segment.kind(), sweep.moves, sweep.period_moves);
             let none = SegmentInnovations { segment: sweep.next as u16, normalized: [None; CHANNELS] };
-            // It holds those of a piece.
+            // The vector cannot overflow: it holds the segments of one piece.
             let _ = self.innovations.push(none);
             let _ = self.process(sweep.next, &segment, usage);
             sweep.moves += u16::from(segment.kind() == SegmentKind::Move);
@@ -191,7 +196,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         ended
     }
 
-    /// Whether no parameter has moved by more than the limit since the sweep before.
+    /// Whether the step of every parameter since the sweep before is within the limit.
     fn has_converged(&self, before: &Vector<T, PARAMETERS>) -> bool {
         let step = self.nominal - before;
         let variances = self.filter.variances();
@@ -228,7 +233,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.fit.measurements.saturating_sub(self.determined(estimate))
     }
 
-    /// How many parameters the measurements, not the prior, determine.
+    /// Number of parameters that are determined by the measurements and not by the prior.
     fn determined(&self, estimate: &Estimate) -> u32 {
         let gained = |(sigma, prior): (&f64, &f64)| {
             if *prior > 0.0 { 1.0 - sigma * sigma / (prior * prior) } else { 0.0 }
@@ -236,7 +241,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         let total: f64 = estimate.sigmas.iter().zip(&self.config.prior_sigmas()).map(gained).sum();
         let optional = self.optional().sigmas;
         let optional: f64 = optional.iter().zip(&self.config.options.prior_sigmas()).map(gained).sum();
-        // Of the accelerometers' scale errors, the two-stage method knows only one, common to the three.
+        // The two-stage method has only one scale error, which is common to the three accelerometers.
         let common = if self.config.method == Method::TwoStage { 2.0 } else { 0.0 };
         ComplexField::round(total + optional - common) as u32
     }

@@ -1,9 +1,9 @@
-//! A scheme before it is run: the stops and moves that the segmenter will find, from geometry alone, and what of a unit they
-//! will leave unobserved.
+//! Rehearsal of a scheme before the run. The stops and moves that the segmenter will find follow from the geometry of
+//! the scheme. The rehearsal finds the parameters that they will leave unobserved.
 //!
-//! The covariance depends on geometry alone, so a rehearsal is the filter's own work on segments of a perfect unit that is
-//! level and faces north: one sweep, done at power-up before anything turns. Windows are those of the segmenter, but for
-//! its blocks of 0.1 s, of which a stop loses a part that is taken as its mean.
+//! The covariance depends on the geometry alone. So a rehearsal is one sweep of the filter over the segments of a
+//! perfect unit that is level and points north. It is done at power-up, before an axis turns. The windows are those of
+//! the segmenter. Only the time that a stop loses because of the segmenter's blocks of 0.1 s is replaced by its mean.
 
 use super::joint::Estimator;
 use super::solution::OBSERVED_RATIO;
@@ -16,22 +16,24 @@ use crate::segment::readings::Readings;
 use crate::segment::scatter::Scatter;
 use crate::segment::{AngleIntegrals, Course, GUARD_S, Held, Segment, SegmentKind, Standing, Turned};
 
-/// What a stop loses on average because its window is made of whole blocks, less the ends of the ramps that count as still, s.
+/// Mean time that a stop loses, s. The window of a stop consists of whole blocks. The ends of the ramps that count as
+/// at rest are subtracted from the loss.
 pub const BLOCK_LOSS_S: f64 = 0.05;
-/// Shortest stop, s: settling before it, guard after it, and a whole block between them wherever the blocks begin.
+/// Shortest stop, s. It has room for the settling, the guard, and one whole block between them for any start of the
+/// blocks.
 pub const SHORTEST_STOP_S: f64 = 0.5;
-/// Steps of the integrals over a move: midpoint rule, good to 4e-4 over half a turn.
+/// Number of steps of the integrals over a move. The error of the midpoint rule is 4e-4 over half a turn.
 const STEPS: u32 = 32;
 
-/// Time that a stop of `stop_s` gives to the accelerometers when they need `settling_s` after a move, s. The first stop
-/// follows on no move, and no move on the last.
+/// Time of a stop of `stop_s` that the accelerometers can use, s. They need `settling_s` after a move. There is no move
+/// before the first stop and no move after the last stop.
 pub fn usable_s(stop_s: f64, settling_s: f64, is_first: bool, is_last: bool) -> f64 {
     let settling = if is_first { 0.0 } else { settling_s };
     let guard = if is_last { 0.0 } else { GUARD_S };
     SETTLING_S + stop_s - settling - guard - BLOCK_LOSS_S
 }
 
-/// The stop of a leg, of which `usable_s` can be used. What the sensors read is left at zero.
+/// The stop of a leg with the usable time `usable_s`. The sensor outputs are zero.
 pub fn stop_segment<T: Real>(leg: &Leg, usable_s: f64) -> Segment<T> {
     segment(leg, usable_s, Turned::default(), standing(Vector3::zeros()))
 }
@@ -40,7 +42,7 @@ fn standing<T: Real>(force_a: Vector3<T>) -> Course<T> {
     Course::Stop(Standing { force_a, scatter: Scatter::default(), readings: [Readings::NONE; 2] })
 }
 
-/// A move with the settling and guard at its ends. What the sensors read is left at zero.
+/// A move with guard and settling at its ends. The sensor outputs are zero.
 pub fn move_segment<T: Real>(from: &Leg, to: &Leg, turning: &Turning) -> Segment<T> {
     let ways = to.ways_from(from);
     let profiles = ways.map(|way| turning.profile(way));
@@ -104,8 +106,9 @@ fn segment<T: Real>(leg: &Leg, duration_s: f64, turned: Turned<T>, course: Cours
     }
 }
 
-/// The first parameter that a run of the scheme would leave unobserved, by the verdict's own measure. The estimator's
-/// configuration is used; what it has taken in is forgotten.
+/// The first parameter, by index, that a run of the scheme would leave unobserved. `None` if all parameters are
+/// observed. The criterion is that of the verdict, and the heading is excepted. The configuration of the estimator is
+/// used; its data are discarded.
 pub fn unobserved<T: Real, const SEGMENTS: usize, const STATES: usize>(
     estimator: &mut Estimator<T, SEGMENTS, STATES>,
     scheme: &Scheme,
@@ -137,7 +140,7 @@ pub fn unobserved<T: Real, const SEGMENTS: usize, const STATES: usize>(
     }
     let sigmas = estimator.estimate().sigmas;
     let wide = |(parameter, (sigma, prior)): (usize, (&f64, &f64))| {
-        // NaN is not observed either.
+        // A sigma that is NaN counts as not observed.
         let observed = *sigma <= OBSERVED_RATIO * prior || *prior == 0.0 || parameter == block::HEADING;
         (!observed).then_some(parameter as u8)
     };
@@ -166,7 +169,7 @@ mod tests {
     #[test]
     fn schemes_that_leave_states_unobserved_are_found_in_either_precision() {
         let whole = Scheme::bai(10.0, 1);
-        // Without a move of the inner axis nobody sees the outer axis' sensors apart.
+        // Without a move of the inner axis, errors of the sensors along the outer axis cannot be separated.
         let mut outer_only = whole.clone();
         outer_only.legs.truncate(5);
         for found in [unobserved_by::<f64>, unobserved_by::<f32>] {
@@ -178,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn stops_too_short_to_be_seen_bring_nothing() {
+    fn stops_that_are_too_short_leave_parameters_unobserved() {
         assert!(unobserved_by::<f64>(&config(), &Scheme::bai(0.2, 1)).is_some());
     }
 }

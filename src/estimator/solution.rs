@@ -1,4 +1,4 @@
-//! What the estimator gives: parameters, their uncertainty, and the agreement of the segments with the model.
+//! Results of the estimator: parameters, their uncertainty, and the agreement of the segments with the model.
 
 use super::constancy::{SettingEvidence, Suspicion};
 use super::filter::{UdFilter, Update};
@@ -8,13 +8,13 @@ use crate::model::error_model::{InstrumentErrors, PARAMETERS};
 use crate::model::options::OptionalEstimate;
 use serde::{Deserialize, Serialize};
 
-/// A parameter is observed if its sigma is at most this part of its prior sigma.
+/// A parameter is observed if its sigma is at most this fraction of its prior sigma.
 pub const OBSERVED_RATIO: f64 = 0.1;
 
-/// The innovation farthest from what was expected.
+/// The innovation with the largest normalized magnitude.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LargestInnovation {
-    /// In units of its standard deviation.
+    /// The innovation in units of its standard deviation.
     pub normalized: f64,
     /// Segment, counted from 0.
     pub segment: u16,
@@ -22,13 +22,13 @@ pub struct LargestInnovation {
     pub channel: u8,
 }
 
-/// How far the measurements of a segment are from what all others say, in the last sweep.
+/// Innovations of the measurements of one segment in the closing sweep.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SegmentInnovations {
     /// Segment, counted from 0.
     pub segment: u16,
-    /// Innovation of each channel in units of its standard deviation, accelerometers x y z, gyros x y z; `None` where
-    /// nothing was measured, or refused.
+    /// Innovation of each channel in units of its standard deviation: accelerometers x y z, gyros x y z. `None` if the
+    /// channel has no measurement, or the measurement was refused.
     pub normalized: [Option<f32>; CHANNELS],
 }
 
@@ -37,18 +37,18 @@ pub struct SegmentInnovations {
 pub struct Fit {
     /// Sum of squared normalized innovations.
     pub chi_square: f64,
-    /// Measurements taken in.
+    /// Number of measurements that the filter used.
     pub measurements: u32,
-    /// Measurements kept out by the gate.
+    /// Number of measurements that the gate refused.
     pub gated: u32,
-    /// Measurements refused for a number that is not finite.
+    /// Number of measurements refused because a number is not finite or the noise variance is not positive.
     pub refused: u32,
-    /// The worst of all, gated ones included.
+    /// The largest innovation, including innovations that the gate refused.
     pub largest: LargestInnovation,
 }
 
 impl Fit {
-    /// Before any measurement.
+    /// The fit before the first measurement.
     pub(super) const NONE: Self = Self {
         chi_square: 0.0,
         measurements: 0,
@@ -57,7 +57,7 @@ impl Fit {
         largest: LargestInnovation { normalized: 0.0, segment: 0, channel: 0 },
     };
 
-    /// Counts a measurement on this channel of this segment.
+    /// Counts the outcome of a measurement on this channel of this segment.
     pub(super) fn note<T: Real>(&mut self, update: &Update<T>, segment: usize, channel: u8) {
         let innovation = match update {
             Update::Applied(innovation) => innovation,
@@ -75,45 +75,45 @@ impl Fit {
     }
 }
 
-/// Parameters with their uncertainty, widened to `f64`.
+/// Parameters with their uncertainty, as `f64`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     /// The parameters.
     pub errors: InstrumentErrors<f64>,
-    /// Their standard deviations, SI; 0 for one that the method takes as known.
+    /// Standard deviations of the parameters, SI; 0 for a parameter that the method takes as known.
     pub sigmas: [f64; PARAMETERS],
 }
 
-/// The outcome of all sweeps.
+/// The result of the final pass.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Solution {
     /// Parameters and sigmas.
     pub estimate: Estimate,
     /// Agreement with the model.
     pub fit: Fit,
-    /// Measurements less parameters that they determine.
+    /// Number of measurements minus the number of parameters that they determine.
     pub degrees_of_freedom: u32,
-    /// Sweeps made.
+    /// Number of sweeps until the estimate converged, or until the limit.
     pub sweeps: u8,
     /// Whether the estimate has converged.
     pub converged: bool,
-    /// Segments processed.
+    /// Number of segments.
     pub segments: u16,
-    /// Segments that are broken by a gap, or did not fit, and were left out.
+    /// Number of segments that were left out, because a gap broke them or because there was no memory for them.
     pub left_out: u16,
-    /// Time from the first segment's start to the last one's end, s.
+    /// Time from the start of the first segment to the end of the last segment, s.
     pub duration_s: f64,
-    /// Mean temperature, deg C; not a number where it is unknown.
+    /// Mean temperature, deg C; NaN if the temperature is unknown.
     pub temperature_c: f32,
-    /// Optional states. Biases, attitude and optional rates hold at the end of the last segment.
+    /// Optional states. The values of biases, attitude and optional rates are those at the end of the last segment.
     pub optional: OptionalEstimate,
-    /// The most significant change of what should be constant; the joint method only.
+    /// The most significant change of a quantity that should be constant. Joint method only.
     pub suspicion: Suspicion,
-    /// What the segments say about what was configured; the joint method only.
+    /// Evidence of the segments about the configured site and heading. Joint method only.
     pub settings: SettingEvidence,
 }
 
-/// Standard deviations of `COUNT` states from `first` on, SI; 0 for those that the filter does not have.
+/// Standard deviations of `COUNT` states from `first` on, SI; 0 for a state that the filter does not have.
 pub(super) fn sigmas<T: Real, const STATES: usize, const COUNT: usize>(
     filter: &UdFilter<T, STATES>,
     first: usize,

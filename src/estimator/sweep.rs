@@ -1,51 +1,53 @@
-//! How far the final pass has come: one sweep over the segments, the passes made of sweeps, and the steps of the heading.
+//! Progress of the final pass: the sweep over the segments, the phase of the pass, and the steps of the heading.
 
 use crate::base::linear::{Real, Vector, real};
 use crate::model::error_model::PARAMETERS;
 
-/// One run of the filter over the stored segments, as far as it has come.
+/// Progress of one sweep of the filter over the stored segments.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sweep {
-    /// The segment that is next.
+    /// Number of the next segment.
     pub(super) next: usize,
-    /// Moves before it.
+    /// Number of moves before the next segment.
     pub(super) moves: u16,
-    /// Moves of period one, for the two-stage method.
+    /// Number of moves in period one, for the two-stage method.
     pub(super) period_moves: Option<u16>,
 }
 
-/// Where the final pass is.
+/// Phase of the final pass.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Pass<T: Real> {
-    /// Not begun, or done.
+    /// The pass has not begun, or the pass is done.
     Idle,
-    /// Sweeping until the estimate has converged: `made` sweeps so far, the estimate before the present sweep, and the
-    /// steps of the heading.
+    /// Sweeps until the estimate has converged. `made` is the number of sweeps so far, and `before` is the estimate
+    /// before the present sweep.
     Iterating { sweep: Sweep, made: u8, before: Vector<T, PARAMETERS>, heading: HeadingSteps<T> },
-    /// One sweep that leaves the live estimate better linearized.
+    /// One sweep that linearizes all segments about the live estimate.
     Refreshing { sweep: Sweep },
-    /// The last sweep, about the solution: its innovations are reported, and the covariance is that of the solution.
+    /// The last sweep, about the solution. Its innovations are reported, and its covariance is that of the solution.
     Closing { sweep: Sweep },
-    /// Testing for changes that begin with segment `onset`, in several sweeps, about the solution.
+    /// Sweeps about the solution that test for changes with the onset at segment `onset`. `part` is the number of the
+    /// sweep for this onset.
     Testing { sweep: Sweep, onset: usize, part: usize },
 }
 
-/// Least part of a step of the heading that is taken, and the longest step: beyond, nothing is linear.
+/// Smallest fraction of a step of the heading that is taken.
 const LEAST_PART: f64 = 0.1;
 
+/// Longest step of the heading, rad. Over a longer step the model is not linear.
 const LONGEST_STEP_RAD: f64 = 1.0;
 
 /// Steps of the heading from sweep to sweep.
 ///
-/// The gyros show the direction of a step by the horizontal Earth rate that they measure, and the step's size is divided by
-/// the true horizontal Earth rate. Near the poles, noise can make the measured rate more than twice as large as the true
-/// one. Then Gauss-Newton steps are too long and never converge. So steps of alternating sign are shortened: two
-/// successive steps determine by how much (Aitken's extrapolation).
+/// The gyros show the direction of a step by the horizontal Earth rate that they measure, and the step's size is
+/// divided by the true horizontal Earth rate. Near the poles, noise can make the measured rate more than twice as
+/// large as the true one. Then Gauss-Newton steps are too long and never converge. So steps of alternating sign are
+/// shortened: two successive steps determine by how much (Aitken's extrapolation).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct HeadingSteps<T: Real> {
-    /// The last one, before it was cut.
+    /// The last step, before it was shortened, rad.
     last: T,
-    /// Part of it that was taken.
+    /// Fraction of the last step that was taken.
     part: T,
 }
 
@@ -53,7 +55,7 @@ impl<T: Real> HeadingSteps<T> {
     /// No step yet.
     pub(super) const NONE: Self = Self { last: T::ZERO, part: T::ZERO };
 
-    /// The part of the next step that is to be taken.
+    /// Fraction of this step to be taken.
     pub(super) fn next(&mut self, step: T) -> T {
         let swings = step * self.last < T::zero();
         let rest = T::one() - step / self.last;

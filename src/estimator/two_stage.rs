@@ -1,25 +1,26 @@
-//! The two-stage method of the paper (Bai et al., Sensors 2019, 19, 4005, section 3), as far as it is not the joint one.
+//! The two-stage method of the paper (Bai et al., Sensors 2019, 19, 4005, section 3): its differences from the joint
+//! method.
 //!
-//! - Stage 1 uses (11) at the stops of period one. Bai takes differences to the first stop, z1 = f_a0 - R^T f_a. A
-//!   difference removes the specific force of the base and makes the first stop's error common to all. Here that force is a
-//!   state (roll, pitch, and a scale common to the three accelerometers), which is the same estimate with the right
-//!   covariance.
+//! - Stage 1 uses (B11) at the stops of period one. Bai takes differences to the first stop, z1 = f_a0 - R^T f_a. The
+//!   differences remove the specific force of the base, and the error of the first stop becomes common to all
+//!   differences. Here the specific force of the base is a state instead: roll, pitch, and a scale common to the three
+//!   accelerometers. The estimate is the same, and the covariance is right.
 //! - The heading comes from gyrocompassing at the first stop, or from the configuration.
-//! - Stage 2 uses (13) in the moves of period two, integrated over each move. The mounting angles and the levelled
-//!   attitude of stage 1 are considered: their values stay, their uncertainty counts.
-//! - With one period only, both measurements are taken from it in one sweep, and no state is only considered: the same
-//!   encoder errors act on both stages.
+//! - Stage 2 uses (B13) in the moves of period two, integrated over each move. The mounting angles and the levelled
+//!   attitude of stage 1 are only considered: their values do not change, but their uncertainty counts.
+//! - With one period only, both measurements are taken from this period in one sweep. Then no state is only considered,
+//!   because the same encoder errors act on both stages.
 //!
 //! # Gains of stage 1
-//! The gains of (11) are Bai's: they assume noise that is the same in all directions. The true noise of (11) is the white
-//! noise of the accelerometers and the effect of the encoder errors. The encoder errors act in some directions only: along
-//! gravity, and along an axis that is not turned, a stop is nearly free of them. The optimal gain would rest on those
-//! directions alone. It would give the errors that this method takes as zero, such as biases, hundreds of times the weight
-//! of the noise: 130" from the errors of a real unit. A gain for noise of gravity times the encoders' error in every
-//! direction costs little and avoids that.
+//! The gains for (B11) are those of Bai. They assume noise that is the same in all directions. The true noise of (B11)
+//! is the white noise of the accelerometers and the effect of the encoder errors. The encoder errors act in some
+//! directions only: a stop is nearly free of them along gravity, and along an axis that is not turned. The optimal
+//! gain would use those directions alone. It would give the errors that this method takes as zero, such as biases,
+//! hundreds of times the weight of the noise. The result would be wrong by 130" with the errors of a real unit. A gain
+//! for noise of gravity times the encoder error in every direction costs little accuracy and avoids this error.
 //!
-//! A filter of the states that (11) sees gives these gains. Its covariance is not used: the covariance of the estimate,
-//! under the true noise, follows from the gains.
+//! A filter with the states of (B11) gives these gains. Its covariance is not used. The covariance of the estimate
+//! under the true noise follows from the gains.
 
 use super::filter::{Measurement, UdFilter};
 use crate::base::angle::ticks_to_rad;
@@ -30,20 +31,20 @@ use crate::model::measurement::ENCODER_ERRORS;
 use crate::segment::{Segment, SegmentKind};
 use core::ops::Range;
 
-/// Which measurements of a segment are taken in, and which states are only considered.
+/// The measurements of a segment that are used, and the states that are only considered.
 #[derive(Clone, Copy)]
 pub(super) struct Use {
-    /// The mean force of a stop.
+    /// Use the mean force of a stop.
     pub(super) force: bool,
-    /// The rotation of a stop or a move.
+    /// Use the rotation of a stop or a move.
     pub(super) rotation: bool,
-    /// The states of stage 1 are considered only.
+    /// Only consider the states of stage 1.
     pub(super) considered: bool,
 }
 
 impl Use {
-    /// What this method takes from a segment after `moves_before` moves. With one period only, `period_moves` is `None`.
-    /// `gyrocompass`: the segment is the first stop, and its gyros give the heading.
+    /// Measurements that the two-stage method uses of a segment after `moves_before` moves. `period_moves` is `None` if
+    /// there is only one period. `gyrocompass` says that the segment is the first stop and its gyros give the heading.
     pub(super) fn in_two_stages(
         is_stop: bool,
         moves_before: u16,
@@ -60,7 +61,8 @@ impl Use {
     }
 }
 
-/// The states of stage 1 that stage 2 only considers: all but the heading, which the gyros gave.
+/// The states of stage 1 that stage 2 only considers. The heading is not one of them, because the gyros give the
+/// heading.
 pub(super) const STAGE_ONE: Range<usize> =
     ENCODER_ERRORS + block::ACCEL_NON_ORTHOGONALITY..ENCODER_ERRORS + block::HEADING;
 
@@ -68,16 +70,16 @@ pub(super) const STAGE_ONE: Range<usize> =
 pub(super) const ACCEL_SCALE: Range<usize> =
     ENCODER_ERRORS + block::ACCEL_SCALE..ENCODER_ERRORS + block::ACCEL_SCALE + 3;
 
-/// Prior sigma of the scale error that is common to the accelerometers.
+/// Prior sigma of the scale error that is common to the three accelerometers.
 pub(super) const COMMON_SCALE_SIGMA: f64 = 0.02;
 
-/// One scale error common to the three accelerometers, with its prior sigma: it stands for the magnitude of the specific
-/// force, which (11) does not use.
+/// Direction of the scale error common to the three accelerometers, times its prior sigma. This scale error represents
+/// the unknown magnitude of the specific force, which (B11) does not use.
 pub(super) fn common_accel_scale<T: Real, const STATES: usize>() -> Vector<T, STATES> {
     Vector::from_fn(|state, _| if ACCEL_SCALE.contains(&state) { real(COMMON_SCALE_SIGMA) } else { T::zero() })
 }
 
-/// Number of moves after which the stops' angles begin again, if they do so once.
+/// Number of moves in period one, if the angles of the stops repeat exactly once. `None` if they do not repeat.
 pub(super) fn find_period<T: Real>(segments: &[Segment<T>]) -> Option<u16> {
     const SAME_RAD: f64 = DEG;
     let stops = || segments.iter().filter(|segment| segment.kind() == SegmentKind::Stop);
@@ -91,14 +93,14 @@ pub(super) fn find_period<T: Real>(segments: &[Segment<T>]) -> Option<u16> {
     repeats.then_some(half as u16)
 }
 
-/// States that (11) sees.
+/// Number of states that (B11) depends on.
 const STATES_SEEN: usize = 9;
 
 const fn states(first: usize, count: usize) -> Range<usize> {
     ENCODER_ERRORS + first..ENCODER_ERRORS + first + count
 }
 
-/// Where they are among all states. The accelerometers' scale errors are one.
+/// Indices of these states among all states. The scale errors of the three accelerometers are one state.
 const SEEN: [Range<usize>; STATES_SEEN] = [
     states(block::ACCEL_NON_ORTHOGONALITY, 1),
     states(block::ACCEL_NON_ORTHOGONALITY + 1, 1),
@@ -111,22 +113,22 @@ const SEEN: [Range<usize>; STATES_SEEN] = [
     states(block::ATTITUDE + 1, 1),
 ];
 
-/// Gives the gains of stage 1.
+/// Filter that computes the gains of stage 1.
 #[derive(Clone, Debug)]
 pub(super) struct StageOneGains<T: Real>(UdFilter<T, STATES_SEEN>);
 
 impl<T: Real> StageOneGains<T> {
-    /// Memory, to be restarted.
+    /// A filter without a prior. It must be restarted before use.
     pub(super) const NONE: Self = Self(UdFilter::CERTAIN);
 
-    /// Begins anew with these sigmas of all states.
+    /// Restarts the filter with these sigmas of all states.
     pub(super) fn restart<const STATES: usize>(&mut self, sigmas: &Vector<T, STATES>) {
         let mut seen = SEEN.iter().map(|range| sigmas.iter().nth(range.start).copied().unwrap_or(T::zero()));
         self.0.restart(&Vector::from_fn(|_, _| seen.next().unwrap_or(T::zero())), None);
     }
 
-    /// Gain of a measurement with this row, and noise that is the same in all directions.
-    // Not inlined: the joint method does not need it on the stack.
+    /// Gain of a measurement with row `h` and noise variance `r`. The noise is the same in all directions.
+    // Not inlined, so that the joint method does not need its stack.
     #[inline(never)]
     pub(super) fn gain<const STATES: usize>(&mut self, h: &Vector<T, STATES>, r: T) -> Vector<T, STATES> {
         let mut rows =

@@ -1,13 +1,13 @@
-//! The correction of a sample: what the IMU frame felt, from what the sensors read.
+//! The correction of a sample: the specific force and the angular rate of the IMU frame, from the sensor outputs.
 //!
-//! The equations are those of [`super::error_model`], solved for the IMU frame.
+//! The correction is the inverse of (M4) and (M5) of [`super::error_model`].
 
 use super::error_model::InstrumentErrors;
 use crate::base::angle::Angle;
 use crate::base::linear::{Matrix3, Real, Vector3};
 use crate::base::sample::{CorrectedSample, RawSample};
 
-/// The inverse of (4) and (5), ready to apply to every sample.
+/// The inverse of (M4) and (M5), with its matrices computed once. It is applied to every sample.
 ///
 /// ```
 /// use rins_selfcal::model::correction::Calibration;
@@ -16,7 +16,7 @@ use crate::base::sample::{CorrectedSample, RawSample};
 /// use rins_selfcal::base::sample::RawSample;
 /// use rins_selfcal::base::units::{ARCSEC, MICRO_G};
 ///
-/// // A bias, and the sensors 100 arcsec off the rotation axes about z.
+/// // An accelerometer bias, and a mounting angle of 100 arcsec about z.
 /// let errors = InstrumentErrors {
 ///     accel_bias_a: [30.0 * MICRO_G, 0.0, 0.0],
 ///     mounting: [0.0, 0.0, 100.0 * ARCSEC],
@@ -26,7 +26,7 @@ use crate::base::sample::{CorrectedSample, RawSample};
 /// let (force_a, omega_g) = errors.corrupt(&force_s, &omega_is_s);
 /// let corrected = Calibration::new(&errors).correct(&RawSample { force_a, omega_g, ..RawSample::default() });
 /// assert!((corrected.force_s - force_s).norm() < 1e-12);
-/// // At gimbal angles (0, 0) the IMU is off the vehicle by the mounting angle alone.
+/// // At gimbal angles (0, 0) the IMU differs from the vehicle by the mounting angle only.
 /// assert!((corrected.rot_sb[(0, 1)] - 100.0 * ARCSEC).abs() < 1e-9);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,8 +56,8 @@ impl<T: Real> Calibration<T> {
         }
     }
 
-    /// What the IMU frame felt, from what the sensors read: `f_s = rot_sa (I + diag ka)^-1 (f_a - ba)` in m/s^2, and
-    /// the same for the gyros in rad/s.
+    /// Corrects one sample: `f_s = rot_sa (I + diag ka)^-1 (f_a - ba)` in m/s^2, and
+    /// `w_s = rot_sg (I + diag kg)^-1 (w_g - bg)` in rad/s.
     pub fn correct(&self, sample: &RawSample<T>) -> CorrectedSample<T> {
         CorrectedSample {
             time_us: sample.time_us,
@@ -67,28 +67,28 @@ impl<T: Real> Calibration<T> {
         }
     }
 
-    /// Attitude of the IMU in the vehicle from the gimbal angles, with the mounting angles and the non-perpendicularity
-    /// taken out: b (= r0) to s. (2), (3)
+    /// Rotation from b (= r0) to s: the attitude of the IMU in the vehicle. It follows from the gimbal angles, the
+    /// mounting angles (M2) and the non-perpendicularity (M3).
     pub fn rot_sb(&self, outer: Angle, inner: Angle) -> Matrix3<T> {
         self.rot_sr * self.errors.rot_rr0(outer, inner)
     }
 
-    /// `rot_sa (I + diag ka)^-1`: takes the accelerometers' outputs less `ba` to the IMU frame.
+    /// `rot_sa (I + diag ka)^-1`: takes the accelerometer outputs minus `ba` to the IMU frame.
     pub fn force_matrix_sa(&self) -> &Matrix3<T> {
         &self.force_matrix_sa
     }
 
-    /// `rot_sg (I + diag kg)^-1`: takes the gyros' outputs less `bg` to the IMU frame.
+    /// `rot_sg (I + diag kg)^-1`: takes the gyro outputs minus `bg` to the IMU frame.
     pub fn rate_matrix_sg(&self) -> &Matrix3<T> {
         &self.rate_matrix_sg
     }
 
-    /// (2): rotation frame to IMU frame.
+    /// (M2): rotation frame to IMU frame.
     pub fn rot_sr(&self) -> &Matrix3<T> {
         &self.rot_sr
     }
 
-    /// The errors this calibration takes out.
+    /// The errors that this calibration corrects.
     pub fn errors(&self) -> &InstrumentErrors<T> {
         &self.errors
     }
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn equations_4_and_5_round_trip_to_rounding() {
+    fn equations_m4_and_m5_round_trip_to_rounding() {
         assert!(round_trip::<f64>() < 8.0 * f64::EPSILON, "{}", round_trip::<f64>());
         assert!(round_trip::<f32>() < 8.0 * f64::from(f32::EPSILON), "{}", round_trip::<f32>());
     }

@@ -1,14 +1,15 @@
-//! The errors of the instrument, and what they do to a sample. [`super::correction`] is the inverse.
+//! The errors of the instrument, and their effect on a sample. [`super::correction`] has the inverse.
 //!
 //! ```text
-//! (1) rot_sa = [[1,0,0],[Sayz,1,0],[-Sazy,Sazx,1]]     rot_sg = [[1,-Sgxz,Sgxy],[Sgyz,1,-Sgyx],[-Sgzy,Sgzx,1]]
-//! (2) rot_s0r0 = exp(-[theta x]),  theta = (alpha, beta, gamma)
-//! (3) rot_rr0(outer, inner) = R_inner(inner) R_x(outer);  R_inner turns about (sin d, 0, cos d)
-//! (4) f_a = (I + diag ka) rot_sa^-1 f_s + ba
-//! (5) w_g = (I + diag kg) rot_sg^-1 w_s + bg
+//! (M1) rot_sa = [[1,0,0],[Sayz,1,0],[-Sazy,Sazx,1]]     rot_sg = [[1,-Sgxz,Sgxy],[Sgyz,1,-Sgyx],[-Sgzy,Sgzx,1]]
+//! (M2) rot_sr = rot_s0r0 = exp(-[theta x]),  theta = (alpha, beta, gamma)
+//! (M3) rot_rr0(outer, inner) = R_inner(inner) R_x(outer);  R_inner turns about the inner axis (sin d, 0, cos d)
+//! (M4) f_a = (I + diag ka) rot_sa^-1 f_s + ba
+//! (M5) w_g = (I + diag kg) rot_sg^-1 w_s + bg
 //! ```
-//! Source: Bai et al., Sensors 2019, 19, 4005, for (1) to (3), made exact; d, k and b are ours. `R_x(a)` is the frame
-//! rotation `[[1,0,0],[0,c,s],[0,-s,c]]`. The second index of S is the rotation axis.
+//! The source of (M1) to (M3) is Bai et al., Sensors 2019, 19, 4005. These equations are made exact here. The errors
+//! d, k and b are additions of this project. `R_x(a)` is the frame rotation `[[1,0,0],[0,c,s],[0,-s,c]]`. The second
+//! index of S is the rotation axis.
 
 use crate::base::angle::Angle;
 use crate::base::linear::{Matrix3, Real, Vector, Vector3, exp_so3, inverse3};
@@ -18,7 +19,7 @@ use serde::{Deserialize, Serialize};
 /// Number of parameters.
 pub const PARAMETERS: usize = 28;
 
-/// The parameter vector's blocks: index of the first parameter of each.
+/// The blocks of the parameter vector. Each constant is the index of the first parameter of a block.
 pub mod block {
     /// Gyro non-orthogonality Sgxy Sgxz Sgyx Sgyz Sgzx Sgzy, rad.
     pub const GYRO_NON_ORTHOGONALITY: usize = 0;
@@ -34,22 +35,22 @@ pub mod block {
     pub const GYRO_BIAS: usize = 18;
     /// Gyro scale-factor error.
     pub const GYRO_SCALE: usize = 21;
-    /// Non-perpendicularity of the axes d, rad.
+    /// Non-perpendicularity d of the axes, rad.
     pub const NON_PERPENDICULARITY: usize = 24;
     /// Roll, pitch, heading of the base, rad.
     pub const ATTITUDE: usize = 25;
-    /// Heading of the base, rad: the last of the attitude.
+    /// Heading of the base, rad. It is the last parameter of the attitude.
     pub const HEADING: usize = ATTITUDE + 2;
 }
 
-/// Number of installation errors, the leading parameters and the states of the paper's method: Sgxy Sgxz Sgyx Sgyz Sgzx
-/// Sgzy, Sayz Sazx Sazy, alpha beta gamma.
+/// Number of installation errors: Sgxy Sgxz Sgyx Sgyz Sgzx Sgzy, Sayz Sazx Sazy, alpha beta gamma. They are the first
+/// parameters, and the states of the paper's method.
 pub const INSTALLATION_STATES: usize = block::ACCEL_BIAS;
 
 /// Name and unit of a parameter, for reports.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ParameterInfo {
-    /// Name as in the literature and in every file.
+    /// Name, as in the literature and in all files.
     pub name: &'static str,
     /// Unit in reports and files.
     pub unit: &'static str,
@@ -96,32 +97,32 @@ pub const PARAMETER_INFO: [ParameterInfo; PARAMETERS] = [
 /// The errors of one instrument and the attitude of its base: the 28 parameters by name.
 #[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
 pub struct InstrumentErrors<T> {
-    /// Sgxy Sgxz Sgyx Sgyz Sgzx Sgzy of (1), rad.
+    /// Sgxy Sgxz Sgyx Sgyz Sgzx Sgzy of (M1), rad.
     pub gyro_non_orthogonality: [T; 6],
-    /// Sayz Sazx Sazy of (1), rad.
+    /// Sayz Sazx Sazy of (M1), rad.
     pub accel_non_orthogonality: [T; 3],
-    /// theta = (alpha, beta, gamma) of (2), rad.
+    /// theta = (alpha, beta, gamma) of (M2), rad.
     pub mounting: [T; 3],
-    /// ba of (4), m/s^2.
+    /// ba of (M4), m/s^2.
     pub accel_bias_a: [T; 3],
-    /// ka of (4).
+    /// ka of (M4).
     pub accel_scale: [T; 3],
-    /// bg of (5), rad/s.
+    /// bg of (M5), rad/s.
     pub gyro_bias_g: [T; 3],
-    /// kg of (5).
+    /// kg of (M5).
     pub gyro_scale: [T; 3],
-    /// d of (3), rad.
+    /// d of (M3), rad.
     pub axis_non_perpendicularity: T,
-    /// Attitude of the base: `rot_nb = R_z(-heading) R_y(pitch) R_x(roll)` as active rotations, rad.
+    /// Roll of the base, rad: `rot_nb = R_z(-heading) R_y(pitch) R_x(roll)` with active rotations.
     pub base_roll: T,
-    /// See `base_roll`.
+    /// Pitch of the base, rad; see `base_roll`.
     pub base_pitch: T,
     /// Bearing of the b-frame's y axis, clockwise from north, rad.
     pub heading: T,
 }
 
 impl<T: Real> InstrumentErrors<T> {
-    /// From the parameter vector (28), SI.
+    /// The errors with the values of the parameter vector (28), SI.
     pub fn from_vector(x: &Vector<T, PARAMETERS>) -> Self {
         let [
             g0,
@@ -209,26 +210,27 @@ impl<T: Real> InstrumentErrors<T> {
         ])
     }
 
-    /// (1): accelerometer axes to IMU axes.
+    /// (M1): accelerometer axes to IMU axes.
     pub fn rot_sa(&self) -> Matrix3<T> {
         let [sayz, sazx, sazy] = self.accel_non_orthogonality;
         let (zero, one) = (T::zero(), T::one());
         Matrix3::new(one, zero, zero, sayz, one, zero, -sazy, sazx, one)
     }
 
-    /// (1): gyro axes to IMU axes.
+    /// (M1): gyro axes to IMU axes.
     pub fn rot_sg(&self) -> Matrix3<T> {
         let [sgxy, sgxz, sgyx, sgyz, sgzx, sgzy] = self.gyro_non_orthogonality;
         let one = T::one();
         Matrix3::new(one, -sgxz, sgxy, sgyz, one, -sgyx, -sgzy, sgzx, one)
     }
 
-    /// (2): rotation frame to IMU frame, at gimbal angles (0, 0) and, both being fixed to the inner gimbal, at all.
+    /// (M2): rotation frame to IMU frame. Both frames are fixed to the inner gimbal, so the rotation is the same at all
+    /// gimbal angles.
     pub fn rot_sr(&self) -> Matrix3<T> {
         exp_so3(&-Vector3::from(self.mounting))
     }
 
-    /// (3): rotation frame at gimbal angles (0, 0) to rotation frame at (outer, inner).
+    /// (M3): rotation frame at gimbal angles (0, 0) to rotation frame at gimbal angles (outer, inner).
     pub fn rot_rr0(&self, outer: Angle, inner: Angle) -> Matrix3<T> {
         let tilt = self.rot_inner_axis();
         tilt * frame_rotation_z(inner) * tilt.transpose() * frame_rotation_x(outer)
@@ -240,7 +242,7 @@ impl<T: Real> InstrumentErrors<T> {
     }
 
     /// Base to local level: `R_z(-heading) R_y(pitch) R_x(roll)`. The base frame b is the rotation frame at gimbal
-    /// angles (0, 0): encoder zeros and the gimbal axes define it, whatever the IMU's mounting.
+    /// angles (0, 0). The encoder zeros and the gimbal axes define this frame; the mounting of the IMU does not matter.
     pub fn rot_nb(&self) -> Matrix3<T> {
         let zero = T::zero();
         exp_so3(&Vector3::new(zero, zero, -self.heading))
@@ -248,8 +250,8 @@ impl<T: Real> InstrumentErrors<T> {
             * exp_so3(&Vector3::new(self.base_roll, zero, zero))
     }
 
-    /// (4) and (5): what the sensors read, (`f_a`, `w_g`), when the IMU frame feels `force_s` (m/s^2) and turns at
-    /// `omega_is_s` (rad/s).
+    /// (M4) and (M5): sensor outputs (`f_a`, `w_g`) for the specific force `force_s` (m/s^2) and the angular rate
+    /// `omega_is_s` (rad/s) of the IMU frame.
     pub fn corrupt(&self, force_s: &Vector3<T>, omega_is_s: &Vector3<T>) -> (Vector3<T>, Vector3<T>) {
         let force_a = inverse3(&self.rot_sa()) * force_s;
         let omega_g = inverse3(&self.rot_sg()) * omega_is_s;
@@ -291,7 +293,7 @@ mod tests {
     }
 
     #[test]
-    fn equation_3_turns_about_the_tilted_inner_axis() {
+    fn equation_m3_turns_about_the_tilted_inner_axis() {
         let errors = InstrumentErrors { axis_non_perpendicularity: 0.01_f64, ..Default::default() };
         let inner = Angle::from_rad(0.7);
         let axis_r = Vector3::new(0.01_f64.sin(), 0.0, 0.01_f64.cos());

@@ -1,17 +1,19 @@
-//! What a segment should have measured, and how that depends on every parameter.
+//! The predicted measurement of a segment, and its derivatives by all parameters.
 //!
-//! A stop measures the mean specific force; a stop or a move measures the integral of angular rate:
+//! A stop measures the mean specific force. A stop or a move measures the integral of the angular rate:
 //! ```text
-//! f_a      = (I + diag ka) rot_sa^-1 rot_sr R f_b + ba,             R = rot_rr0(outer, inner)
-//! int w_g  = (I + diag kg) rot_sg^-1 rot_sr [ V + A w_b ] + bg T,
-//!            V = int R_inner [outer rate, 0, 0]^T + e_inner inner rate,   A = int R
-//! f_b = rot_bn (0, 0, g),   w_b = rot_bn w_ie,   b = r0
+//! (M6) f_a      = (I + diag ka) rot_sa^-1 rot_sr R f_b + ba,                R = rot_rr0(outer, inner)
+//! (M7) int w_g  = (I + diag kg) rot_sg^-1 rot_sr [ V + A w_b ] + bg T,      A = int R
+//!                 V = int R_inner [outer rate, 0, 0]^T + e_inner inner rate
+//!      f_b = rot_bn (0, 0, g),   w_b = rot_bn w_ie,   b = r0
 //! ```
-//! which is (4), (5), (10) and (12) of Bai et al., Sensors 2019, 19, 4005, exact and integrated. With R_inner = Q R_z Q^T,
-//! Q the tilt of the inner axis by d, both integrals follow from the segment's sums for any d.
+//! (M6) and (M7) are (B10) and (B12) of Bai et al., Sensors 2019, 19, 4005, exact, integrated, and with (M4) and (M5).
+//! Q is the tilt of the inner axis by d, and R_inner = Q R_z Q^T. So both integrals follow from the sums of the
+//! segment for any d.
 //!
-//! The encoder error of a stop is the reading minus the true angle; over a move it passes linearly from the one stop's
-//! to the next one's. Harmonics e(angle) are known along the move, and integrated:
+//! The encoder error of a stop is the reading minus the true angle. Over a move the encoder error goes linearly from
+//! that of one stop to that of the next stop. Harmonics e(angle) of the encoder error are known along the move and are
+//! integrated:
 //! ```text
 //! V changes by - int R_z e_x de_outer + int e_z x R_z e_x e_inner(inner) d outer - e_inner de_inner
 //! ```
@@ -21,16 +23,18 @@ use crate::base::angle::Angle;
 use crate::base::linear::{Matrix, Matrix3, Real, Vector3, exp_so3, inverse3, left_jacobian_so3, real, skew};
 use crate::base::site::Site;
 
-/// Encoder errors that a measurement may depend on: outer and inner at the stop before, outer and inner at this stop.
+/// Encoder errors that a measurement may depend on: outer and inner at the stop before, then outer and inner at this
+/// stop. For a move, the two stops are those at its ends.
 pub const ENCODER_ERRORS: usize = 4;
 
-/// Harmonics of the encoder errors: cosine and sine of the outer, then of the inner angle, and the same of their doubles.
+/// Harmonics of the encoder errors: cosine and sine of the outer angle, of the inner angle, of the double outer angle
+/// and of the double inner angle.
 pub const HARMONICS: usize = 8;
 
 /// A predicted measurement and its derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prediction<T: Real> {
-    /// Predicted value, (3).
+    /// Predicted value, three channels.
     pub value: Vector3<T>,
     /// Derivative by the parameter vector, (3 x 28), SI.
     pub by_parameters: Matrix<T, 3, PARAMETERS>,
@@ -38,21 +42,22 @@ pub struct Prediction<T: Real> {
     pub by_encoder_errors: Matrix<T, 3, ENCODER_ERRORS>,
     /// Derivative by the harmonics of the encoder errors (3 x 8), per rad.
     pub by_harmonics: Matrix<T, 3, HARMONICS>,
-    /// Derivative by the rates of roll, pitch and heading at which the base turns, s; nothing for accelerometers.
+    /// Derivative by the rates of roll, pitch and heading of the base, s; zero for accelerometers.
     pub by_attitude_rate: Matrix3<T>,
-    /// Derivative by the Earth rate, north and up, s; nothing for accelerometers.
+    /// Derivative by the north and the up component of the Earth rate, s; zero for accelerometers.
     pub by_earth_rate: Matrix<T, 3, 2>,
 }
 
-/// Predicts what segments measure, linearized about one set of errors.
+/// Predicts the measurements of segments, linearized about one set of errors.
 #[derive(Clone, Debug)]
 pub struct MeasurementModel<T: Real> {
     pub(super) errors: InstrumentErrors<T>,
     pub(super) force_b: Vector3<T>,
     pub(super) earth_rate_b: Vector3<T>,
-    /// Column k: axis about which parameter k of roll, pitch, heading turns a fixed vector as seen in b.
+    /// Column k is the axis about which a change of roll, pitch or heading turns a vector that is fixed in n, seen in
+    /// b.
     pub(super) attitude_axes_b: Matrix3<T>,
-    /// North and up in b.
+    /// North and up as unit vectors in b.
     pub(super) earth_axes_b: Matrix<T, 3, 2>,
     pub(super) rot_sr: Matrix3<T>,
     pub(super) mounting_jacobian: Matrix3<T>,
@@ -62,7 +67,7 @@ pub struct MeasurementModel<T: Real> {
 }
 
 impl<T: Real> MeasurementModel<T> {
-    /// Linearizes about `errors`.
+    /// A model that is linearized about `errors`.
     pub fn new(errors: &InstrumentErrors<T>, site: &Site) -> Self {
         let rot_bn = errors.rot_nb().transpose();
         let rot_br = exp_so3(&Vector3::new(-errors.base_roll, T::zero(), T::zero()));
@@ -89,8 +94,9 @@ impl<T: Real> MeasurementModel<T> {
         self.rot_inner_axis.column(2).into_owned()
     }
 
-    /// What the IMU frame feels of a motion given in the rotation frame, with the derivatives by mounting angles,
-    /// non-perpendicularity, attitude and encoder errors. `fixed_b` is the vector in b that does not turn.
+    /// Transforms a motion from the rotation frame to the IMU frame, with its derivatives by mounting angles,
+    /// non-perpendicularity, attitude and encoder errors. `fixed_b` is the vector fixed in n, specific force or Earth
+    /// rate, in b.
     pub(super) fn felt(&self, motion: &Motion<T>, fixed_b: &Vector3<T>) -> Prediction<T> {
         let value = self.rot_sr * motion.in_r;
         let by_mounting = skew(&value) * self.mounting_jacobian;
@@ -110,24 +116,24 @@ impl<T: Real> MeasurementModel<T> {
     }
 }
 
-/// A vector or an integral of one, in the rotation frame.
+/// Specific force, or the integral of the angular rate, in the rotation frame, with its derivatives.
 pub(super) struct Motion<T: Real> {
     pub(super) in_r: Vector3<T>,
-    /// It depends by this matrix on the vector in b that does not turn.
+    /// Derivative by the vector fixed in n, specific force or Earth rate, in b.
     pub(super) by_b: Matrix3<T>,
     pub(super) by_non_perpendicularity: Vector3<T>,
     pub(super) by_encoder_errors: Matrix<T, 3, ENCODER_ERRORS>,
     pub(super) by_harmonics: Matrix<T, 3, HARMONICS>,
 }
 
-/// cos - 1 and sin of the angle and of its double: an encoder's error vanishes at its zero.
+/// cos - 1 and sin of the angle, then of the double angle. With cos - 1 the harmonics of an encoder vanish at its zero.
 pub(super) fn harmonics<T: Real>(angle: Angle) -> [T; HARMONICS / 2] {
     let (sin, cos) = angle.sin_cos::<T>();
     let two: T = real(2.0);
     [cos - T::one(), sin, -(two * sin * sin), two * sin * cos]
 }
 
-/// Derivatives by the harmonics of the outer and of the inner encoder, in the order of all.
+/// Puts the derivatives by the harmonics of the outer and of the inner encoder into the order of [`HARMONICS`].
 pub(super) fn in_order<T: Real>(outer: [Vector3<T>; 4], inner: [Vector3<T>; 4]) -> Matrix<T, 3, HARMONICS> {
     let [[a, b, c, d], [e, f, g, h]] = [outer, inner];
     Matrix::from_columns(&[a, b, e, f, c, d, g, h])
@@ -137,7 +143,7 @@ pub(super) fn unit<T: Real>(axis: usize) -> Vector3<T> {
     Vector3::from_fn(|row, _| if row == axis { T::one() } else { T::zero() })
 }
 
-/// From what the IMU frame feels to what the sensors read, without bias: non-orthogonality and scale factor.
+/// Transforms a prediction from the IMU frame to the sensor outputs: non-orthogonality and scale factor, without bias.
 pub(super) fn sensed<T: Real, const S: usize>(
     prediction: &mut Prediction<T>,
     rot_sensor_s: &Matrix3<T>,
@@ -183,7 +189,8 @@ pub(super) mod example {
         t * t * t * (10.0 - 15.0 * t + 6.0 * t * t)
     }
 
-    /// Angles of both axes turning at once, with stops at both ends, s after the start.
+    /// Angles of both axes at `time_s` after the start, rad. The axes turn at the same time, with a stop before and
+    /// after.
     pub(in crate::model) fn angles(time_s: f64) -> (f64, f64) {
         (0.3 - 1.2 * smooth((time_s - 2.0) / 4.0), -0.5 + 0.9 * smooth((time_s - 2.5) / 3.0))
     }
@@ -192,7 +199,7 @@ pub(super) mod example {
         segments_along(angles, 1000)
     }
 
-    /// A stop, a move of both axes and a stop, without noise.
+    /// A stop, a move of both axes and a second stop, without noise.
     pub(in crate::model) fn segments_along(angles: fn(f64) -> (f64, f64), step_us: u64) -> [Segment<f64>; 3] {
         let mut segmenter = Segmenter::new();
         segmenter.restart(&Stillness::default());
@@ -208,7 +215,7 @@ pub(super) mod example {
         found.try_into().expect("stop, move, stop")
     }
 
-    /// Derivative of `predict` by each parameter through central differences.
+    /// Derivative of `predict` by each parameter, from central differences.
     pub(in crate::model) fn differences(
         predict: impl Fn(&InstrumentErrors<f64>) -> Vector3<f64>,
     ) -> Matrix<f64, 3, PARAMETERS> {

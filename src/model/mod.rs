@@ -1,4 +1,4 @@
-//! The error model of the instrument, the measurements that a segment gives, and further effects of real hardware.
+//! The error model of the instrument, the measurements that a segment gives, and optional effects of real hardware.
 
 pub mod correction;
 pub mod error_model;

@@ -1,13 +1,13 @@
-//! Optional states and noise: effects that a unit may have beyond the 28 parameters.
+//! Optional states and noise: effects that a unit may have in addition to the 28 parameters.
 //!
-//! All act linearly through what the measurement models already know: a bias, the attitude of the base, or the encoder
-//! errors. Each is off by default, because a state that is not needed costs accuracy.
+//! All effects act linearly through quantities that the measurement models have: a bias, the attitude of the base, or
+//! the encoder errors. Each effect is off by default, because a state that is not needed costs accuracy.
 //! ```text
-//! bias(t) = bias + ramp t + random walk          attitude(t) = attitude + drift t     t from the end of the run
-//! encoder error (angle) = c1 (cos angle - 1) + s1 sin angle + c2 (cos 2 angle - 1) + s2 sin 2 angle
+//! (M8) bias(t) = bias + ramp t + random walk,  attitude(t) = attitude + drift t;  t from the end of the run
+//! (M9) encoder error (angle) = c1 (cos angle - 1) + s1 sin angle + c2 (cos 2 angle - 1) + s2 sin 2 angle
 //! ```
-//! The encoder's harmonics vanish at angle zero, where the encoder zeros define the rotation frame. They are known along a
-//! move as at its ends, and act on it as their integrals say (`measurement`).
+//! The harmonics vanish at angle zero, because the encoder zeros define the rotation frame. Over a move the harmonics
+//! act through their integrals along the move ([`measurement`](super::measurement)).
 
 use crate::base::linear::{Matrix, Real};
 use crate::base::units::{ARCSEC, DEG_H, MICRO_G};
@@ -21,7 +21,7 @@ pub const OPTIONAL_STATES: usize = 16;
 
 const HOUR_S: f64 = 3600.0;
 
-/// Blocks of the optional states.
+/// Blocks of the optional states, as ranges of indices.
 mod optional {
     use core::ops::Range;
     pub const GYRO_BIAS_RAMP: Range<usize> = 0..3;
@@ -34,22 +34,22 @@ mod optional {
 /// Which optional states are estimated, and which noise is allowed for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Options {
-    /// Ramps of all biases, as during warm-up.
+    /// Estimate ramps of all biases, as during warm-up.
     pub bias_ramp: bool,
     /// Random walk of the gyro biases, rad/s/sqrt(s).
     pub gyro_bias_walk: f64,
     /// Random walk of the accelerometer biases, m/s^2/sqrt(s).
     pub accel_bias_walk: f64,
-    /// First harmonic of the encoder errors.
+    /// Estimate the first harmonic of the encoder errors.
     pub encoder_eccentricity: bool,
-    /// Second harmonic of the encoder errors.
+    /// Estimate the second harmonic of the encoder errors.
     pub encoder_second_harmonic: bool,
-    /// Steady tilting of the base.
+    /// Estimate a constant drift of roll and pitch of the base.
     pub base_tilt_drift: bool,
 }
 
 impl Options {
-    /// Nothing beyond the 28 parameters.
+    /// No optional effects.
     pub const NONE: Self = Self {
         bias_ramp: false,
         gyro_bias_walk: 0.0,
@@ -59,17 +59,17 @@ impl Options {
         base_tilt_drift: false,
     };
 
-    /// Whether a state is to be estimated that a filter of the basic size does not have.
+    /// Whether the options need states that a filter of the basic size does not have.
     pub fn needs_states(&self) -> bool {
         self.bias_ramp || self.encoder_eccentricity || self.encoder_second_harmonic || self.base_tilt_drift
     }
 
-    /// Whether both walks are finite and not negative.
+    /// Whether both random walks are finite and not negative.
     pub fn are_finite(&self) -> bool {
         [self.gyro_bias_walk, self.accel_bias_walk].iter().all(|walk| walk.is_finite() && *walk >= 0.0)
     }
 
-    /// Prior sigmas of the optional states, SI: wide where they are estimated, else 0.
+    /// Prior sigmas of the optional states, SI: wide for a state that is estimated, and 0 for the others.
     pub fn prior_sigmas(&self) -> [f64; OPTIONAL_STATES] {
         let blocks: [(bool, Range<usize>, f64); 5] = [
             (self.bias_ramp, optional::GYRO_BIAS_RAMP, 20.0 * DEG_H / HOUR_S),
@@ -112,21 +112,21 @@ pub const OPTIONAL_INFO: [ParameterInfo; OPTIONAL_STATES] = [
     info("base_pitch_drift", "arcsec/h", ARCSEC / HOUR_S),
 ];
 
-/// Optional states with their standard deviations, SI; 0 for those that are off.
+/// Optional states with their standard deviations, SI; 0 for a state that is off.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct OptionalEstimate {
-    /// Values.
+    /// Estimated values, SI.
     pub values: [f64; OPTIONAL_STATES],
-    /// Standard deviations.
+    /// Standard deviations, SI.
     pub sigmas: [f64; OPTIONAL_STATES],
 }
 
 /// Derivative of a measurement by the optional states, (3 x 16).
 pub type OptionalColumns<T> = Matrix<T, 3, OPTIONAL_STATES>;
 
-/// Derivative of a measurement by the optional states, from those by bias, attitude and harmonics. `BIAS` and `RAMP` are the
-/// blocks of the sensors' own; `since_reference_s` is the time of the segment's middle, from that to which biases and
-/// attitude refer.
+/// Derivative of a measurement by the optional states, from the derivatives by bias, attitude and harmonics. `BIAS` and
+/// `RAMP` are the blocks of the sensors that measure. `since_reference_s` is the time from the reference time of
+/// biases and attitude to the middle of the segment.
 fn columns<T: Real, const BIAS: usize, const RAMP: usize>(
     prediction: &Prediction<T>,
     since_reference_s: T,
@@ -140,12 +140,12 @@ fn columns<T: Real, const BIAS: usize, const RAMP: usize>(
     columns
 }
 
-/// Derivative of a stop's mean specific force by the optional states.
+/// Derivative of the mean specific force at a stop by the optional states.
 pub fn force_columns<T: Real>(prediction: &Prediction<T>, since_reference_s: T) -> OptionalColumns<T> {
     columns::<T, { block::ACCEL_BIAS }, { optional::ACCEL_BIAS_RAMP.start }>(prediction, since_reference_s)
 }
 
-/// Derivative of a segment's rotation by the optional states.
+/// Derivative of the rotation over a segment by the optional states.
 pub fn rotation_columns<T: Real>(prediction: &Prediction<T>, since_reference_s: T) -> OptionalColumns<T> {
     columns::<T, { block::GYRO_BIAS }, { optional::GYRO_BIAS_RAMP.start }>(prediction, since_reference_s)
 }

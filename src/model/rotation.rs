@@ -1,5 +1,5 @@
-//! The gyros over a move or a stop: the rotation that they should have measured, and how that depends on every
-//! parameter. (5), (12)
+//! The gyros over a move or a stop: the predicted integral of their outputs (M7), and its derivatives by all
+//! parameters.
 
 use super::error_model::{block, frame_rotation_z};
 use super::measurement::{
@@ -10,7 +10,8 @@ use crate::base::linear::{Matrix, Matrix3, Real, Vector3, real, skew};
 use crate::segment::{AngleIntegrals, GUARD_S, Segment, SegmentKind, Turned};
 
 impl<T: Real> MeasurementModel<T> {
-    /// Integral of the gyro outputs over a segment. (5), (12)
+    /// Integral of the gyro outputs over a segment, rad. (M7)
+    // Not inlined, so that its stack is free again before the filter runs.
     #[inline(never)]
     pub fn rotation(&self, segment: &Segment<T>) -> Prediction<T> {
         let integrals = segment.integrals();
@@ -34,7 +35,7 @@ impl<T: Real> MeasurementModel<T> {
             (block::GYRO_NON_ORTHOGONALITY, gyro_non_orthogonality_matrix(omega_g))
         });
         add_bias(&mut prediction, &self.errors.gyro_bias_g, block::GYRO_BIAS, segment.duration_s());
-        // The base turns against what a fixed vector seems to do in b.
+        // When the base turns, a vector fixed in n turns the opposite way in b.
         let scaled = Matrix3::from_diagonal(&Vector3::from(self.errors.gyro_scale.map(|k| T::one() + k)));
         let by_rate = scaled * self.rot_gs * self.rot_sr * attitude;
         prediction.by_attitude_rate = by_rate * -self.attitude_axes_b;
@@ -42,7 +43,7 @@ impl<T: Real> MeasurementModel<T> {
         prediction
     }
 
-    /// The outer and the inner axis in the IMU frame, where the inner angle is this.
+    /// The outer and the inner axis in the IMU frame at this inner angle.
     pub fn axes_at(&self, inner: Angle) -> [Vector3<T>; 2] {
         let tilt = &self.rot_inner_axis;
         let outer = tilt * frame_rotation_z(inner) * tilt.transpose().column(0);
@@ -50,16 +51,16 @@ impl<T: Real> MeasurementModel<T> {
     }
 }
 
-/// Time that the axes stand at either end of a move, s: the guard, and what its blocks are longer on average.
-const STANDING_S: f64 = GUARD_S + 0.025;
+/// Time at rest at either end of a move, s: the guard time plus the mean excess of its last block.
+const AT_REST_S: f64 = GUARD_S + 0.025;
 
 /// The gimbal axes in the rotation frame over one segment.
 struct GimbalAxes<T: Real> {
-    /// Integral of R_z over the outer angle, rad.
+    /// Integral of `R_z` over the outer angle, rad.
     outer_sums: Matrix3<T>,
     /// Integral of the outer axis over the outer angle, rad.
     outer_integral: Vector3<T>,
-    /// The same, weighted with the part of the move's time that has passed.
+    /// Integral of the outer axis over the outer angle, weighted with the elapsed fraction of the move's time, rad.
     outer_late: Vector3<T>,
     /// Mean of the outer axis over the time of the move.
     outer_mean: Vector3<T>,
@@ -72,15 +73,15 @@ impl<T: Real> GimbalAxes<T> {
         let [_, [cos_s, _, _], [sin_s, _, _]] = integrals.attitude_s.map(|row| row.map(|sum_s| real(sum_s.into())));
         let outer_sums = rotation_z_integral(turned.outer_cos_inner, turned.outer_sin_inner, turned.outer);
         let outer_untilted = tilt.transpose().column(0).into_owned();
-        // What stands still at both ends of a move is no part of it.
+        // Remove the time at rest at both ends from the time of the move.
         let duration_s = segment.duration_s();
-        let standing_s: T = if segment.kind() == SegmentKind::Move { real(STANDING_S) } else { T::zero() };
-        let move_s = (duration_s - standing_s - standing_s).max(standing_s);
+        let at_rest_s: T = if segment.kind() == SegmentKind::Move { real(AT_REST_S) } else { T::zero() };
+        let move_s = (duration_s - at_rest_s - at_rest_s).max(at_rest_s);
         let (sin_to, cos_to): (T, T) = segment.inner.sin_cos();
         let (sin_from, cos_from): (T, T) = segment.inner_from().sin_cos();
-        let ends = rotation_z_integral(cos_from + cos_to, sin_from + sin_to, T::one() + T::one()) * standing_s;
+        let ends = rotation_z_integral(cos_from + cos_to, sin_from + sin_to, T::one() + T::one()) * at_rest_s;
         let mean = (rotation_z_integral(cos_s, sin_s, duration_s) - ends) / move_s;
-        let late = |late_s: T, sum: T| (late_s - sum * standing_s) / move_s;
+        let late = |late_s: T, sum: T| (late_s - sum * at_rest_s) / move_s;
         let outer_late = rotation_z_integral(
             late(integrals.late_cos_inner_s, turned.outer_cos_inner),
             late(integrals.late_sin_inner_s, turned.outer_sin_inner),
@@ -95,15 +96,17 @@ impl<T: Real> GimbalAxes<T> {
         }
     }
 
-    /// An encoder's error goes from that of one stop to that of the next in proportion to time. Along its axis it counts
-    /// where it changes; across, an inner error turns the outer axis, while that turns.
+    /// Derivatives by the encoder errors. Over the move an encoder error goes from that of one stop to that of the
+    /// next stop in proportion to time. The change of an error acts along the encoder's own axis. An error of the
+    /// inner encoder also acts across, because it changes the direction of the outer axis while the outer axis turns.
     fn by_encoder_errors(&self) -> Matrix<T, 3, ENCODER_ERRORS> {
         let late = self.inner.cross(&self.outer_late);
         let early = self.inner.cross(&self.outer_integral) - late;
         Matrix::from_columns(&[self.outer_mean, self.inner + early, -self.outer_mean, late - self.inner])
     }
 
-    /// Of the harmonics, from their integrals and, along the inner axis, from its angles at the ends.
+    /// Derivatives by the harmonics. They follow from the integrals of the harmonics. Along the inner axis they follow
+    /// from the inner angles at both ends.
     fn by_harmonics(
         &self,
         tilt: &Matrix3<T>,
@@ -122,7 +125,7 @@ impl<T: Real> GimbalAxes<T> {
     }
 }
 
-/// Integrals of (cos, sin)(inner) over the error of an outer harmonic, of each, negative.
+/// Negative integrals of (cos, sin)(inner) over the error of each outer harmonic.
 fn outer_harmonics<T>(integrals: &AngleIntegrals<T>) -> [[f64; 2]; HARMONICS / 2] {
     let [by_cos, by_sin] = integrals.harmonics.outer.map(|row| row.map(f64::from));
     let of = |[cos, sin, cos_double, sin_double]: [f64; 4]| [sin, -cos, 2.0 * sin_double, -2.0 * cos_double];
@@ -131,7 +134,7 @@ fn outer_harmonics<T>(integrals: &AngleIntegrals<T>) -> [[f64; 2]; HARMONICS / 2
     [[a, e], [b, f], [c, g], [d, h]]
 }
 
-/// Integrals of (cos, sin)(inner) times an inner harmonic over the outer angle, of each.
+/// Integrals of (cos, sin)(inner) times each inner harmonic over the outer angle.
 fn inner_harmonics<T: Real>(turned: &Turned<T>, integrals: &AngleIntegrals<T>) -> [[f64; 2]; HARMONICS / 2] {
     let [one, cos, sin] = [turned.outer, turned.outer_cos_inner, turned.outer_sin_inner].map(Real::widened);
     let [cos_2, sin_2, cos_3, sin_3] = integrals.harmonics.inner.map(f64::from);
@@ -143,7 +146,7 @@ fn inner_harmonics<T: Real>(turned: &Turned<T>, integrals: &AngleIntegrals<T>) -
     ]
 }
 
-/// Integral of `R_z` from those of cosine, sine and 1.
+/// Integral of `R_z` from the integrals of cosine, sine and 1.
 fn rotation_z_integral<T: Real>(cos: T, sin: T, one: T) -> Matrix3<T> {
     let zero = T::zero();
     Matrix3::new(cos, sin, zero, -sin, cos, zero, zero, zero, one)
@@ -152,7 +155,7 @@ fn rotation_z_integral<T: Real>(cos: T, sin: T, one: T) -> Matrix3<T> {
 /// Integral of `R_z(inner) middle R_x(outer)` over time, s.
 fn attitude_integral<T: Real>(integrals: &AngleIntegrals<T>, middle: &Matrix3<T>) -> Matrix3<T> {
     let (zero, one) = (T::zero(), T::one());
-    // R_z = [1, cos, sin] . inner parts, R_x = [1, cos, sin] . outer parts
+    // R_z = [1, cos, sin](inner) . inner_parts,  R_x = [1, cos, sin](outer) . outer_parts
     let inner_parts = [
         rotation_z_integral(zero, zero, one),
         rotation_z_integral(one, zero, zero),
@@ -174,7 +177,7 @@ fn attitude_integral<T: Real>(integrals: &AngleIntegrals<T>, middle: &Matrix3<T>
     integral
 }
 
-/// `G(w)` of (13): `(rot_sg - I) w = G(w) (Sgxy, Sgxz, Sgyx, Sgyz, Sgzx, Sgzy)`.
+/// `G(w)` of (B13): `(rot_sg - I) w = G(w) (Sgxy, Sgxz, Sgyx, Sgyz, Sgzx, Sgzy)`.
 pub fn gyro_non_orthogonality_matrix<T: Real>(w: &Vector3<T>) -> Matrix<T, 3, 6> {
     let zero = T::zero();
     Matrix::from_columns(&[
@@ -204,7 +207,7 @@ mod tests {
         assert!(found < 1e-9, "{found}");
     }
 
-    /// The integral of (12), summed sample by sample.
+    /// The integral of (M7), summed in small steps.
     fn rotation_by_steps(
         errors: &InstrumentErrors<f64>,
         site: &Site,
@@ -231,16 +234,16 @@ mod tests {
     }
 
     #[test]
-    fn equation_12_integrates_exactly_with_both_axes_turning() {
+    fn equation_m7_integrates_exactly_with_both_axes_turning() {
         let [_, turn, _] = segments();
         let (errors, site) = (errors(), Site::default());
         let difference = MeasurementModel::new(&errors, &site).rotation(&turn).value
             - rotation_by_steps(&errors, &site, &turn, angles);
-        // What is left is the change of rate within the segment's steps of 1 ms: acceleration * step^2 / 12 per radian.
+        // The change of rate within the segment's steps of 1 ms remains: acceleration * step^2 / 12 per radian.
         assert!(difference.norm() < 1e-8, "{difference}");
     }
 
-    /// The outer axis is there long before the inner one, which starts with it.
+    /// Both axes start together. The outer axis arrives long before the inner axis.
     fn early(time_s: f64) -> (f64, f64) {
         (-1.2 * smooth((time_s - 2.0) / 1.5), 0.9 * smooth((time_s - 2.0) / 4.0))
     }
@@ -251,7 +254,7 @@ mod tests {
         let (errors, site) = (errors(), Site::default());
         let difference = MeasurementModel::new(&errors, &site).rotation(&turn).value
             - rotation_by_steps(&errors, &site, &turn, early);
-        // 86 deg/s at 100 Hz. Without what the accelerations add it would be 6e-6, 1.2 arcsec.
+        // 86 deg/s at 100 Hz. Without the terms of the accelerations the error would be 6e-6 rad, 1.2 arcsec.
         assert!(difference.norm() < 5e-8, "{difference}");
     }
 
@@ -262,14 +265,15 @@ mod tests {
         let by = MeasurementModel::new(&errors, &site).rotation(&turn).by_encoder_errors;
         let exact = rotation_by_steps(&errors, &site, &turn, early);
         for column in 0..ENCODER_ERRORS {
-            // An error that goes, over the move, from one stop's to the other's; the true angle is the reading less it.
+            // Over the move the error goes from that of one stop to that of the other. The true angle is the reading
+            // minus the error.
             let with = rotation_by_steps(&errors, &site, &turn, |time_s| {
                 let (outer, inner) = early(time_s);
                 let part = ((time_s - 2.0) / 4.0).clamp(0.0, 1.0);
                 let error = 1e-5 * if column < 2 { 1.0 - part } else { part };
                 if column % 2 == 0 { (outer - error, inner) } else { (outer, inner - error) }
             });
-            // The ends of the move are known to half a block of 0.1 s.
+            // The times of the ends of the move are known to half a block of 0.1 s.
             let found = ((with - exact) / 1e-5 - by.column(column)).norm();
             assert!(found < 0.05, "{column}: {found}");
         }
@@ -292,7 +296,8 @@ mod tests {
                 if column % 4 < 2 { (outer - error(outer), inner) } else { (outer, inner - error(inner)) }
             });
             let found = ((with - exact) / 1e-5 - by.column(column)).norm();
-            // The tilt of the inner axis, 3e-3 here, is carried in part only; the double angle's error changes twice as fast.
+            // The tilt of the inner axis, 3e-3 rad here, is included in part only. The error with the double angle
+            // changes twice as fast.
             assert!(found < 1e-2, "{column}: {found}");
         }
     }

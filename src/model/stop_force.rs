@@ -1,4 +1,4 @@
-//! The accelerometers at a stop: what they should have measured, and how that depends on every parameter. (4), (10)
+//! The accelerometers at a stop: the predicted mean output (M6), and its derivatives by all parameters.
 
 use super::error_model::{block, frame_rotation_x, frame_rotation_z};
 use super::measurement::{MeasurementModel, Motion, Prediction, add_bias, harmonics, in_order, sensed, unit};
@@ -6,8 +6,8 @@ use crate::base::linear::{Matrix, Matrix3, Real, Vector3};
 use crate::segment::Segment;
 
 impl<T: Real> MeasurementModel<T> {
-    /// Mean accelerometer output at a stop. (4), (10) Not inlined, as the next: what it needs on the stack is free again
-    /// for the filter.
+    /// Mean accelerometer output at a stop, m/s^2. (M6)
+    // Not inlined, so that its stack is free again before the filter runs.
     #[inline(never)]
     pub fn force_at_stop(&self, stop: &Segment<T>) -> Prediction<T> {
         let rot_inner = self.rot_inner_axis * frame_rotation_z(stop.inner) * self.rot_inner_axis.transpose();
@@ -36,7 +36,7 @@ impl<T: Real> MeasurementModel<T> {
     }
 }
 
-/// `F(f)` of (11): `(rot_sa - I) f = F(f) (Sayz, Sazx, Sazy)`.
+/// `F(f)` of (B11): `(rot_sa - I) f = F(f) (Sayz, Sazx, Sazy)`.
 pub fn accel_non_orthogonality_matrix<T: Real>(f: &Vector3<T>) -> Matrix3<T> {
     let zero = T::zero();
     Matrix3::new(zero, zero, zero, f.x, zero, zero, zero, f.y, -f.x)
@@ -64,7 +64,7 @@ mod tests {
         let [stop, ..] = segments();
         let model = MeasurementModel::new(&errors(), &Site::default());
         let by = model.force_at_stop(&stop).by_encoder_errors;
-        // An encoder error e means a true angle of reading - e.
+        // With an encoder error e, the true angle is the reading minus e.
         let at = |outer: f64, inner: f64| {
             let turned = |angle: Angle, by: f64| Angle::from_rad(angle.rad::<f64>() - by);
             let stop = Segment { outer: turned(stop.outer, outer), inner: turned(stop.inner, inner), ..stop };

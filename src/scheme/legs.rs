@@ -25,7 +25,7 @@ pub struct Leg {
 }
 
 impl Leg {
-    /// Ways of the outer and the inner axis from the stop of another leg, rad.
+    /// Angles by which the outer and the inner axis turn from the stop of another leg, rad.
     pub fn ways_from(&self, from: &Self) -> [f64; 2] {
         [self.outer_rad - from.outer_rad, self.inner_rad - from.inner_rad]
     }
@@ -41,12 +41,13 @@ pub struct Turning {
 }
 
 impl Turning {
-    /// Motion of one axis over this way.
+    /// Motion of one axis that turns by the angle `way_rad`, rad.
     pub fn profile(&self, way_rad: f64) -> Profile<f64> {
         Profile::trapezoid(way_rad, self.rate_rad_s, self.acceleration_rad_s2)
     }
 
-    /// Nominal duration of a move from the stop of one leg to that of another, s: of the axis that takes longer.
+    /// Nominal duration of a move from the stop of one leg to that of another leg, s. The axis that takes longer
+    /// counts.
     pub fn move_s(&self, from: &Leg, to: &Leg) -> f64 {
         let [outer_s, inner_s] = to.ways_from(from).map(|way_rad| self.profile(way_rad).duration_s());
         outer_s.max(inner_s)
@@ -199,7 +200,7 @@ impl Scheme {
         Turning { rate_rad_s: self.rate_rad_s, acceleration_rad_s2: self.acceleration_rad_s2 }
     }
 
-    /// Nominal duration of a move from the stop of one leg to that of another, s.
+    /// Nominal duration of a move from the stop of one leg to that of another leg, s.
     pub fn move_s(&self, from: &Leg, to: &Leg) -> f64 {
         self.turning().move_s(from, to)
     }

@@ -1,8 +1,8 @@
 //! Library of named schemes and their sources. All schemes use 20 deg/s and 20 deg/s^2.
 //!
-//! For schemes from the literature the source gives the positions; where it does not give the duration of the stops,
-//! the duration is our choice. Some sources start at an attitude other than (0, 0); these schemes begin with a stop at
-//! (0, 0) and a move to that attitude.
+//! For schemes from the literature the source gives the positions. If the source does not give the duration of the
+//! stops, the duration is a choice of this project. Some sources start at an attitude other than (0, 0); these schemes
+//! begin with a stop at (0, 0) and a move to that attitude.
 //!
 //! The modulation schemes `8-position` and `16-position` cannot calibrate all parameters. Their half turns from level
 //! reverse the sensor errors, so that the errors average out, but the inner axis stays vertical. Only the z
@@ -336,7 +336,7 @@ mod tests {
 
     #[test]
     fn bai_y_is_bai_shifted_by_a_quarter_turn() {
-        let (bai, bai_y) = (Scheme::bai(200.0, 1), Scheme::named("bai-y").expect("there"));
+        let (bai, bai_y) = (Scheme::bai(200.0, 1), Scheme::named("bai-y").expect("in the library"));
         for (there, here) in bai.legs.iter().zip(&bai_y.legs[1..]) {
             assert!((there.outer_rad - 90.0 * DEG - here.outer_rad).abs() < 1e-12 && there.inner_rad == here.inner_rad);
         }

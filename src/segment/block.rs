@@ -1,16 +1,17 @@
-//! A block: a tenth of a second of samples, in sums that every sample adds to.
+//! A block holds the sums over 0.1 s of samples.
 //!
-//! Rates and forces are summed as deviations from the sample before the block. These are small while the axes stand, and in
-//! `f32` differences of near numbers are exact, so plain sums are as good as compensated ones.
+//! Rates and forces are summed as deviations from the sample before the block. The deviations are small while the axes
+//! are at rest. In `f32` the difference of two nearly equal numbers is exact, so plain sums are as accurate as
+//! compensated sums.
 //!
-//! While both axes stand, their angles o and i (outer, inner) are kept as whole ticks, and what (3) wants follows once, at
-//! the block's end, from their means and from the area that they enclose:
+//! While both axes are at rest, the angles o (outer) and i (inner) are summed as whole ticks. The integrals for (M3)
+//! are computed once, at the end of the block, from the mean angles and from the area A that the angles enclose:
 //! ```text
 //! integral of cos i do = cos(mean i) o - sin(mean i) A,   A = integral of (i - mean i) do
 //! integral of sin i do = sin(mean i) o + cos(mean i) A
 //! ```
-//! What is left out is of third order, 1e-12 rad for 20 arcsec. From the sample on that leaves this range, sines and cosines
-//! are taken of every sample's angles.
+//! The neglected terms are of third order, 1e-12 rad for 20 arcsec. From the first sample outside the range `still_rad`
+//! on, sines and cosines are computed for the angles of every sample.
 
 use super::readings::{Readings, Steps};
 use super::scatter::BlockMeans;
@@ -21,7 +22,7 @@ use crate::base::sample::{CHANNELS, RawSample};
 use crate::base::units::seconds;
 use core::mem;
 
-/// For how many samples each channel has stayed the same.
+/// Number of samples for which each channel has kept the same value.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Runs([u16; CHANNELS]);
 
@@ -44,7 +45,8 @@ impl Runs {
     }
 }
 
-/// Sine and cosine of the last angle asked for: often one axis stands while the other turns.
+/// Sine and cosine of the last angle. The cache saves time because often one axis is at rest while the other axis
+/// turns.
 #[derive(Clone, Copy, Debug)]
 struct CachedSinCos<T>(Option<(Angle, T, T)>);
 
@@ -61,11 +63,11 @@ impl<T: Real> CachedSinCos<T> {
     }
 }
 
-/// What goes on from block to block.
+/// State that one block passes on to the next block.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Carried<T> {
     runs: Runs,
-    /// How far outer and inner axis turned in the interval before, ticks.
+    /// Increments of the outer and the inner angle over the previous interval, ticks.
     turned: [i32; 2],
     steps: [Steps; 2],
     outer: CachedSinCos<T>,
@@ -81,12 +83,12 @@ impl<T: Real> Carried<T> {
         inner: CachedSinCos(None),
     };
 
-    /// Resolutions of outer and inner encoder as far as they have shown, ticks.
+    /// Resolutions of the outer and the inner encoder, ticks; 0 for a resolution that is not known yet.
     pub(super) fn resolution_ticks(&self) -> [u32; 2] {
         self.steps.map(|steps| steps.resolution_ticks())
     }
 
-    /// Notes increments, ticks, that end at these angles. Returns the ones before.
+    /// Stores the increments, ticks, that end at these angles. Returns the increments of the previous interval.
     fn turn(&mut self, increments: [i32; 2], angles: [Angle; 2]) -> [i32; 2] {
         for ((steps, angle), increment) in self.steps.iter_mut().zip(angles).zip(increments) {
             if increment == 0 {
@@ -102,16 +104,16 @@ impl<T: Real> Carried<T> {
     }
 }
 
-/// Angles that one encoder has read, as offsets from where the block, or a stop, begins.
+/// Sums of the readings of one encoder, as offsets from the first angle of the block, the stop or the move.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct AngleSums {
     pub(super) begun: Angle,
     pub(super) last: Angle,
     pub(super) count: u32,
     offset_ticks: i64,
-    /// Increments from sample to sample, the shorter way each.
+    /// Sum of the increments from sample to sample. Each increment is taken the shorter way round.
     pub(super) turned_ticks: i64,
-    /// Squares of the second differences, ticks^2.
+    /// Sum of the squares of the second differences, ticks^2.
     jumps_ticks2: f32,
 }
 
@@ -143,7 +145,7 @@ impl AngleSums {
         }
     }
 
-    /// Mean offset from the beginning. A mean of 32-bit offsets fits 32 bits.
+    /// Mean offset from the first angle. The mean of 32-bit offsets fits into 32 bits.
     fn mean_ticks(&self) -> i32 {
         self.offset_ticks.checked_div(self.count.into()).unwrap_or(0) as i32
     }
@@ -152,14 +154,14 @@ impl AngleSums {
         self.begun.turned(self.mean_ticks())
     }
 
-    /// How good single readings are; the resolution is not known here.
+    /// Quality of single readings. The resolution is not known here and is left at 0.
     pub(super) fn readings(&self) -> Readings {
         Readings { jumps_ticks2: self.jumps_ticks2, count: self.count, resolution_ticks: 0 }
     }
 }
 
-/// Integrals over the gimbal angles of a block, as in [`super::Turned`] and [`super::AngleIntegrals`]. Zero while both axes
-/// stand.
+/// Integrals over the gimbal angles of a block, as in [`super::Turned`] and [`super::AngleIntegrals`]. While
+/// both axes are at rest, the integrals stay zero until the block ends.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Integrals<T> {
     pub(super) attitude_s: [[T; 3]; 3],
@@ -173,11 +175,11 @@ pub(super) struct Integrals<T> {
 /// An interval between two samples over which an axis turns.
 struct Turn<T> {
     duration_s: T,
-    /// From the block's beginning to the middle of the interval, s.
+    /// Time from the start of the block to the middle of the interval, s.
     since_s: T,
-    /// Turned by the outer and the inner axis, rad.
+    /// Increments of the outer and the inner angle, rad.
     turned: [T; 2],
-    /// Rate of the outer axis times the inner one's acceleration, less the other way round, rad^2 / 12.
+    /// One twelfth of: outer rate times inner acceleration, minus inner rate times outer acceleration, rad^2.
     swerve: T,
 }
 
@@ -208,9 +210,11 @@ impl<T: Real> Integrals<T> {
     fn add_turn(&mut self, turn: &Turn<T>, trigonometry: [(T, T); 2]) {
         self.add_attitude(turn.duration_s, trigonometry);
         let ([outer, inner], [_, (si, ci)]) = (turn.turned, trigonometry);
-        // Mean of cosine and sine over an interval that they pass at constant rate, from their value in its middle.
+        // The mean of cosine and sine over an interval with constant rate, from their values in the middle of the
+        // interval.
         let outer = outer * (T::one() - inner * inner / real(24.0));
-        // What the axes' accelerations add, to the same order; at the sample where this interval and the last meet.
+        // The effect of the accelerations to the same order, at the sample between the previous interval and this
+        // interval.
         let half = inner * real(0.5);
         let (cos, sin) = (ci * outer, si * outer);
         self.outer_cos_inner += cos + (si - ci * half) * turn.swerve;
@@ -223,29 +227,29 @@ impl<T: Real> Integrals<T> {
     }
 }
 
-/// Plain sums over a tenth of a second.
+/// Plain sums over 0.1 s.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Block<T: Real> {
-    /// Time of the sample before the first, us.
+    /// Time of the last sample before the block, us.
     pub(super) start_us: u64,
     pub(super) duration_us: u64,
     pub(super) longest_interval_us: u64,
     pub(super) held: Held,
     pub(super) temperature_c: f32,
     before: [Vector3<T>; 2],
-    /// Of force and, integrated over time, of rate: sums of the deviations from `before`.
+    /// Deviations from `before`: the sum over the forces, and the integral of the rates over time.
     deviations: [Vector3<T>; 2],
     pub(super) outer: AngleSums,
     pub(super) inner: AngleSums,
     ranges_ticks: [(i32, i32); 2],
     still: bool,
-    /// Twelve times the area about the beginning of the block, ticks^2.
+    /// Twelve times the area that the angles enclose about their first values, ticks^2.
     area12_ticks2: i64,
     pub(super) integrals: Integrals<T>,
 }
 
 impl<T: Real> Block<T> {
-    /// A block that begins with this sample, which is not part of it.
+    /// A block that begins after this sample. The sample is not part of the block.
     pub(super) fn after(before: &RawSample<T>) -> Self {
         Self {
             start_us: before.time_us,
@@ -264,7 +268,6 @@ impl<T: Real> Block<T> {
         }
     }
 
-    /// Adds a sample.
     pub(super) fn add(
         &mut self,
         previous: &RawSample<T>,
@@ -285,8 +288,8 @@ impl<T: Real> Block<T> {
     fn add_deviations(&mut self, previous: &RawSample<T>, sample: &RawSample<T>, interval_s: T) {
         let ([force_before, rate_before], [force, rotation]) = (&self.before, &mut self.deviations);
         *force += sample.force_a - force_before;
-        // The trapezoidal rule: axes stand at both ends of a segment, so it is exact for mean rates however the means are
-        // centred on their time stamps.
+        // Trapezoidal rule. The axes are at rest at both ends of a segment, so the rule is exact for mean rates. It
+        // does not matter whether the time stamp is the start, the middle or the end of the averaging interval.
         let twice = (previous.omega_g - rate_before) + (sample.omega_g - rate_before);
         *rotation += twice * (interval_s * real(0.5));
     }
@@ -306,7 +309,7 @@ impl<T: Real> Block<T> {
         let [outer_before, inner_before] = before.map(i64::from);
         let swerve_ticks2 = (inner_ticks * outer_before).saturating_sub(inner_before * outer_ticks);
         if self.still && !self.keep_still(offsets, still_ticks) {
-            self.stand(carried);
+            self.set_integrals_at_rest(carried);
             self.still = false;
         }
         if self.still {
@@ -326,7 +329,7 @@ impl<T: Real> Block<T> {
         self.inner.add(sample.inner, offsets[1], increments[1], before[1]);
     }
 
-    /// Widens the ranges of the angles; whether they are still within `still_ticks`.
+    /// Widens the ranges of the angles. Returns whether both ranges are still within `still_ticks`.
     fn keep_still(&mut self, offsets: [i32; 2], still_ticks: i32) -> bool {
         let mut still = true;
         for ((low, high), offset) in self.ranges_ticks.iter_mut().zip(offsets) {
@@ -336,8 +339,8 @@ impl<T: Real> Block<T> {
         still
     }
 
-    /// Sets the integrals to those of the samples so far, over which both axes stood.
-    fn stand(&mut self, carried: &mut Carried<T>) {
+    /// Sets the integrals over the samples so far. Both axes were at rest over these samples.
+    fn set_integrals_at_rest(&mut self, carried: &mut Carried<T>) {
         let trigonometry = carried.trigonometry([self.outer.mean(), self.inner.mean()]);
         let [_, (si, ci)] = trigonometry;
         let duration_s = seconds::<T>(self.duration_us);
@@ -352,14 +355,14 @@ impl<T: Real> Block<T> {
         integrals.add_harmonics(trigonometry, outer);
     }
 
-    /// Ends the block.
+    /// Completes the integrals when the last sample has been added.
     pub(super) fn close(&mut self, carried: &mut Carried<T>) {
         if self.still {
-            self.stand(carried);
+            self.set_integrals_at_rest(carried);
         }
     }
 
-    /// Whether both axes kept within `still_ticks`.
+    /// Whether both angles stayed within `still_ticks`.
     pub(super) fn is_still(&self) -> bool {
         self.still
     }
@@ -369,19 +372,19 @@ impl<T: Real> Block<T> {
         self.outer.count
     }
 
-    /// What the forces add up to, in two parts: one common to all samples, and the deviations from it.
+    /// Sum of the forces in two parts: the part common to all samples, and the deviations from the common part.
     pub(super) fn force_parts(&self) -> [Vector3<T>; 2] {
         let ([common, _], [deviations, _]) = (self.before, self.deviations);
         [common * real::<T>(self.samples().into()), deviations]
     }
 
-    /// The same of the rates, integrated over time.
+    /// Integral of the rates over time, in the same two parts.
     pub(super) fn rotation_parts(&self) -> [Vector3<T>; 2] {
         let ([_, common], [_, deviations]) = (self.before, self.deviations);
         [common * seconds::<T>(self.duration_us), deviations]
     }
 
-    /// Means, of a stop that began at these angles.
+    /// Means of the block. Angles are relative to `outer` and `inner`, the angles where the stop began.
     pub(super) fn means(&self, outer: Angle, inner: Angle) -> BlockMeans<T> {
         let ([force, rate], [force_sum, rotation]) = (self.before, self.deviations);
         let count: T = real(self.samples().max(1).into());
@@ -396,7 +399,7 @@ impl<T: Real> Block<T> {
     }
 }
 
-/// Twelve areas, ticks^2, in one, rad^2.
+/// Converts twelve times an area, ticks^2, to the area, rad^2.
 fn swerve_rad2<T: Real>(ticks2: i64) -> T {
     ticks_to_rad::<T>(ticks2) * real(RAD_PER_TICK / 12.0)
 }
@@ -407,7 +410,7 @@ mod tests {
     use crate::base::units::ARCSEC;
     use core::f64::consts::TAU;
 
-    /// A block of 20 samples in which the axes pass round a circle, twice.
+    /// A block of 20 samples in which the two angles pass twice round a circle.
     fn circling(still_ticks: i32) -> Block<f64> {
         let at = |sample: u32| {
             let phase = TAU * f64::from(sample) / 10.0;
@@ -425,11 +428,11 @@ mod tests {
     }
 
     #[test]
-    fn standing_axes_give_the_integrals_of_turning_ones() {
+    fn integrals_at_rest_equal_integrals_of_turning_axes() {
         let (standing, turning) = (circling(i32::MAX), circling(0));
         assert!(standing.is_still() && !turning.is_still());
         let (standing, turning) = (standing.integrals, turning.integrals);
-        // The area, of which the swerve is a part: 20 steps of a tenth of a circle.
+        // The area, including the swerve terms: 20 steps of one tenth of a circle.
         let area = 20.0 * 0.5 * (8.0 * ARCSEC).powi(2) * (TAU / 10.0).sin();
         assert!(turning.outer_cos_inner.abs() > 0.3 * area);
         for (standing, turning) in
@@ -439,7 +442,7 @@ mod tests {
         }
         let attitudes = standing.attitude_s.iter().flatten().zip(turning.attitude_s.iter().flatten());
         for (standing, turning) in attitudes {
-            // Second order: 0.1 s (8 arcsec)^2 / 2.
+            // The second-order difference is 0.1 s (8 arcsec)^2 / 2.
             assert!((standing - turning).abs() < 1e-10, "{standing} {turning}");
         }
     }

@@ -1,4 +1,4 @@
-//! Admission of samples: what is repeated, out of order or not a number is kept out, and counted.
+//! Admission of samples. Samples that are repeated, out of order or not finite are not used, but counted.
 
 use crate::base::linear::{ComplexField, Real};
 use crate::base::sample::RawSample;
@@ -7,64 +7,64 @@ use serde::{Deserialize, Serialize};
 /// An interval this many times the nominal one counts as a gap.
 const GAP_INTERVALS: f64 = 1.5;
 
-/// What has been seen so far.
+/// Counts of samples and gaps since the last restart of the counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct IntakeCounts {
     /// Samples admitted.
     pub admitted: u64,
-    /// Samples with the time of the one before.
+    /// Samples with the same time as the sample before.
     pub repeated: u32,
-    /// Samples with an earlier time than the one before.
+    /// Samples with an earlier time than the sample before.
     pub out_of_order: u32,
     /// Samples with a value that is not finite.
     pub non_finite: u32,
-    /// Intervals longer than one and a half sample intervals.
+    /// Intervals longer than 1.5 nominal sample intervals.
     pub gaps: u32,
     /// Samples that were missing in the gaps.
     pub missing: u32,
 }
 
 impl IntakeCounts {
-    /// Nothing seen.
+    /// Counts before the first sample.
     pub const NONE: Self = Self { admitted: 0, repeated: 0, out_of_order: 0, non_finite: 0, gaps: 0, missing: 0 };
 }
 
-/// What becomes of a sample.
+/// Decision about one sample.
 #[must_use]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Admission {
-    /// Admitted; the first has no interval.
+    /// The sample is admitted.
     Admitted {
-        /// Time since the sample before, us; 0 for the first.
+        /// Time since the sample before, us; 0 for the first sample.
         interval_us: u64,
     },
-    /// Kept out: same time as the sample before.
+    /// The sample is refused: its time equals that of the sample before.
     Repeated,
-    /// Kept out: earlier than the sample before.
+    /// The sample is refused: its time is earlier than that of the sample before.
     OutOfOrder,
-    /// Kept out: a value is not finite.
+    /// The sample is refused: a value is not finite.
     NonFinite,
 }
 
-/// The gate that every sample passes.
+/// Check of every sample before it is used.
 #[derive(Clone, Copy, Debug)]
 pub struct Intake {
     nominal_us: f64,
-    /// Longest interval that is no gap, us.
+    /// Longest interval that does not count as a gap, us.
     regular_us: u64,
     last_us: Option<u64>,
     counts: IntakeCounts,
 }
 
 impl Intake {
-    /// For samples that come at `rate_hz`.
+    /// Intake for samples at the nominal rate `rate_hz`.
     pub const fn new(rate_hz: f64) -> Self {
         let nominal_us = 1e6 / rate_hz;
         let regular_us = (GAP_INTERVALS * nominal_us) as u64;
         Self { nominal_us, regular_us, last_us: None, counts: IntakeCounts::NONE }
     }
 
-    /// Judges one sample.
+    /// Checks one sample and counts it.
     pub fn admit<T: Real>(&mut self, sample: &RawSample<T>) -> Admission {
         let finite = |v: &T| v.is_finite();
         if !sample.omega_g.as_slice().iter().all(finite) || !sample.force_a.as_slice().iter().all(finite) {
@@ -89,12 +89,12 @@ impl Intake {
         Admission::Admitted { interval_us }
     }
 
-    /// Counts anew from here on.
+    /// Sets all counts to zero.
     pub fn restart_counts(&mut self) {
         self.counts = IntakeCounts::NONE;
     }
 
-    /// Lets the next sample begin a new sequence of times: after a loss, the clock may have gone back.
+    /// Starts a new sequence of times with the next sample. After a loss of samples the clock may have gone back.
     pub fn resume(&mut self) {
         self.last_us = None;
     }
@@ -107,7 +107,7 @@ impl Intake {
         }
     }
 
-    /// What has been seen so far.
+    /// The counts so far.
     pub fn counts(&self) -> IntakeCounts {
         self.counts
     }

@@ -1,4 +1,4 @@
-//! From samples to segments: a segment is one stop or one move, and only its sums are kept.
+//! From samples to segments. A segment is one stop or one move. Only the sums of its samples are kept.
 
 mod block;
 pub mod intake;

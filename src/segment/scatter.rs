@@ -1,19 +1,20 @@
-//! How the means of a stop's blocks scatter: white noise, or something that moves.
+//! Scatter of the block means of a stop. It shows whether the sensors see only white noise, or also motion.
 //!
-//! What the encoders see of it is no disturbance: servos hunt by some arcsec, and an axis that starts gently has crept
-//! before it is seen to move. Over such small angles force depends on the axes' angles, and rate on their rates, by
-//! constants. So each channel's block means are fitted by those of the encoders, and what is left is judged.
+//! Motion that the encoders see is not a disturbance. Servos hunt by some arcsec, and an axis that starts slowly has
+//! crept before the segmenter detects a move. Over such small angles the force is linear in the angles of the axes, and
+//! the measured rate is linear in the rates of the axes. So the block means of the encoders are fitted to the block
+//! means of each channel, and only the residuals are judged.
 
 use crate::base::linear::{ComplexField, Real, real};
 use crate::base::sample::CHANNELS;
 use serde::{Deserialize, Serialize};
 
-/// Encoders.
+/// Number of axes, with one encoder each.
 const AXES: usize = 2;
-/// Part of an encoder's scatter below which the other encoder explains it, or there is none.
+/// If less than this fraction of an encoder's scatter remains after the fits before, the encoder is not fitted.
 const EXPLAINED: f64 = 1e-6;
 
-/// How the means of a stop's blocks scatter, less what the encoders see.
+/// Scatter of the block means of a stop, without the part that the encoders see.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Scatter {
     /// Number of blocks.
@@ -22,21 +23,21 @@ pub struct Scatter {
     pub freedom: u16,
     /// Variance of the block means per channel, (m/s^2)^2 and (rad/s)^2.
     pub variance: [f32; CHANNELS],
-    /// Trend of the block means per channel, scaled to the deviation of one block mean: under white noise its variance
-    /// is that of a block mean. m/s^2 and rad/s.
+    /// Trend of the block means per channel, m/s^2 and rad/s. The trend is scaled so that under white noise its
+    /// variance equals that of one block mean.
     pub trend: [f32; CHANNELS],
-    /// Variance of the axes' rates over a block, as the encoders read them, (rad/s)^2.
+    /// Variance of the block means of the axes' rates, from the encoders, (rad/s)^2.
     pub axis_rates: [f32; AXES],
 }
 
-/// Means of a block.
+/// Means over one block.
 #[derive(Clone, Copy, Debug)]
 pub struct BlockMeans<T> {
     /// Force per axis, m/s^2.
     pub force: [T; 3],
     /// Rate per axis, rad/s.
     pub rate: [T; 3],
-    /// Outer and inner angle, rad from where the stop began.
+    /// Outer and inner angle, relative to the angles where the stop began, rad.
     pub angles: [T; AXES],
     /// Outer and inner rate, rad/s.
     pub axis_rates: [T; AXES],
@@ -50,7 +51,8 @@ pub struct ScatterSums<T> {
     rate: TriadSums<T>,
 }
 
-/// Sums over three channels and what the encoders see of them, each less its first value.
+/// Sums over three channels and over the encoder series that are fitted to them. Every series is taken relative to its
+/// first value.
 #[derive(Clone, Copy, Debug)]
 struct TriadSums<T> {
     axes: [SeriesSums<T>; AXES],
@@ -105,11 +107,11 @@ impl<T: Real> TriadSums<T> {
             let sum = axis.sum.widened();
             ((squares.widened() - sum * sum / n) / (n - 1.0)).max(0.0) as f32
         };
-        // An axis' deviations are multiplied by its own.
+        // `by_axis` at the axis itself is the sum of squares.
         [variance(outer, outer.by_axis[0]), variance(inner, inner.by_axis[1])]
     }
 
-    /// Moments about the means of outer angle, inner angle, time and a channel.
+    /// Moments about the means of: outer encoder series, inner encoder series, time, channel.
     fn moments(&self, channel: &SeriesSums<T>, blocks: u16) -> Moments {
         let n = f64::from(blocks);
         let number = n * (n - 1.0) / 2.0;
@@ -127,10 +129,10 @@ impl<T: Real> TriadSums<T> {
     }
 }
 
-/// Symmetric, of outer angle, inner angle, time and a channel.
+/// Symmetric matrix of the moments of: outer encoder series, inner encoder series, time, channel.
 struct Moments([[f64; 4]; 4]);
 
-/// What is left of a channel and its trend.
+/// Residual of a channel after the fit of the encoders.
 struct Rest {
     freedom: u16,
     squares: f64,
@@ -138,7 +140,8 @@ struct Rest {
 }
 
 impl Moments {
-    /// Takes out what an encoder explains; `false` if it has nothing to say that the others had not.
+    /// Removes the part that the encoder of this axis explains. Returns `false` if the encoder adds nothing to the fits
+    /// before.
     fn explain(&mut self, axis: usize, scatter: f64) -> bool {
         let Some(row) = self.0.get(axis).copied() else { return false };
         let pivot = row.get(axis).copied().unwrap_or(0.0);
@@ -157,17 +160,17 @@ impl Moments {
         let [[oo, ..], [_, ii, ..], [_, _, tt, _], _] = self.0;
         let explained = u16::from(self.explain(0, oo)) + u16::from(self.explain(1, ii));
         let [_, _, [_, _, time, trend], [.., squares]] = self.0;
-        // A channel that drifts as the encoders do has no trend of its own.
+        // If the encoders drift in proportion to time, the fit has taken the trend of the channel with it.
         let trend = if time > EXPLAINED * tt { trend / ComplexField::sqrt(time) } else { 0.0 };
         Rest { freedom: blocks.saturating_sub(1 + explained), squares: squares.max(0.0), trend }
     }
 }
 
 impl<T: Real> ScatterSums<T> {
-    /// No block.
+    /// Sums before the first block.
     pub const ZERO: Self = Self { blocks: 0, force: TriadSums::ZERO, rate: TriadSums::ZERO };
 
-    /// Adds a block.
+    /// Adds the means of one block.
     pub fn add(&mut self, block: &BlockMeans<T>) {
         self.force.add(self.blocks, block.force, block.angles);
         self.rate.add(self.blocks, block.rate, block.axis_rates);
@@ -196,7 +199,7 @@ mod tests {
     use super::*;
     use core::f64::consts::TAU;
 
-    /// Block means of a stop, of noise that is no noise but of known squares, and of what the axes do.
+    /// Scatter of a stop. The noise is replaced by alternating values of known square, and the axes move by `angle`.
     fn scatter(angle: impl Fn(f64) -> f64, drift: f64) -> Scatter {
         let mut sums = ScatterSums::<f64>::ZERO;
         for block in 0..40_u16 {
@@ -214,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_encoders_see_is_no_scatter() {
+    fn motion_that_the_encoders_see_is_removed() {
         let still = scatter(|_| 0.0, 0.0);
         assert_eq!((still.blocks, still.freedom), (40, 39));
         let hunting = scatter(|time_s| 2e-5 * (TAU * 1.3 * time_s).sin(), 0.0);
@@ -222,7 +225,8 @@ mod tests {
         let creeping = scatter(|time_s| 1e-5 * (time_s - 3.0).max(0.0).powi(3), 0.0);
         for stop in [still, hunting, creeping] {
             for (variance, trend) in stop.variance.iter().zip(stop.trend) {
-                // 40 squares of 1e-6, less what any two series share with alternating signs.
+                // 40 squares of 1e-6. The tolerance allows for the correlation of the alternating signs with the
+                // motion.
                 assert!((variance / 1.026e-12 - 1.0).abs() < 0.04, "{stop:?}");
                 assert!(trend.abs() < 0.3e-6, "{stop:?}");
             }
@@ -230,9 +234,9 @@ mod tests {
     }
 
     #[test]
-    fn what_they_do_not_see_remains() {
+    fn motion_that_the_encoders_do_not_see_remains() {
         let hunting = scatter(|time_s| 2e-5 * (TAU * 1.3 * time_s).sin(), 3e-6);
-        // A rise of 3e-6 a second over 4 s: 40 block means of variance (3e-6 * 4)^2 / 12 = 12e-12.
+        // A ramp of 3e-6 per second over 4 s gives 40 block means of variance (3e-6 * 4)^2 / 12 = 12e-12.
         assert!((hunting.variance[4] / 13e-12 - 1.0).abs() < 0.05, "{hunting:?}");
         assert!((hunting.trend[4] / 21.9e-6 - 1.0).abs() < 0.02, "{hunting:?}");
         assert!(hunting.variance[3] < 1.1e-12);

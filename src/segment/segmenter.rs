@@ -1,7 +1,7 @@
-//! Segments: a stop or a move with its sufficient sums, the unit of information from sampling to report.
+//! The segmenter finds stops and moves and sums up their samples.
 //!
-//! The parameters are constant, so while samples arrive only sums are kept. Stops and moves are found from the encoder
-//! angles alone, with no knowledge of the scheme:
+//! The parameters are constant, so only sums are kept while samples arrive. Stops and moves are found from the encoder
+//! angles alone. The segmenter does not know the scheme:
 //!
 //! ```text
 //! angle  ________                       ____________
@@ -9,9 +9,10 @@
 //!        ...b b b|m m m ... m m m|s s s|b b ...|b b b|m m
 //!          stop  |g|     move      |settle|  stop   |guard, part of the next move
 //! ```
-//! Samples are summed over blocks of 0.1 s. A block is still if both angles keep within `still_rad` over it. A move ends
-//! with three still blocks in a row (settling); a stop ends three blocks before the first that is not still (guard). So
-//! a move's window reaches from inside one stop to inside the next, and no ramp touches a stop.
+//! Samples are summed over blocks of 0.1 s. A block is at rest if both angles stay within `still_rad` over the block. A
+//! move ends with three successive blocks at rest (settling). A stop ends three blocks before the first block that is
+//! not at rest (guard). So the window of a move reaches from inside one stop to inside the next stop, and no ramp is
+//! part of a stop.
 
 use super::block::{AngleSums, Block, Carried};
 use super::scatter::ScatterSums;
@@ -26,16 +27,17 @@ use serde::{Deserialize, Serialize};
 
 /// Length of a block, us.
 const BLOCK_US: u64 = 100_000;
-/// Blocks of settling after a move, and of guard before the next.
+/// Number of settling blocks after a move, and of guard blocks before the next move.
 const GUARD_BLOCKS: u8 = 3;
-/// The same, s.
+/// Duration of the settling after a move, and of the guard before the next move, s.
 pub const GUARD_S: f64 = GUARD_BLOCKS as f64 * BLOCK_US as f64 * 1e-6;
 
-/// How motion of the axes is recognized.
+/// Criterion for an axis at rest.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Stillness {
-    /// Range of an encoder angle over 0.1 s, and distance from where the stop began, up to which an axis stands, rad.
-    /// At most 1 deg; must exceed the encoder's noise and resolution; 20 arcsec are passed within 25 ms of a 20 deg/s^2 ramp.
+    /// Limit for an axis at rest, rad. The limit applies to the range of the encoder angle over 0.1 s and to the
+    /// distance from the angle where the stop began. The limit is at most 1 deg and must exceed the encoder's noise
+    /// and resolution. A ramp of 20 deg/s^2 exceeds 20 arcsec within 25 ms.
     pub still_rad: f64,
 }
 
@@ -47,17 +49,18 @@ impl Default for Stillness {
 
 #[derive(Clone, Copy, Debug)]
 enum Phase {
-    /// No block yet.
+    /// No block has ended yet.
     Start,
-    /// Axes turn, or have stood for this many blocks.
+    /// The axes turn, or have been at rest for `still_blocks` blocks.
     Moving { still_blocks: u8 },
-    /// Axes stand where these angles were read when the stop began.
+    /// The axes are at rest. The angles are the readings when the stop began.
     Still { outer: Angle, inner: Angle },
 }
 
-/// Finds stops and moves and sums them up.
+/// Finds stops and moves and sums up their samples.
 ///
-/// A move is reported once the stop after it is sure (0.7 s after the axes came to rest), a stop when the axes leave it.
+/// A move is reported when the next stop is certain, which is 0.7 s after the axes came to rest. A stop is reported
+/// when the axes start to move.
 #[derive(Clone, Debug)]
 pub struct Segmenter<T: Real> {
     still_ticks: i32,
@@ -66,7 +69,7 @@ pub struct Segmenter<T: Real> {
     block: Option<Block<T>>,
     phase: Phase,
     stopped_before: bool,
-    /// Still blocks that may turn out to be the guard of the next move; the oldest first.
+    /// Blocks at rest that may become the guard of the next move. The oldest block is first.
     guard: heapless::Deque<Block<T>, { GUARD_BLOCKS as usize + 1 }>,
     stop: Sums<T>,
     scatter: ScatterSums<T>,
@@ -80,7 +83,7 @@ impl<T: Real> Default for Segmenter<T> {
 }
 
 impl<T: Real> Segmenter<T> {
-    /// Before the first sample. Motion before the first stop is not reported.
+    /// A segmenter without samples. Motion before the first stop is not reported.
     pub const fn new() -> Self {
         Self {
             still_ticks: 0,
@@ -96,7 +99,7 @@ impl<T: Real> Segmenter<T> {
         }
     }
 
-    /// Forgets all samples; motion is recognized as `stillness` says from here on.
+    /// Discards all samples. From now on `stillness` decides whether an axis is at rest.
     pub fn restart(&mut self, stillness: &Stillness) {
         (self.previous, self.block, self.phase, self.stopped_before) = (None, None, Phase::Start, false);
         self.guard.clear();
@@ -106,7 +109,7 @@ impl<T: Real> Segmenter<T> {
         self.still_ticks = i32::try_from(rad_to_ticks(stillness.still_rad)).unwrap_or(i32::MAX);
     }
 
-    /// Takes one admitted sample; returns the segment that it completes.
+    /// Processes one admitted sample. Returns the segment that the sample completes, if any.
     pub fn step(&mut self, sample: &RawSample<T>) -> Option<Segment<T>> {
         let Some(previous) = &mut self.previous else {
             self.previous = Some(*sample);
@@ -122,7 +125,7 @@ impl<T: Real> Segmenter<T> {
         self.block.take().and_then(|block| self.close_block(&block))
     }
 
-    /// Ends the last stop where the samples end. `None` if the axes do not stand, or stood too briefly.
+    /// Ends the last stop at the last sample. `None` if the axes are not at rest, or were at rest for too short a time.
     pub fn finish(&mut self) -> Option<Segment<T>> {
         if self.stop.is_empty() {
             return None;
@@ -134,20 +137,21 @@ impl<T: Real> Segmenter<T> {
         self.take_stop()
     }
 
-    /// The stop as it is now, without the guard. `None` if the axes do not stand, or not for long enough.
+    /// The present stop up to now, without the guard. `None` if the axes are not at rest, or have been at rest for too
+    /// short a time.
     pub fn stop_so_far(&self) -> Option<Segment<T>> {
         let mut segment = self.stop.stop(self.scatter.scatter());
         segment.know_resolution(self.carried.resolution_ticks());
         (!self.stop.is_empty()).then_some(segment)
     }
 
-    /// Longest interval between two samples of this stop so far, us; the guard and the open block are part of it.
+    /// Longest interval between two samples of this stop so far, us. The guard and the open block are included.
     pub fn longest_interval_us(&self) -> u64 {
         let blocks = self.guard.iter().chain(&self.block);
         blocks.fold(self.stop.longest_interval_us, |longest, block| longest.max(block.longest_interval_us))
     }
 
-    /// Forgets this stop so far; it begins anew with the next sample.
+    /// Discards the samples of this stop. The stop begins again with the next sample.
     pub fn restart_stop(&mut self) {
         self.stop = Sums::ZERO;
         self.scatter = ScatterSums::ZERO;
@@ -179,9 +183,9 @@ impl<T: Real> Segmenter<T> {
         }
     }
 
-    /// A block on which the axes still stand: the oldest one of the guard is now surely part of the stop.
+    /// Processes a block on which the axes are still at rest. The oldest block of the guard is now part of the stop.
     fn stay(&mut self, block: &Block<T>) -> Option<Segment<T>> {
-        // The guard is drained below before it can be full.
+        // The guard cannot be full: its oldest block is taken out below.
         let _ = self.guard.push_back(*block);
         if self.guard.len() <= usize::from(GUARD_BLOCKS) {
             return None;
@@ -198,8 +202,8 @@ impl<T: Real> Segmenter<T> {
         reported.then(|| moved.segment())
     }
 
-    /// The block on which the axes start: with the guard it begins the next move, or, if they had not stood long enough
-    /// for a stop, goes on with the last one.
+    /// Processes the block on which the axes start to move. The block and the guard begin the next move. If the axes
+    /// were at rest for too short a time for a stop, the block and the guard continue the last move.
     fn leave(&mut self, block: &Block<T>) -> Option<Segment<T>> {
         self.phase = Phase::Moving { still_blocks: 0 };
         while let Some(guard) = self.guard.pop_front() {
@@ -232,7 +236,7 @@ mod tests {
 
     const INTERVAL_US: u64 = 5000;
 
-    /// A segmenter fed at 200 Hz, and all that it has reported.
+    /// A segmenter with samples at 200 Hz, and all segments that it has reported.
     struct Stream {
         segmenter: Segmenter<f64>,
         time_us: u64,
@@ -286,9 +290,9 @@ mod tests {
     }
 
     #[test]
-    fn a_stop_begun_anew_keeps_nothing_of_what_was_before() {
+    fn a_restarted_stop_keeps_no_earlier_samples() {
         let mut stream = Stream::new();
-        // Ends in the middle of a block.
+        // The samples end in the middle of a block.
         stream.stand(413, 1.0);
         assert!(stream.segmenter.stop_so_far().is_some());
         stream.segmenter.restart_stop();
@@ -315,13 +319,13 @@ mod tests {
         assert_eq!(stream.segmenter.longest_interval_us(), INTERVAL_US);
     }
 
-    /// Reproducible numbers in (-1, 1), without order.
+    /// Reproducible pseudo-random numbers in (-1, 1).
     fn scattered(seed: &mut u64) -> f64 {
         *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (*seed >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
     }
 
-    /// A stop of an hour at 200 Hz, of readings that `f32` holds, with noise and axes that hunt.
+    /// A stop of one hour at 200 Hz with noise and hunting axes. `f32` represents the readings exactly.
     fn hour<T: Real>() -> Segment<T> {
         let mut segmenter = Segmenter::<T>::new();
         segmenter.restart(&Stillness::default());
@@ -338,7 +342,7 @@ mod tests {
         segmenter.finish().expect("a stop")
     }
 
-    /// A move of a minute on which both axes turn, at 200 Hz, with a stop before and behind.
+    /// A move of one minute at 200 Hz in which both axes turn, with a stop before the move and a stop after it.
     fn minute<T: Real>() -> Segment<T> {
         let mut segmenter = Segmenter::<T>::new();
         segmenter.restart(&Stillness::default());
@@ -356,7 +360,7 @@ mod tests {
     fn a_move_of_a_minute_is_as_good_in_single_precision() {
         let (single, double) = (minute::<f32>(), minute::<f64>());
         assert_eq!((single.duration_us, single.outer, single.inner), (double.duration_us, double.outer, double.inner));
-        // A block sums 20 rounded products; of integrals whose parts cancel it is their scale that counts.
+        // A block sums 20 rounded products. Parts of an integral may cancel, so the error is relative to their scale.
         let close = |single: f64, double: f64, scale: f64| {
             assert!((single - double).abs() < 20.0 * f64::from(f32::EPSILON) * scale, "{single} for {double}");
         };
@@ -376,7 +380,7 @@ mod tests {
         let (outer_rad, inner_rad, duration_s) = (1.0_f64, 1.0_f64, stop.duration_s());
         for (row, inner) in stop.integrals().attitude_s.iter().zip([1.0, inner_rad.cos(), inner_rad.sin()]) {
             for (sum, outer) in row.iter().zip([1.0, outer_rad.cos(), outer_rad.sin()]) {
-                // It hunts by 5 arcsec about its mean, which counts by its square; the rest is `f32`.
+                // The axis hunts by 5 arcsec about its mean, which has an effect of second order. The rest is rounding.
                 assert!((f64::from(*sum) / (inner * outer * duration_s) - 1.0).abs() < 2e-7, "{sum}");
             }
         }
@@ -387,7 +391,7 @@ mod tests {
         let (single, double) = (hour::<f32>(), hour::<f64>());
         assert_eq!((single.samples, single.outer, single.inner), (double.samples, double.outer, double.inner));
         let close = |single: f32, double: f64| {
-            // Rounded once as a sum; an interval and the mean once each.
+            // The sum, the interval and the mean are rounded once each.
             let error = (f64::from(single) / double - 1.0).abs();
             assert!(error < 1.5 * f64::from(f32::EPSILON), "{single} is {error} from {double}");
         };

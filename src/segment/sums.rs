@@ -1,4 +1,4 @@
-//! Sums over the blocks of a stop or a move, from which a segment is made.
+//! Sums over the blocks of a stop or a move. A segment is made from these sums.
 
 use super::block::{AngleSums, Block};
 use super::scatter::Scatter;
@@ -7,7 +7,8 @@ use crate::base::angle::{Angle, ticks_to_rad};
 use crate::base::linear::{CompensatedSum, Real, Vector3, real};
 use crate::base::units::seconds;
 
-/// Sums over many blocks: compensated, so that in `f32` those of an hour are as good as those of a block.
+/// Sums over many blocks. The sums are compensated, so that in `f32` a sum over one hour is as accurate as over a
+/// block.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sums<T> {
     start_us: u64,
@@ -46,7 +47,7 @@ impl<T: Real> Sums<T> {
         self.samples() == 0
     }
 
-    /// Adds a block that begins where this ends.
+    /// Adds the block that follows the last block.
     pub(super) fn add(&mut self, block: &Block<T>) {
         if self.is_empty() {
             self.start_us = block.start_us;
@@ -63,7 +64,7 @@ impl<T: Real> Sums<T> {
         self.inner.merge(&block.inner);
     }
 
-    /// The stop, with how its block means scatter.
+    /// The stop, with the scatter of its block means.
     pub(super) fn stop(&self, scatter: Scatter) -> Segment<T> {
         let count: T = real(f64::from(self.samples().max(1)));
         let standing = Standing {
@@ -96,7 +97,7 @@ impl<T: Real> Sums<T> {
     }
 }
 
-/// The same over a move, with what only a move has.
+/// Sums over the blocks of a move, with the integrals that only a move has.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct MoveSums<T> {
     pub(super) all: Sums<T>,
@@ -115,7 +116,7 @@ impl<T: Real> MoveSums<T> {
         harmonics: HarmonicSums::ZERO,
     };
 
-    /// Adds a block that begins where this ends.
+    /// Adds the block that follows the last block.
     pub(super) fn add(&mut self, block: &Block<T>) {
         let integrals = &block.integrals;
         for (row, block) in self.attitude.iter_mut().zip(&integrals.attitude_s) {

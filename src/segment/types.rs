@@ -1,4 +1,5 @@
-//! The types of a segment: a stop or a move with its sufficient sums, the unit of information from sampling to report.
+//! The types of a segment. A segment is a stop or a move with its sufficient sums. It is the unit of information from
+//! sampling to report.
 
 use super::readings::Readings;
 use super::scatter::Scatter;
@@ -7,28 +8,29 @@ use crate::base::linear::{Real, Vector3};
 use crate::base::units::seconds;
 use serde::{Deserialize, Serialize};
 
-/// A stop with a longer gap between two samples may hide a move and back; a move with one has lost rotation.
+/// Longest interval between two samples that a segment may have, us. During a longer gap at a stop, the axes may have
+/// moved away and back. During a longer gap in a move, rotation is lost.
 pub const LONGEST_GAP_US: u64 = 100_000;
 
 /// Stop or move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum SegmentKind {
-    /// Both axes stand.
+    /// Both axes are at rest.
     Stop,
-    /// One or both axes turn, with the settling before and after.
+    /// One axis turns, or both axes turn. The window includes the guard before the motion and the settling after it.
     Move,
 }
 
 /// A finished stop or move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Segment<T: Real> {
-    /// Time of the sample before the first, us.
+    /// Time of the last sample before the segment, us.
     pub start_us: u64,
     /// Duration, us.
     pub duration_us: u64,
     /// Number of samples.
     pub samples: u32,
-    /// Longest interval between two samples, us; 2^32 - 1, which is 71 minutes, for a longer one.
+    /// Longest interval between two samples, us. The value is at most 2^32 - 1, which is 71 minutes.
     pub longest_interval_us: u32,
     /// Readings that repeat.
     pub held: Held,
@@ -36,18 +38,18 @@ pub struct Segment<T: Real> {
     pub temperature_c: f32,
     /// Integral of the gyro outputs over time, rad.
     pub rotation_g: Vector3<T>,
-    /// Outer angle: mean of a stop, last of a move.
+    /// Outer angle: the mean over a stop, or the last reading of a move.
     pub outer: Angle,
-    /// Inner angle: mean of a stop, last of a move.
+    /// Inner angle: the mean over a stop, or the last reading of a move.
     pub inner: Angle,
-    /// What the axes turn; at a stop, by their hunting.
+    /// Angles by which the axes turn. At a stop, the hunting of the servos turns them.
     pub turned: Turned<T>,
-    /// Stop or move, with what only that has.
+    /// Stop or move, with the sums that only this kind has.
     pub course: Course<T>,
 }
 
 impl<T: Real> Segment<T> {
-    /// Stop or move.
+    /// The kind of the segment.
     pub fn kind(&self) -> SegmentKind {
         match self.course {
             Course::Stop(_) => SegmentKind::Stop,
@@ -55,7 +57,7 @@ impl<T: Real> Segment<T> {
         }
     }
 
-    /// What is measured at a stop; `None` for a move.
+    /// Measurements at a stop. `None` for a move.
     pub fn standing(&self) -> Option<&Standing<T>> {
         match &self.course {
             Course::Stop(standing) => Some(standing),
@@ -63,7 +65,8 @@ impl<T: Real> Segment<T> {
         }
     }
 
-    /// Integrals over the angles. At a stop these are as good as constant, and an encoder error is the same at both ends.
+    /// Integrals over the gimbal angles. At a stop the angles are taken as constant, and an encoder error is the same
+    /// at both ends.
     pub fn integrals(&self) -> AngleIntegrals<T> {
         match self.course {
             Course::Move(integrals) => integrals,
@@ -77,7 +80,7 @@ impl<T: Real> Segment<T> {
         }
     }
 
-    /// Inner angle at the beginning.
+    /// Inner angle at the start of the segment.
     pub fn inner_from(&self) -> Angle {
         self.inner.turned(-rad_to_ticks(self.turned.inner.widened()) as i32)
     }
@@ -87,7 +90,8 @@ impl<T: Real> Segment<T> {
         seconds(self.duration_us)
     }
 
-    /// Notes the resolutions of the encoders, ticks, which later segments may show better.
+    /// Sets the resolutions of the encoders, ticks. Later segments may show a resolution that this segment did not
+    /// show.
     pub fn know_resolution(&mut self, resolution_ticks: [u32; 2]) {
         let Course::Stop(standing) = &mut self.course else { return };
         for (readings, resolution_ticks) in standing.readings.iter_mut().zip(resolution_ticks) {
@@ -95,38 +99,38 @@ impl<T: Real> Segment<T> {
         }
     }
 
-    /// Whether samples are missing for so long that the sums are not those of a stop or a move.
+    /// Whether a gap between samples is so long that the sums do not describe the stop or the move.
     pub fn is_broken(&self) -> bool {
         u64::from(self.longest_interval_us) > LONGEST_GAP_US
     }
 }
 
-/// What a segment has of its kind alone.
+/// The kind of a segment, with the sums that only this kind has.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Course<T: Real> {
-    /// Both axes stand.
+    /// Both axes are at rest.
     Stop(Standing<T>),
-    /// One or both axes turn.
+    /// One axis turns, or both axes turn.
     Move(AngleIntegrals<T>),
 }
 
-/// What is measured while both axes stand.
+/// Measurements while both axes are at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Standing<T: Real> {
     /// Mean of the accelerometer outputs, m/s^2.
     pub force_a: Vector3<T>,
     /// Scatter of the block means.
     pub scatter: Scatter,
-    /// Readings of outer and inner encoder.
+    /// Readings of the outer and the inner encoder.
     pub readings: [Readings; 2],
 }
 
-/// What the axes turn over a segment, rad.
+/// Angles by which the axes turn over a segment, and integrals over the outer angle, rad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Turned<T> {
-    /// Outer increment.
+    /// Increment of the outer angle.
     pub outer: T,
-    /// Inner increment.
+    /// Increment of the inner angle.
     pub inner: T,
     /// Integral of cos(inner) over the outer angle.
     pub outer_cos_inner: T,
@@ -134,35 +138,37 @@ pub struct Turned<T> {
     pub outer_sin_inner: T,
 }
 
-/// Further sums over the gimbal angles, with [`Turned`] enough for the integrals of (3) with any non-perpendicularity.
+/// Further sums over the gimbal angles. With [`Turned`] they determine the integrals of (M3) for any
+/// non-perpendicularity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AngleIntegrals<T> {
-    /// Integral of (1, cos, sin)(inner) x (1, cos, sin)(outer) over time, s: row inner, column outer. They weight Earth
-    /// rate, so `f32` is good for 0.0002" of a stop of 200 s, and saves memory where many segments are kept.
+    /// Integral of (1, cos, sin)(inner) x (1, cos, sin)(outer) over time, s. Rows are inner, columns are outer. The
+    /// integrals weight the Earth rate, so `f32` gives an error of 0.0002" over a stop of 200 s. `f32` saves memory,
+    /// because many segments are kept.
     pub attitude_s: [[f32; 3]; 3],
     /// As [`Turned::outer_cos_inner`], weighted with the time since the segment's start, rad s.
     pub late_cos_inner_s: T,
     /// As [`Turned::outer_sin_inner`], weighted with the time since the segment's start, rad s.
     pub late_sin_inner_s: T,
-    /// For harmonics of the encoder errors.
+    /// Sums for the harmonics of the encoder errors.
     pub harmonics: HarmonicSums,
 }
 
-/// Integrals over the outer angle, rad, with which harmonics of the encoder errors act on a move. A hundredth of an error of
-/// some arcsec is good enough, so `f32` and no compensation.
+/// Integrals over the outer angle, rad. Through them the harmonics of the encoder errors act on a move. The errors are
+/// some arcsec, and an accuracy of 1 % is sufficient. So the sums are `f32` and are not compensated.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HarmonicSums {
-    /// Of (cos, sin)(inner) x (cos, sin, cos of the double, sin of the double)(outer).
+    /// Integrals of (cos, sin)(inner) x (cos, sin, cos of the double angle, sin of the double angle)(outer).
     pub outer: [[f32; 4]; 2],
-    /// Of cos and sin of twice and of three times the inner angle.
+    /// Integrals of cos and sin of twice the inner angle, then of three times the inner angle.
     pub inner: [f32; 4],
 }
 
 impl HarmonicSums {
-    /// None.
+    /// The sums before the first step.
     pub const ZERO: Self = Self { outer: [[0.0; 4]; 2], inner: [0.0; 4] };
 
-    /// Adds a step of the outer angle, rad, at these sines and cosines of outer and inner angle.
+    /// Adds a step of the outer angle, rad. The arguments are sine and cosine of the outer and of the inner angle.
     pub fn add(&mut self, (so, co): (f32, f32), (si, ci): (f32, f32), step: f32) {
         let (sin_2i, cos_2i) = (2.0 * si * ci, 1.0 - 2.0 * si * si);
         let outer = [co, so, 1.0 - 2.0 * so * so, 2.0 * so * co];
@@ -179,19 +185,19 @@ impl HarmonicSums {
     }
 }
 
-/// Readings that repeat to the last bit, which noise does not.
+/// Readings that repeat to the last bit. Readings with noise do not repeat.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Held {
-    /// Longest run of samples over which one channel stayed the same.
+    /// Longest run of samples over which one channel kept the same value.
     pub samples: u16,
-    /// That channel.
+    /// Channel with the longest run.
     pub channel: u8,
-    /// Samples whose six channels were all those of the sample before.
+    /// Number of samples whose six channels all equal those of the sample before.
     pub stale: u16,
 }
 
 impl Held {
-    /// Nothing repeats.
+    /// No reading repeats.
     pub const NONE: Self = Self { samples: 0, channel: 0, stale: 0 };
 
     pub(super) fn merge(&mut self, other: Self) {
@@ -204,7 +210,7 @@ impl Held {
 
 #[cfg(test)]
 impl Segment<f64> {
-    /// A level stop at (0, 0) without noise, of samples at 200 Hz.
+    /// A level stop at (0, 0) without noise, sampled at 200 Hz.
     pub(crate) fn quiet_stop(duration_us: u64) -> Self {
         let blocks = (duration_us / 100_000) as u16;
         let standing = Standing {
@@ -227,7 +233,7 @@ impl Segment<f64> {
         }
     }
 
-    /// What is measured at this stop, to be spoilt.
+    /// Measurements at this stop. A test may change them.
     pub(crate) fn standing_mut(&mut self) -> &mut Standing<f64> {
         match &mut self.course {
             Course::Stop(standing) => standing,

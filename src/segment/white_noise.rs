@@ -1,7 +1,8 @@
-//! White noise at a stop: what the means of its blocks show, against what is configured.
+//! White noise at a stop: the scatter of the block means against the configured noise.
 //!
-//! What the encoders see of an axis that hunts is no noise (`scatter`), but single readings of a coarse encoder are wrong,
-//! and with them the rate of an axis over a block. The gyros of that axis are allowed for as much.
+//! Hunting of an axis that the encoders see is not noise; the module `scatter` removes it. But single readings of a
+//! coarse encoder have errors, and so has the rate of an axis over a block. The gyros of that axis are allowed as much
+//! more scatter.
 
 use super::readings::Readings;
 use super::types::{Segment, Standing};
@@ -10,12 +11,14 @@ use crate::base::linear::{ComplexField, Real};
 use crate::base::sample::CHANNELS;
 use serde::{Deserialize, Serialize};
 
-/// Normal deviate beyond which the noise of a stop is larger than configured; 1e-3 each.
+/// Normal deviate above which the noise of a stop counts as larger than configured. The probability that chance exceeds
+/// the limit is 1e-3 for each channel.
 const LARGER_Z: f64 = 3.0;
 
-/// Installation errors by which a gyro may feel an axis that is not its own, rad.
+/// Bound of the installation errors, through which a gyro feels the other axes, rad.
 const INSTALLATION_RAD: f64 = 0.02;
-/// Errors of readings cancel over a stop: of `n` blocks, this part over `n` of their variance is left in the trend.
+/// Errors of the readings cancel over a stop. Over `n` blocks, this number divided by `n` is the fraction of their
+/// variance that remains in the trend.
 const TREND_PART: f64 = 3.0;
 
 /// White noise of the sensors and repeatability of the encoders.
@@ -25,29 +28,29 @@ pub struct Noise {
     pub accel_psd_sqrt: f64,
     /// Angular random walk, rad/sqrt(s).
     pub gyro_psd_sqrt: f64,
-    /// Encoder error, drawn anew for each stop and axis, rad.
+    /// Standard deviation of the encoder error, rad. The error is independent from stop to stop and from axis to axis.
     pub encoder_sigma_rad: f64,
-    /// How many times the configured variance of the white noise a stop may show, and is then allowed for; 1 for no more
-    /// than configured.
+    /// Largest factor on the configured variance of the white noise that a stop is allowed. With 1, no more noise than
+    /// configured is allowed.
     pub margin: f64,
 }
 
-/// How one channel scatters at a stop, in units of the noise that is allowed for.
+/// Scatter of one channel at a stop, in units of the noise that is allowed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScatterRatios {
     /// Variance of the block means.
     pub variance: f64,
-    /// The same, in units of the sensor's white noise alone.
+    /// Variance of the block means in units of the sensor's white noise alone.
     pub of_white: f64,
-    /// Their trend, in sigmas.
+    /// Trend of the block means, in sigmas.
     pub trend: f64,
     /// Degrees of freedom of the variances.
     pub freedom: u32,
 }
 
 impl Noise {
-    /// How many times the configured variance is allowed for on each channel at a stop: 1 unless the stop significantly
-    /// shows more.
+    /// Factor on the configured variance that is allowed on each channel at a stop. The factor is 1 unless the stop
+    /// shows significantly more noise.
     pub fn allowances<T: Real>(&self, stop: &Segment<T>) -> [f64; CHANNELS] {
         let mut allowances = [1.0; CHANNELS];
         if self.margin > 1.0 {
@@ -58,7 +61,7 @@ impl Noise {
         allowances
     }
 
-    /// Scatter of a stop's block means on one channel. `None` for moves and for stops that are too short.
+    /// Scatter of the block means of a stop on one channel. `None` for a move, and for a stop that is too short.
     pub fn scatter<T: Real>(&self, stop: &Segment<T>, channel: u8) -> Option<ScatterRatios> {
         let ScatterRatios { variance, of_white, trend, freedom } = self.unallowed(stop, channel)?;
         let allowance = self.allowance(stop, channel);
@@ -82,7 +85,7 @@ impl Noise {
         }
     }
 
-    /// In units of the noise that is configured.
+    /// Scatter in units of the configured noise.
     fn unallowed<T: Real>(&self, stop: &Segment<T>, channel: u8) -> Option<ScatterRatios> {
         let Standing { scatter, readings, .. } = stop.standing().filter(|standing| standing.scatter.freedom >= 2)?;
         let psd_sqrt = if channel < 3 { self.accel_psd_sqrt } else { self.gyro_psd_sqrt };
@@ -101,15 +104,15 @@ impl Noise {
     }
 }
 
-/// What the errors of single encoder readings may do to the means over a stop's blocks on one channel, less what the
-/// encoders see: at most as much as they see.
+/// Variance that the errors of single encoder readings may add to the block means of one channel, because the part
+/// that the encoders see is removed from them. The variance is at most the variance that the encoders show.
 fn readings_variance(readings: &[Readings; 2], axis_rates: [f32; 2], inner: Angle, channel: u8, block_s: f64) -> f64 {
     let (sin, cos) = inner.sin_cos::<f64>();
     let axes = match channel {
         3 => [cos, 0.0],
         4 => [sin, 0.0],
         5 => [0.0, 1.0],
-        // Force depends on the mean of a block's readings, which is good.
+        // Force depends on the mean over the readings of a block, and the error of the mean is small.
         _ => return 0.0,
     };
     let readings = axes.iter().zip(readings).zip(axis_rates);
@@ -119,7 +122,8 @@ fn readings_variance(readings: &[Readings; 2], axis_rates: [f32; 2], inner: Angl
     })
 }
 
-/// Quantile of chi-square at the normal deviate `z` (Wilson and Hilferty 1931; within 1 % from 10 degrees of freedom).
+/// Quantile of chi-square at the normal deviate `z` (Wilson and Hilferty 1931). The error is below 1 % from 10 degrees
+/// of freedom on.
 pub fn chi_square_quantile(degrees_of_freedom: u32, z: f64) -> f64 {
     let n = f64::from(degrees_of_freedom);
     let part = 2.0 / (9.0 * n);
@@ -134,7 +138,7 @@ mod tests {
 
     const NOISE: Noise = Noise { accel_psd_sqrt: 1e-4, gyro_psd_sqrt: 3e-7, encoder_sigma_rad: 2.5e-6, margin: 4.0 };
 
-    /// A stop of 100 blocks of 0.1 s with this many times the configured variance on accelerometer y.
+    /// A stop of 100 blocks of 0.1 s. On accelerometer y the variance is `ratio` times the configured variance.
     fn stop(ratio: f64) -> Segment<f64> {
         let variance = |psd_sqrt: f64| (psd_sqrt * psd_sqrt / 0.1) as f32;
         let (accel, gyro) = (variance(NOISE.accel_psd_sqrt), variance(NOISE.gyro_psd_sqrt));
@@ -152,7 +156,7 @@ mod tests {
 
     #[test]
     fn larger_noise_is_allowed_for_up_to_the_margin() {
-        // 99 degrees of freedom: a ratio beyond 1.48 is significant.
+        // With 99 degrees of freedom, a ratio above 1.48 is significant.
         for (ratio, allowed) in [(0.5, 1.0), (1.4, 1.0), (1.6, 1.6), (3.9, 3.9), (10.0, 4.0)] {
             let stop = stop(ratio);
             let allowances = NOISE.allowances(&stop);
@@ -167,7 +171,7 @@ mod tests {
 
     #[test]
     fn chi_square_quantiles_are_those_of_tables() {
-        // 99.9 % is a normal deviate of 3.0902.
+        // The probability 99.9 % is a normal deviate of 3.0902.
         for (freedom, table) in [(10, 29.588), (30, 59.703), (100, 149.449)] {
             let found = chi_square_quantile(freedom, 3.0902);
             assert!((found / table - 1.0).abs() < 0.01, "{freedom}: {found}");
