@@ -5,8 +5,8 @@
 //!               start at any time: after a zero byte a new frame begins
 //! frame         0     version of the protocol
 //!               1     kind of the payload: 'M' message, 'C' command, 'A' answer
-//!               2-3   number, little-endian. Messages are counted, so that gaps show. The sender of a command chooses its
-//!                     number, from 1, and the answer repeats it. An answer with number 0 was sent without a command
+//!               2-3   number, little-endian. Messages are counted, so that gaps show. The sender of a command chooses
+//!                     its number, from 1, and the answer repeats it. An answer with number 0 was sent without a command
 //!               4..   payload: postcard of `Message`, `Command` or `Answer`
 //!               last  CRC-32/ISO-HDLC of all bytes before it, little-endian, 4 bytes
 //! ```

@@ -149,7 +149,8 @@ impl fmt::Display for Cause {
             Self::Temperature { difference_k, limit_k } => {
                 write!(
                     f,
-                    "the temperature differs by {difference_k:+.1} K from that of the stored calibration, and the limit is {limit_k:.1} K"
+                    "the temperature differs by {difference_k:+.1} K from that of the stored calibration, and the \
+                     limit is {limit_k:.1} K"
                 )
             }
             Self::TemperatureUnknown => {
