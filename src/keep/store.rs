@@ -276,8 +276,7 @@ impl<M: Medium> CalibrationStore<M> {
         if blank { Ok(()) } else { Err(StoreError::Worn) }
     }
 
-    // ------------------------------------------------------------------------------------------------------ what there
-    // is
+    // --------------------------------------------------------------------------------------------------- what there is
 
     /// Number of slots that fit into the memory.
     fn slot_count(&self) -> Result<usize, StoreError<M::Error>> {
@@ -373,8 +372,7 @@ impl<M: Medium> CalibrationStore<M> {
         self.good().filter(|good| newer(accepted, *good).place != accepted.place).count()
     }
 
-    // ----------------------------------------------------------------------------------------------------- where to
-    // write
+    // -------------------------------------------------------------------------------------------------- where to write
 
     /// The slot after the newest record, and the next sequence number. No slot that is unreadable at present has this
     /// number.
