@@ -1,4 +1,4 @@
-//! The core on a Cortex-M7 with cortex-m-rt and drivers of your own: two interrupts and a main loop.
+//! The core on a Cortex-M7 with cortex-m-rt and your own drivers: two interrupts and a main loop.
 //!
 //! `cargo build --profile firmware --example cortex_m_rt --features stm32h743 --target thumbv7em-none-eabihf`
 #![no_std]
@@ -33,36 +33,36 @@ use rins_selfcal::run::assignment::Assignment;
 use rins_selfcal::run::calibrator::Calibrator;
 use sensor_board::SensorBoard;
 
-/// Of the processor as your start-up code sets it; after reset.
+/// Clock of the processor as your start-up code sets it; here its value after reset, Hz.
 const CORE_HZ: u32 = 64_000_000;
 
-/// Line of the data-ready edge.
+/// EXTI line of the data-ready edge.
 const DATA_READY_LINE: usize = 15;
 
 static PRODUCER: Mutex<RefCell<Option<SampleProducer<'static, f64>>>> = Mutex::new(RefCell::new(None));
 static GIMBAL: Mutex<RefCell<Option<Gimbal<f64>>>> = Mutex::new(RefCell::new(None));
-/// Control periods since power-up: the clock of the main loop and of the gimbal. It wraps after 49 days.
+/// Number of control periods since power-up: the clock of the main loop and of the gimbal. It wraps after 49 days.
 static PERIODS: AtomicU32 = AtomicU32::new(0);
 
 fn now_us() -> u64 {
     u64::from(PERIODS.load(Ordering::Relaxed)) * PERIOD_US
 }
 
-/// Data-ready: 200 Hz.
+/// The data-ready interrupt: 200 Hz.
 #[interrupt]
 fn EXTI15_10() {
-    // The edge has been seen.
+    // Acknowledges the edge.
     pac::EXTI.pr(0).write(|lines| lines.set_line(DATA_READY_LINE, true));
     critical_section::with(|cs| {
         let gimbal = GIMBAL.borrow_ref(cs).as_ref().map(Gimbal::status);
         if let (Some(producer), Some(gimbal)) = (PRODUCER.borrow_ref_mut(cs).as_mut(), gimbal) {
-            // A sample that finds the queue full is counted by it.
+            // The queue counts a sample that finds it full.
             let _ = producer.push(SampleWithGimbal { sample: SensorBoard::at_external_memory().sample(), gimbal });
         }
     });
 }
 
-/// Control: 1 kHz.
+/// The control interrupt: 1 kHz.
 #[exception]
 fn SysTick() {
     PERIODS.fetch_add(1, Ordering::Relaxed);
@@ -75,15 +75,15 @@ fn SysTick() {
     });
 }
 
-/// What to do with the gimbal, if there is one.
+/// Calls `act` with the gimbal; `None` before the gimbal is set up.
 fn with_gimbal<R>(act: impl FnOnce(&mut Gimbal<f64>) -> R) -> Option<R> {
     critical_section::with(|cs| GIMBAL.borrow_ref_mut(cs).as_mut().map(act))
 }
 
 #[entry]
 fn main() -> ! {
-    // Your start-up code: clocks, pins, external memory, the line of the data-ready edge.
-    // It ends only where something is missing: found on the bench.
+    // Your start-up code: clocks, pins, external memory, the EXTI line of the data-ready edge.
+    // `run` returns only if something is missing, which you will find on the bench.
     let _ = run();
     loop {
         cortex_m::asm::bkpt();
@@ -95,7 +95,7 @@ fn run() -> Option<()> {
     let calibrator = singleton!(: Calibrator<f64, MAX_SEGMENTS> = Calibrator::UNCONFIGURED)?;
     let link = singleton!(: Link = Link::new())?;
     let (producer, samples) = queue.split();
-    // Site, noise, scheme, axes and motors: put yours in place of the default.
+    // The default has site, noise, scheme, axes and motors. Replace them with yours.
     let Assignment::SelfCalibrate(config) = Assignment::default() else { return None };
     critical_section::with(|cs| {
         PRODUCER.replace(cs, Some(producer));
@@ -103,7 +103,7 @@ fn run() -> Option<()> {
     });
     let store = CalibrationStore::new(Eeprom(SensorBoard::at_external_memory()));
     let mut devices = Devices { samples, store };
-    // Your start-up code knows why the software has started.
+    // Your start-up code knows why the software has started. Replace `PowerOn` with that reason.
     let mut instrument = Instrument::power_up(config, &Restart::PowerOn, link, calibrator, &mut devices).ok()?;
     start_interrupts()?;
     loop {
@@ -151,7 +151,7 @@ impl Axes for Devices {
 }
 
 impl CorrectedSink<f64> for Devices {
-    /// Your navigation.
+    /// Your navigation software takes the corrected samples here.
     fn take(&mut self, sample: &CorrectedSample<f64>, _angles: [Angle; 2], _status: SampleStatus) {
         defmt::trace!("{=f64} m/s^2 up", sample.force_s.z);
     }
@@ -168,7 +168,7 @@ fn start_interrupts() -> Option<()> {
     core.SYST.clear_current();
     core.SYST.enable_counter();
     core.SYST.enable_interrupt();
-    // SAFETY: everything that the interrupt uses is in place.
+    // SAFETY: all data of the interrupt is in place.
     unsafe { NVIC::unmask(Interrupt::EXTI15_10) };
     Some(())
 }

@@ -1,4 +1,4 @@
-//! The core on a log: `cargo run --release -p host-tests --example host -- LOG.csv`
+//! The core processes a log: `cargo run --release -p host-tests --example host -- LOG.csv`
 use anyhow::{Context, Result};
 use host_tests::base::quantity::sigmas;
 use host_tests::base::quantity::values;
@@ -22,7 +22,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// Of the default site and noise: the estimate, and whether it is accepted.
+/// Calibrates a log of the default site and noise. Returns the estimate, and whether the verdict accepts it.
 pub fn calibrate(log: &str) -> Result<(Estimate, bool)> {
     let (reader, unit) = (LogReader::open(log.as_ref())?, UnitConfig::default());
     let rate_hz = 1e6 / reader.interval_us().context("a single sample")? as f64;

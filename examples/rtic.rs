@@ -1,4 +1,5 @@
-//! The core on a Cortex-M7 with RTIC and drivers of your own: tasks share the gimbal by priority, not by locks that wait.
+//! The core on a Cortex-M7 with RTIC and your own drivers. The tasks share the gimbal by their priorities, so no task
+//! waits for a lock.
 //!
 //! `cargo build --profile firmware --example rtic --features stm32h743 --target thumbv7em-none-eabihf`
 #![no_std]
@@ -32,13 +33,13 @@ mod app {
     use rins_selfcal::run::config::SelfCalibrationConfig;
     use rtic::Mutex;
 
-    /// Of the processor as your start-up code sets it; after reset.
+    /// Clock of the processor as your start-up code sets it; here its value after reset, Hz.
     const CORE_HZ: u32 = 64_000_000;
 
-    /// Line of the data-ready edge.
+    /// EXTI line of the data-ready edge.
     const DATA_READY_LINE: usize = 15;
 
-    /// Between control, at the higher priority, and the main loop.
+    /// Shared by control, which has the higher priority, and the main loop.
     #[shared]
     struct Shared {
         gimbal: Gimbal<f64>,
@@ -54,7 +55,7 @@ mod app {
 
     #[init(local = [queue: SampleQueue<f64, 64> = SampleQueue::new()])]
     fn init(context: init::Context) -> (Shared, Local) {
-        // Your start-up code: clocks, pins, external memory, the line of the data-ready edge.
+        // Your start-up code: clocks, pins, external memory, the EXTI line of the data-ready edge.
         let mut timer = context.core.SYST;
         timer.set_clock_source(SystClkSource::Core);
         timer.set_reload(CORE_HZ / 1_000_000 * PERIOD_US as u32 - 1);
@@ -62,34 +63,34 @@ mod app {
         timer.enable_counter();
         timer.enable_interrupt();
         let (producer, samples) = context.local.queue.split();
-        // Site, noise, scheme, axes and motors: put yours in place of the default.
+        // The default has site, noise, scheme, axes and motors. Replace them with yours.
         let Assignment::SelfCalibrate(config) = Assignment::default() else { refuse() };
         let gimbal = Gimbal::new(&config.axes, &config.motors);
         (Shared { gimbal, now_us: 0 }, Local { producer, samples, config })
     }
 
-    /// A configuration that contradicts itself is found on the bench.
+    /// Reached only if the configuration contradicts itself, which you will find on the bench.
     fn refuse() -> ! {
         loop {
             cortex_m::asm::bkpt();
         }
     }
 
-    /// Data-ready: 200 Hz.
+    /// The data-ready interrupt: 200 Hz.
     #[task(binds = EXTI15_10, priority = 1, local = [producer], shared = [gimbal])]
     fn data_ready(context: data_ready::Context) {
-        // The edge has been seen.
+        // Acknowledges the edge.
         embassy_stm32::pac::EXTI.pr(0).write(|lines| lines.set_line(DATA_READY_LINE, true));
         let mut shared = context.shared;
         let gimbal = shared.gimbal.lock(|gimbal| gimbal.status());
-        // A sample that finds the queue full is counted by it.
+        // The queue counts a sample that finds it full.
         let _ = context
             .local
             .producer
             .push(SampleWithGimbal { sample: SensorBoard::at_external_memory().sample(), gimbal });
     }
 
-    /// Control: 1 kHz.
+    /// The control interrupt: 1 kHz.
     #[task(binds = SysTick, priority = 2, shared = [gimbal, now_us])]
     fn control(context: control::Context) {
         let control::SharedResources { gimbal, now_us, .. } = context.shared;
@@ -109,7 +110,7 @@ mod app {
         let idle::SharedResources { gimbal, mut now_us, .. } = context.shared;
         let store = CalibrationStore::new(Eeprom(SensorBoard::at_external_memory()));
         let mut devices = Devices { samples, store, gimbal, now_us: 0 };
-        // Your start-up code knows why the software has started.
+        // Your start-up code knows why the software has started. Replace `PowerOn` with that reason.
         let Ok(mut instrument) =
             Instrument::power_up(config.clone(), &Restart::PowerOn, link, calibrator, &mut devices)
         else {
@@ -164,7 +165,7 @@ mod app {
     }
 
     impl<G> CorrectedSink<f64> for Devices<'_, G> {
-        /// Your navigation.
+        /// Your navigation software takes the corrected samples here.
         fn take(&mut self, sample: &CorrectedSample<f64>, _angles: [Angle; 2], _status: SampleStatus) {
             defmt::trace!("{=f64} m/s^2 up", sample.force_s.z);
         }

@@ -1,5 +1,5 @@
-//! Drivers of your own, as an example: a board that lays an IMU, two encoders, two motor bridges and a battery-backed memory
-//! into the address space. Yours take its place; what the core wants of them is in the signatures.
+//! An example of your own drivers: a board that maps an IMU, two encoders, two motor bridges and a battery-backed
+//! memory into the address space. Replace these drivers with yours. The signatures show what the core needs.
 
 use core::convert::Infallible;
 use core::ptr::{addr_of, addr_of_mut, read_volatile, write_volatile};
@@ -12,22 +12,22 @@ use rins_selfcal::gimbal::{BridgeFault, EncoderFault, GimbalInputs};
 
 const BYTES: usize = 8192;
 
-/// As the board lays it out.
+/// The registers, in the layout of the board.
 #[repr(C)]
 struct Registers {
-    /// Middle of the interval that rates and forces are means over, us.
+    /// Time stamp of the mean rates and forces, the middle of their interval, us; low word first.
     stamp_us: [u32; 2],
-    /// Mean rates, 2^-31 of 20 rad/s, and forces, 2^-31 of 400 m/s^2.
+    /// Mean angular rates, unit 2^-31 of 20 rad/s, and mean specific forces, unit 2^-31 of 400 m/s^2.
     rates: [i32; 3],
     forces: [i32; 3],
-    /// 1/256 deg C.
+    /// Temperature, unit 1/256 deg C.
     temperature: i32,
-    /// Encoders at the stamp, and now; 2^32 to the turn.
+    /// Encoder angles at the stamp and at present, unit 2^-32 of a turn.
     angles: [u32; 2],
     angles_now: [u32; 2],
-    /// Bits 0, 1: encoder alarms. Bits 2, 3: overcurrent.
+    /// Bits 0, 1: alarms of the encoders. Bits 2, 3: overcurrent of the bridges.
     alarms: u32,
-    /// Bridges: duty, 2^-31, and mode: 0 duty, 1 shorted, 2 open.
+    /// Bridges: duty, unit 2^-31, and mode: 0 duty, 1 shorted, 2 open.
     duties: [i32; 2],
     modes: [u32; 2],
     memory: [u8; BYTES],
@@ -37,19 +37,19 @@ struct Registers {
 #[derive(Clone, Copy)]
 pub struct SensorBoard(*mut Registers);
 
-// SAFETY: every register is read or written at once, and each of the latter by one owner: bridges by the control interrupt,
-// the memory by the main loop.
+// SAFETY: each register is read or written in one access. Each written register has one owner: the control interrupt
+// writes the bridges, and the main loop writes the memory.
 unsafe impl Send for SensorBoard {}
 
 impl SensorBoard {
-    /// The board behind the external memory controller, which your start-up code has set up.
+    /// The board at the external memory controller, which your start-up code has configured.
     pub const fn at_external_memory() -> Self {
         Self(0x6000_0000 as *mut Registers)
     }
 
-    /// The sample that the data-ready edge announces.
+    /// The sample that the data-ready edge has announced.
     pub fn sample(&self) -> RawSample<f64> {
-        // SAFETY: the board is there.
+        // SAFETY: the registers exist at this address.
         let (stamp, rates, forces, angles, temperature) = unsafe {
             (
                 read_volatile(addr_of!((*self.0).stamp_us)),
@@ -70,9 +70,9 @@ impl SensorBoard {
         }
     }
 
-    /// What the control interrupt wants to know.
+    /// The inputs of the gimbal control.
     pub fn sensed(&self) -> GimbalInputs {
-        // SAFETY: the board is there.
+        // SAFETY: the registers exist at this address.
         let (angles, alarms) =
             unsafe { (read_volatile(addr_of!((*self.0).angles_now)), read_volatile(addr_of!((*self.0).alarms))) };
         let is_on = |bit: usize| alarms >> bit & 1 == 1;
@@ -83,7 +83,7 @@ impl SensorBoard {
         GimbalInputs { encoders: [encoder(0, outer), encoder(1, inner)], bridges: [bridge(0), bridge(1)] }
     }
 
-    /// Drives the motors.
+    /// Sets the duties and modes of the motor bridges.
     pub fn drive(&mut self, drives: [Drive<f64>; 2]) {
         let duties =
             drives.map(|drive| if let Drive::Duty(duty) = drive { (duty * 2_147_483_647.0) as i32 } else { 0 });
@@ -92,7 +92,7 @@ impl SensorBoard {
             Drive::Brake => 1,
             Drive::Off => 2,
         });
-        // SAFETY: the board is there, and only the control interrupt writes these.
+        // SAFETY: the registers exist at this address, and only the control interrupt writes them.
         unsafe {
             write_volatile(addr_of_mut!((*self.0).duties), duties);
             write_volatile(addr_of_mut!((*self.0).modes), modes);
@@ -100,7 +100,7 @@ impl SensorBoard {
     }
 
     fn byte(&self, at: usize) -> Option<*mut u8> {
-        // SAFETY: within the memory.
+        // SAFETY: the address is within the memory.
         (at < BYTES).then(|| unsafe { addr_of_mut!((*self.0).memory).cast::<u8>().add(at) })
     }
 }
@@ -110,7 +110,7 @@ impl ReadStorage for SensorBoard {
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Infallible> {
         for (at, byte) in (offset as usize..).zip(bytes) {
-            // SAFETY: within the memory, which only the main loop uses.
+            // SAFETY: the address is within the memory, which only the main loop uses.
             *byte = self.byte(at).map_or(0xff, |from| unsafe { read_volatile(from) });
         }
         Ok(())
@@ -125,7 +125,7 @@ impl Storage for SensorBoard {
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Infallible> {
         for (at, byte) in (offset as usize..).zip(bytes) {
             if let Some(to) = self.byte(at) {
-                // SAFETY: within the memory, which only the main loop uses.
+                // SAFETY: the address is within the memory, which only the main loop uses.
                 unsafe { write_volatile(to, *byte) };
             }
         }

@@ -608,7 +608,10 @@ fn optional_states_are_predicted_with_the_others() {
 fn a_run_on_command_stands_by_and_one_without_enough_time_says_what_is_missing() {
     let report = scratch("terms.html");
     let stdout = run(2, &["calibrate", "--policy", "on-command", "--report", &report]);
-    assert!(stdout.contains("power-up: standing by without a calibration: the policy says so"), "{stdout}");
+    assert!(
+        stdout.contains("power-up: standing by without a calibration: the policy permits no other decision"),
+        "{stdout}"
+    );
     let terms = ["--required-sigma", "0.5", "--early-finish", "--longest-run", "150"];
     let stdout = run(2, &[&["calibrate", "--report", &report], &terms[..]].concat());
     assert!(stdout.contains("arcsec, but 0.500 arcsec or less is required"), "{stdout}");

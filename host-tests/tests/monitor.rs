@@ -99,7 +99,7 @@ fn commanded_followed_read_and_erased(port: &Path) {
     let again = monitor(port, &read);
 
     assert!(
-        text(&nothing.stderr).contains("[nothing-there] the instrument has nothing of what was asked for"),
+        text(&nothing.stderr).contains("[nothing-there] the instrument does not have the requested item"),
         "{}",
         text(&nothing.stderr)
     );

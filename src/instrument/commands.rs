@@ -1,4 +1,4 @@
-//! Carries out the commands of the serial line: what each command does, and when it is refused.
+//! The commands of the serial line: what each command does, and when it is refused.
 
 use super::surroundings::{Archive, Surroundings};
 use crate::base::linear::Real;
@@ -9,7 +9,7 @@ use crate::run::state::State;
 
 type Run<'m, T, const STATES: usize> = SelfCalibration<'m, T, STATES>;
 
-/// Carries out one command. Not inlined, as the functions below: what they need on the stack is free again for the others.
+/// Carries out one command. Not inlined, as the functions below, so that their stack is free for the other functions.
 ///
 /// # Errors
 /// Why the command is refused.
@@ -60,7 +60,7 @@ pub(super) fn status<T: Real, const STATES: usize>(
     }
 }
 
-/// Refuses what is allowed only while no run is under way.
+/// Refuses a command that is allowed only while no run is under way.
 fn idle(state: State) -> Result<(), Refusal> {
     if state.is_idle() { Ok(()) } else { Err(Refusal::NotNow(state)) }
 }

@@ -1,4 +1,4 @@
-//! The main loop, from power-up on.
+//! The main loop of the instrument, from power-up on.
 
 use super::commands::{carry_out, status};
 use super::surroundings::{Archive, FoundRecord, Surroundings};
@@ -16,7 +16,8 @@ use crate::run::result::StoredCalibration;
 use crate::run::self_calibration::SelfCalibration;
 use crate::run::telemetry::Message;
 
-/// A dual-axis RINS from power-up to power-off. The memory for link and calibrator is the caller's: statics on a board.
+/// A dual-axis RINS from power-up to power-off. The caller owns the memory of link and calibrator; on a board they are
+/// statics.
 ///
 /// ```
 /// use rins_selfcal::acquisition::queue::SampleWithGimbal;
@@ -51,7 +52,7 @@ use crate::run::telemetry::Message;
 /// #     }
 /// # }
 ///
-/// /// A board in a test: its samples, its gimbal, its memory, and the corrected samples that it got.
+/// /// A board in a test: its samples, its gimbal, its memory, and the number of corrected samples that it received.
 /// struct TestBoard {
 ///     samples: Vec<RawSample<f64>>,
 ///     gimbal: GimbalStatus,
@@ -100,7 +101,7 @@ use crate::run::telemetry::Message;
 /// let mut instrument =
 ///     Instrument::<f64>::power_up(config, &Restart::PowerOn, &mut link, &mut calibrator, &mut board)?;
 /// instrument.turn(&mut board);
-/// // The axes are held until base and axes have been still for a second. Then they go to the start of the scheme.
+/// // The axes are held until base and axes have been at rest for a second. Then they move to the start of the scheme.
 /// assert_eq!(board.commands[0], MotionCommand::Hold);
 /// assert!(matches!(board.commands.last(), Some(MotionCommand::MoveTo { angles_rad: [0.0, 0.0], .. })));
 /// // Nothing is stored yet, so no sample is corrected.
@@ -112,16 +113,16 @@ pub struct Instrument<'m, T: Real, const STATES: usize = BASIC_STATES> {
     run: SelfCalibration<'m, T, STATES>,
     link: &'m mut Link,
     samples: u64,
-    /// Samples missing at the last corrected sample.
+    /// Number of missing samples at the last corrected sample.
     missing: u32,
 }
 
 impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
-    /// What happens at power-up: the link says what the instrument is, the archive is searched, the reason of the start is
-    /// told, and the configuration is checked. Nothing moves before the first [`Self::turn`].
+    /// The sequence at power-up: the link reports what the instrument is, the archive is searched, the reason of the
+    /// start is reported, and the configuration is checked. Nothing moves before the first [`Self::turn`].
     ///
     /// # Errors
-    /// What is wrong with the configuration. The refusal has been told.
+    /// What is wrong with the configuration. The refusal has already been reported.
     #[inline(never)]
     pub fn power_up(
         config: SelfCalibrationConfig,
@@ -142,8 +143,8 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
         }
     }
 
-    /// One turn of the main loop: all samples that wait, then the clock, then the commands that have come in. Call it as
-    /// often as samples come, and at least ten times a second. Never waits.
+    /// One turn of the main loop: processes all waiting samples, then checks the clock, then answers the received
+    /// commands. Call it as often as samples arrive, and at least ten times a second. It never waits.
     pub fn turn(&mut self, outside: &mut impl Surroundings<T>) {
         while let Some(observed) = outside.next_sample() {
             let during = self.run.state();
@@ -155,19 +156,19 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
         outside.transmit(self.link);
     }
 
-    /// The last turn, at power-off: tells how many samples were taken and how many are missing.
+    /// The last turn, at power-off: reports how many samples were taken and how many are missing.
     #[inline(never)]
     pub fn power_off(&mut self, outside: &mut impl Surroundings<T>) {
         let losses = outside.losses();
         tell(self.link, outside, &Message::Queue { samples: self.samples, losses });
     }
 
-    /// Samples taken, since power-up.
+    /// Number of samples taken since power-up.
     pub fn samples(&self) -> u64 {
         self.samples
     }
 
-    /// The run.
+    /// The calibration run.
     pub fn run(&self) -> &SelfCalibration<'m, T, STATES> {
         &self.run
     }
@@ -186,7 +187,7 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
         if step.note
             && let Some(record) = self.run.record()
         {
-            // A rejected run that cannot be stored is missing in the history only.
+            // If the record of a rejected run cannot be stored, it is missing in the history only.
             outside.archive().save(&record);
         }
         if step.save {
@@ -194,7 +195,7 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
         }
     }
 
-    /// Gives a corrected sample to everyone who uses it.
+    /// Passes a corrected sample to all its users.
     fn hand_on(
         &mut self,
         corrected: &CorrectedSample<T>,
@@ -228,7 +229,7 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
         command(outside, motion, &gimbal);
     }
 
-    /// Answers the commands that have come in, and tells the status when it is due.
+    /// Answers the received commands, and reports the status when it is due.
     #[inline(never)]
     fn serve(&mut self, outside: &mut impl Surroundings<T>) {
         self.link.note_overrun(outside.overrun());
@@ -245,7 +246,7 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
     }
 }
 
-/// The stored calibration, if there is a good one.
+/// The stored calibration, if there is an intact one.
 #[inline(never)]
 fn load<T: Real>(link: &mut Link, outside: &mut impl Surroundings<T>) -> Option<StoredCalibration> {
     let FoundRecord { record, damaged, fault, .. } = outside.archive().power_up();
@@ -259,8 +260,8 @@ fn command<T: Real>(outside: &mut impl Surroundings<T>, motion: Option<MotionCom
     }
 }
 
-/// Tells a message to everyone who listens: the black box, the serial line, and the channels of the board. Not inlined: the
-/// frame needs the stack.
+/// Passes a message to all its receivers: the black box, the serial line, and the channels of the board. Not inlined,
+/// because the frame needs the stack.
 #[inline(never)]
 pub(super) fn tell<T: Real>(link: &mut Link, outside: &mut impl Surroundings<T>, message: &Message) {
     if let Some(event) = Event::of(message) {

@@ -1,4 +1,4 @@
-//! The instrument: the one main loop that firmware, virtual instrument and examples run.
+//! The instrument: the main loop that firmware, virtual instrument and examples share.
 //!
 //! ```text
 //! samples, time, received bytes                     motion commands, messages, bytes to send
@@ -6,11 +6,12 @@
 //!            v                                                  |
 //!      Instrument::turn -> run -> verdict -> Archive, Events    |
 //!            |              '-----------------------------------'
-//!            '-> corrected samples -> CorrectedSink, and the serial line when asked for
+//!            '-> corrected samples -> CorrectedSink, and the serial line on request
 //! ```
-//! [`Instrument`] owns the run and the link. Everything around the instrument is behind small traits, [`Surroundings`]: the
-//! board's clock and sample queue, the gimbal, the store, the black box, the serial line and whoever uses the corrected
-//! samples. [`Instrument::power_up`] says what happens at power-up, [`Instrument::turn`] what happens from then on.
+//! [`Instrument`] owns the run and the link. The traits of [`Surroundings`] stand for everything around the instrument:
+//! the board's clock and sample queue, the gimbal, the store, the black box, the serial line, and the user of the
+//! corrected samples. [`Instrument::power_up`] is the sequence at power-up, and [`Instrument::turn`] is one turn of the
+//! main loop.
 
 mod commands;
 mod main_loop;

@@ -1,4 +1,4 @@
-//! The main loop for a recording: the samples of a log in place of those of an IMU, without motion and without a store.
+//! The main loop for a recording. The samples come from a log, not from an IMU. There is no motion and no store.
 
 use super::main_loop::tell;
 use super::surroundings::Surroundings;
@@ -12,7 +12,7 @@ use crate::run::state::State;
 use crate::run::telemetry::Message;
 use crate::verdict::VerdictLimits;
 
-/// Takes the samples of a recording, and solves when they end.
+/// Takes the samples of a recording, and computes the solution when they end.
 #[derive(Debug)]
 pub struct Recording<'m, T: Real, const STATES: usize = BASIC_STATES> {
     calibrator: &'m mut Calibrator<T, MAX_SEGMENTS, STATES>,
@@ -21,10 +21,11 @@ pub struct Recording<'m, T: Real, const STATES: usize = BASIC_STATES> {
 }
 
 impl<'m, T: Real, const STATES: usize> Recording<'m, T, STATES> {
-    /// Before the first sample.
+    /// The instrument before the first sample.
     ///
     /// # Errors
-    /// [`ConfigError::States`]: the configuration asks for states that this build does not have. The refusal has been told.
+    /// [`ConfigError::States`]: the configuration needs states that this build does not have. The refusal has already
+    /// been reported.
     #[inline(never)]
     pub fn new(
         config: &CalibratorConfig,
@@ -41,7 +42,7 @@ impl<'m, T: Real, const STATES: usize> Recording<'m, T, STATES> {
         Ok(Self { calibrator, link, samples: 0 })
     }
 
-    /// One turn of the main loop: all samples that wait.
+    /// One turn of the main loop: processes all waiting samples.
     pub fn turn(&mut self, outside: &mut impl Surroundings<T>) {
         while let Some(observed) = outside.next_sample() {
             self.samples += 1;
@@ -52,7 +53,7 @@ impl<'m, T: Real, const STATES: usize> Recording<'m, T, STATES> {
         }
     }
 
-    /// The end of the recording: solves, judges and tells the result.
+    /// The end of the recording: computes the solution, judges it, and reports the result.
     #[inline(never)]
     pub fn conclude(&mut self, outside: &mut impl Surroundings<T>) {
         let solution = self.calibrator.conclude(&mut |message| tell(self.link, outside, message));

@@ -1,4 +1,4 @@
-//! What an instrument needs around it: small traits, which a board, a virtual instrument or a test implements.
+//! What an instrument needs around it: small traits that a board, a virtual instrument or a test implements.
 
 use crate::acquisition::queue::SampleWithGimbal;
 use crate::base::angle::Angle;
@@ -16,28 +16,28 @@ use crate::run::result::StoredCalibration;
 use crate::run::state::State;
 use crate::run::telemetry::Message;
 
-/// Uses the corrected samples: the navigation software, or a recorder.
+/// The user of the corrected samples: the navigation software, or a recorder.
 pub trait CorrectedSink<T: Real> {
     /// Takes one corrected sample, with the outer and the inner gimbal angle at its time stamp.
     fn take(&mut self, sample: &CorrectedSample<T>, angles: [Angle; 2], status: SampleStatus);
 }
 
-/// The gimbal, as the main loop sees it: the control interrupt moves it.
+/// The gimbal as the main loop sees it. The control interrupt moves the axes.
 pub trait Axes {
     /// The state of both axes now.
     fn status(&mut self) -> GimbalStatus;
 
-    /// Gives the gimbal a command that was computed from its status of the time `seen_us`.
+    /// Gives the gimbal a command that was computed from its status at the time `seen_us`.
     fn command(&mut self, motion: MotionCommand, seen_us: u64);
 
-    /// Uses other limits and motors from now on. Called only while no run is under way.
+    /// Sets other limits and motors. Called only while no run is under way.
     fn reconfigure(&mut self, axes: &[AxisLimits; 2], motors: &[MotorAndLoad; 2]);
 }
 
-/// What the archive holds at power-up.
+/// The content of the archive at power-up.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FoundRecord {
-    /// The calibration to use, if there is a good one.
+    /// The calibration to use, if there is an intact one.
     pub record: Option<StoredCalibration>,
     /// Whether a slot of the memory is damaged.
     pub damaged: bool,
@@ -56,13 +56,13 @@ pub trait Archive {
     /// Stores the result of a run, accepted or rejected. Returns whether the record is stored.
     fn save(&mut self, record: &StoredCalibration) -> bool;
 
-    /// The calibration that would be used at the next power-up.
+    /// The calibration that the next power-up would use.
     ///
     /// # Errors
     /// [`Refusal::Memory`]: the memory does not work.
     fn newest(&mut self) -> Result<Option<StoredCalibration>, Refusal>;
 
-    /// An entry of the history of calibrations, 0 the newest, rejected runs included; `None` beyond the last.
+    /// An entry of the history of calibrations, 0 for the newest; `None` beyond the last. Rejected runs are included.
     ///
     /// # Errors
     /// [`Refusal::Memory`]: the memory does not work.
@@ -83,7 +83,7 @@ impl<M: Medium> Archive for CalibrationStore<M> {
             Ok(Loaded::Corrupt { .. }) => (None, true, false),
             Err(_) => (None, false, true),
         };
-        // Where the next record needs an erase, the erase is done now, while no sample waits for it.
+        // The next record may need an erase. The erase is done now, while no sample waits.
         FoundRecord { record, damaged, fault, writable: self.prepare().is_ok() }
     }
 
@@ -105,36 +105,36 @@ impl<M: Medium> Archive for CalibrationStore<M> {
     }
 }
 
-/// The black box. Without one, events are forgotten.
+/// The black box. By default there is none, and events are not recorded.
 pub trait Events {
     /// Records an event.
     fn record(&mut self, _event: Event) {}
 
-    /// An event, 0 the newest; `None` beyond the last.
+    /// An event, 0 for the newest; `None` beyond the last.
     fn event(&mut self, _back: u16) -> Option<Entry> {
         None
     }
 }
 
-/// Channels for messages beside the serial line: a log, a bench. By default there is none.
+/// Channels for messages besides the serial line: a log, a test bench. By default there is none.
 pub trait Telemetry {
-    /// Takes a message, and its frame if it can be framed.
+    /// Takes a message, and its frame if the message fits into a frame.
     fn tell(&mut self, _message: &Message, _frame: Option<&[u8]>) {}
 }
 
 /// The serial line. By default nothing is connected.
 pub trait SerialLine {
-    /// The next byte that came in.
+    /// The next received byte.
     fn receive(&mut self) -> Option<u8> {
         None
     }
 
-    /// Bytes that came in and were lost, since power-up.
+    /// Number of received bytes that were lost, since power-up.
     fn overrun(&self) -> u32 {
         0
     }
 
-    /// Sends what the link has, as far as the line takes bytes now. Never waits.
+    /// Sends bytes of the link, as far as the line takes bytes now. It never waits.
     fn transmit(&mut self, link: &mut Link) {
         while link.transmit().is_some() {}
     }
@@ -148,10 +148,11 @@ pub trait Surroundings<T: Real>: Axes + CorrectedSink<T> + Events + SerialLine +
     /// The next sample that the IMU's interrupt has put into the queue.
     fn next_sample(&mut self) -> Option<SampleWithGimbal<T>>;
 
-    /// The work on a sample is done; `during` is the state in which the sample found the run. For measurements of time.
+    /// Reports that the work on a sample is done. `during` is the state of the run before the sample. For measurements
+    /// of processor time.
     fn sample_done(&mut self, _during: State) {}
 
-    /// Samples that are missing, since power-up.
+    /// The counts of missing samples, since power-up.
     fn losses(&mut self) -> LossCounts;
 
     /// The memory that keeps calibrations.

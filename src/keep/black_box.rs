@@ -1,13 +1,14 @@
-//! Black box: the last events, in memory that outlives a reset, and why the software stopped.
+//! Black box: the last events, in memory that keeps its content over a reset, and why the software has stopped.
 //!
 //! ```text
-//! slot, little-endian   0-3      sequence number from 0, which gives the place: the remainder by the number of slots
+//! slot, little-endian   0-3      sequence number from 0; its remainder by the number of slots is the place of the slot
 //!                       4..60    postcard of time, event and repeats, then zeros
-//!                       60-63    CRC-32/ISO-HDLC of the format's number and all before
+//!                       60-63    CRC-32/ISO-HDLC of the format's number and all bytes before
 //! ```
-//! An event is one slot: what a reset cuts in the middle is one event. Whatever the memory holds at power-on is a black box,
-//! most likely an empty one. Starts that all end alike, as those of an instrument whose IMU is broken, are folded into one, so
-//! that what led to the first is still there.
+//! An event is one slot, so a reset during a write damages one event only. Any content of the memory at power-on is a
+//! valid black box; most likely it is an empty black box. Starts that end in the same way, such as those of an
+//! instrument with a broken IMU, are folded into one start with a count. So the events that led to the first of them
+//! are kept.
 
 use crate::base::restart::{FatalError, Restart};
 use crate::gimbal::Fault;
@@ -25,43 +26,44 @@ pub const SLOT_BYTES: usize = 64;
 
 const SEQUENCE_BYTES: usize = 4;
 const CRC_BYTES: usize = 4;
-/// To be counted up when an event is encoded in another way.
+/// Count it up when the encoding of an event changes.
 const FORMAT: u8 = 2;
 static CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 
 type Slot = [u8; SLOT_BYTES];
 
-/// What is recorded.
+/// An event that is recorded.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Event {
-    /// The software has started, after this.
+    /// The software has started, for this reason.
     Restarted(Restart),
-    /// The software stops itself, motors off, and a reset follows.
+    /// The software stops itself with the motors off. A reset follows.
     Stopped(FatalError),
     /// The run has entered a state.
     State(State),
-    /// What is done at power-up or on command, and why.
+    /// The decision at power-up or on command, and its cause.
     Decided(Decision),
-    /// Both axes are stopped for a fault of one.
+    /// Both axes are stopped because of a fault of one axis.
     Fault(Fault),
     /// The run was given up.
     Aborted(Abort),
-    /// A result was judged, with so many doubts; none means accepted.
+    /// A result was judged, with this number of doubts; 0 means accepted.
     Judged(u16),
-    /// Storing has ended; whether it went well.
+    /// Storing has ended; `true` if it succeeded.
     Saved(bool),
-    /// The configuration is refused.
+    /// The configuration was refused.
     Refused(ConfigError),
     /// A slot of the calibration store is damaged, or holds a record of another version of the format.
     StoreDamaged,
     /// The memory of the calibration store does not work.
     StoreFault,
-    /// The axes are brought to rest, and controlled no longer.
+    /// The axes are brought to rest and then no longer controlled.
     Released,
 }
 
 impl Event {
-    /// What of a message is worth recording: of the states of a leg its first, so that a whole run fits.
+    /// The event of a message, if the message is recorded. Only the first state of a leg is recorded, so that a whole
+    /// run fits.
     pub fn of(message: &Message) -> Option<Self> {
         match message {
             Message::Restarted(restart) => Some(Self::Restarted(restart.clone())),
@@ -88,7 +90,7 @@ impl Event {
 }
 
 impl Restart {
-    /// From what the hardware knows, and the last word of the black box.
+    /// The reason of the start, from what the hardware knows and from the last event of the black box.
     pub fn after(hardware: Option<Self>, last: Option<Entry>) -> Self {
         match (hardware, last) {
             (Some(Self::PowerOn), _) | (None, None) => Self::PowerOn,
@@ -99,16 +101,17 @@ impl Restart {
     }
 }
 
-/// An event as it was recorded.
+/// A recorded event.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Entry {
-    /// Counts all events, resets included.
+    /// Number of the event, counted from 0 over all starts.
     pub sequence: u32,
     /// Time since the last start, us.
     pub time_us: u64,
     /// The event.
     pub event: Event,
-    /// Of a stop: how many further starts after this one went the same way, event for event; 255 for any more.
+    /// For the event of a stop: the number of further starts that went the same way, event for event; 255 means 255 or
+    /// more.
     pub repeats: u8,
 }
 
@@ -118,7 +121,7 @@ impl Entry {
     }
 }
 
-/// The memory. Any bytes are one.
+/// The memory of the black box. Any bytes are valid.
 #[derive(Debug)]
 #[repr(transparent)]
 pub struct BlackBox<const N: usize> {
@@ -126,17 +129,17 @@ pub struct BlackBox<const N: usize> {
 }
 
 impl<const N: usize> BlackBox<N> {
-    /// An empty one.
+    /// An empty black box.
     pub const fn new() -> Self {
         Self { slots: [[0; SLOT_BYTES]; N] }
     }
 
-    /// Forgets everything.
+    /// Deletes all events.
     pub fn clear(&mut self) {
         *self = Self::new();
     }
 
-    /// The newest event. Looks at the whole memory: for the start.
+    /// The newest event. Reads the whole memory, so use it at the start only.
     pub fn newest(&self) -> Option<Entry> {
         let sequences = (0..).zip(&self.slots).filter_map(|(place, slot)| {
             let sequence = sequence(slot)?;
@@ -145,13 +148,14 @@ impl<const N: usize> BlackBox<N> {
         self.entry(sequences.max()?)
     }
 
-    /// The event of this number, if it is still there.
+    /// The event with this number, if it is still in the memory.
     pub fn entry(&self, sequence: u32) -> Option<Entry> {
         let slot = self.slots.get((sequence as usize).checked_rem(N)?)?;
         decode(slot).filter(|entry| entry.sequence == sequence)
     }
 
-    /// Forgets the events of the last start, if they are those of the one before, and counts it there. For the next start.
+    /// Deletes the events of the last start if the start before went the same way, and counts the start there. Called
+    /// at the next start.
     pub fn fold(&mut self) {
         let Some(last) = self.newest().filter(Entry::is_stop) else { return };
         let back = |count: u32| last.sequence.checked_sub(count).and_then(|sequence| self.entry(sequence));
@@ -160,7 +164,7 @@ impl<const N: usize> BlackBox<N> {
         let alike = (0..length).all(|count| {
             back(count).zip(back(length + count)).is_some_and(|(last, before)| last.event == before.event)
         });
-        // The one before may have begun earlier.
+        // The start before may have begun earlier and have more events.
         let alike = alike && back(2 * length).is_none_or(|entry| entry.is_stop());
         let Some(end) = back(length).filter(|_| alike) else { return };
         self.record(&Entry { repeats: end.repeats.saturating_add(1), ..end });
@@ -177,7 +181,7 @@ impl<const N: usize> BlackBox<N> {
         self.slots.get_mut((sequence as usize).checked_rem(N)?)
     }
 
-    /// Records an event with the number after the newest one's.
+    /// Records an event with the number after that of the newest event.
     pub fn record(&mut self, entry: &Entry) {
         if let Some((place, slot)) = self.slot_mut(entry.sequence).zip(encode(entry)) {
             *place = slot;
@@ -191,7 +195,8 @@ impl<const N: usize> Default for BlackBox<N> {
     }
 }
 
-/// Memory may outlive the software: what another format has left there is as good as damaged.
+/// The CRC includes the format's number, because the memory may outlive the software: events of another format count as
+/// damaged.
 fn checksum(framed: &[u8]) -> u32 {
     let mut digest = CRC.digest();
     digest.update(&[FORMAT]);
@@ -199,7 +204,7 @@ fn checksum(framed: &[u8]) -> u32 {
     digest.finalize()
 }
 
-/// Number of a whole slot.
+/// Sequence number of an intact slot.
 fn sequence(slot: &Slot) -> Option<u32> {
     let (framed, crc) = slot.split_last_chunk::<CRC_BYTES>()?;
     let whole = checksum(framed) == u32::from_le_bytes(*crc);
@@ -286,7 +291,7 @@ mod tests {
         }
     }
 
-    /// Records events from the newest one's number on, at the times 1 ms, 2 ms, ...
+    /// Records events after the newest event, at the times 1 ms, 2 ms, ...
     fn record(black_box: &mut BlackBox<16>, events: &[Event]) {
         let next = black_box.newest().map_or(0, |newest| newest.sequence + 1);
         for (sequence, event) in (next..).zip(events.iter().cloned()) {
@@ -312,7 +317,7 @@ mod tests {
         }
         let expected = run.iter().chain(&again).cloned().zip([0, 0, 0, 0, 99]).map(|(event, repeats)| (repeats, event));
         assert_eq!(events(&black_box), expected.collect::<Vec<_>>());
-        // It stops before it can tell that it has started.
+        // The software stops before it can record that it has started.
         let mut black_box = BlackBox::<16>::new();
         let stuck = Event::Stopped(FatalError::board("no IMU"));
         for _ in 0..100 {
@@ -334,7 +339,7 @@ mod tests {
         record(&mut black_box, &[Event::Saved(true), stops[2].clone()]);
         black_box.fold();
         assert_eq!(events(&black_box).len(), 8);
-        // Longer than the memory.
+        // More events than the memory holds.
         let long: Vec<_> = (0..30).map(Event::Judged).chain([stops[0].clone()]).collect();
         record(&mut black_box, &long);
         let before = events(&black_box);
@@ -358,7 +363,7 @@ mod tests {
         black_box.record(&entry(1));
         assert_eq!(black_box.newest(), Some(entry(1)));
         let slot = &mut black_box.slots[1];
-        // As it was without the format's number.
+        // The CRC as it was before it included the format's number.
         let crc = CRC.checksum(&slot[..SLOT_BYTES - CRC_BYTES]);
         slot[SLOT_BYTES - CRC_BYTES..].copy_from_slice(&crc.to_le_bytes());
         assert_eq!(black_box.newest(), None);

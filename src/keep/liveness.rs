@@ -1,12 +1,12 @@
-//! Whether everything that must go on does go on: the watchdog is fed only then.
+//! Checks that every task still runs. The watchdog is fed only if every task runs.
 //!
-//! Each task reports with the time; whoever feeds the watchdog asks who is overdue. A report is one atomic word that its
-//! task alone writes, so that interrupts and the main loop need no lock.
+//! Each task reports with the time. The function that feeds the watchdog asks which task is overdue. A report is one
+//! atomic word that only its task writes, so interrupts and the main loop need no lock.
 
 use crate::base::restart::Task;
 use core::sync::atomic::{AtomicU32, Ordering};
 
-/// The last reports, and how old each may become.
+/// The last report of each task, and how old each report may become.
 #[derive(Debug)]
 pub struct Liveness {
     reported_us: [AtomicU32; 3],
@@ -14,27 +14,27 @@ pub struct Liveness {
 }
 
 impl Liveness {
-    /// The longest deadline, us: half the range in which ages are told apart.
+    /// The longest deadline, us: half the range in which past and future times can be told apart.
     pub const LONGEST_US: u32 = i32::MAX as u32 / 2;
 
-    /// Everything counts as reported at time zero. Deadlines of (sampling, control, main loop), us, [`Self::LONGEST_US`] at
-    /// most; a task without one need not report.
+    /// Every task counts as having reported at time zero. Deadlines of (sampling, control, main loop), us, at most
+    /// [`Self::LONGEST_US`]. A task without a deadline need not report.
     pub const fn new(deadlines_us: [Option<u32>; 3]) -> Self {
         Self { reported_us: [const { AtomicU32::new(0) }; 3], deadlines_us }
     }
 
-    /// A task lives at this time.
+    /// Notes that a task runs at this time.
     pub fn report(&self, task: Task, now_us: u64) {
         if let Some(reported) = self.reported_us.get(task as usize) {
             reported.store(now_us as u32, Ordering::Relaxed);
         }
     }
 
-    /// The first task that has not reported in time; `None` if all live. Ask at least once in [`Self::LONGEST_US`].
+    /// The first task that has not reported in time; `None` if all have. Call it at least once in [`Self::LONGEST_US`].
     pub fn overdue(&self, now_us: u64) -> Option<Task> {
         let mut tasks = Task::ALL.into_iter().zip(self.reported_us.iter().zip(&self.deadlines_us));
         let late = |(_, (reported, deadline)): &(Task, (&AtomicU32, &Option<u32>))| {
-            // An interrupt may have reported after `now_us` was read: its age is negative.
+            // An interrupt may have reported after `now_us` was read. The age is negative then.
             let age = (now_us as u32).wrapping_sub(reported.load(Ordering::Relaxed)).cast_signed();
             deadline.is_some_and(|deadline| age > deadline.min(Self::LONGEST_US).cast_signed())
         };

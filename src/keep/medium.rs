@@ -1,38 +1,38 @@
-//! The memories that a store can be on: EEPROM, whose bytes can be written at any time, and NOR flash, whose words can be
-//! written once after their sector was erased.
+//! The memories that can hold a store. The bytes of an EEPROM can be written at any time. The words of a NOR flash can
+//! be written once after their sector was erased.
 
 use super::record::SLOT_BYTES;
 use core::ops::Range;
 use embedded_storage::Storage;
 use embedded_storage::nor_flash::NorFlash;
 
-/// Most slots of a store; a larger memory is used in part.
+/// Largest number of slots of a store. Only a part of a larger memory is used.
 pub const MAX_SLOTS: usize = 64;
 
-/// A memory as the store uses it: blocks of slots. A block is what is erased at once.
+/// A memory as the store uses it: blocks of slots. A block is the smallest part that can be erased.
 pub trait Medium {
     /// What the memory reports when it fails.
     type Error;
-    /// Slots of a block, at its beginning.
+    /// Number of slots at the beginning of a block.
     const SLOTS_PER_BLOCK: usize;
-    /// From the beginning of a block to the next one's, bytes.
+    /// Distance from the beginning of a block to the beginning of the next block, bytes.
     const BLOCK_BYTES: usize;
-    /// Whether a slot can only be written while it is blank.
+    /// Whether a slot can be written only while it is blank.
     const ERASES: bool;
-    /// Whether a slot that cannot be read is damaged, as by the error correction of a word half written; else the memory
-    /// does not answer, which is no reason to write over what it holds.
+    /// Whether a failed read shows a damaged slot, such as a word that was half written and fails its error correction.
+    /// If not, a failed read shows that the memory does not answer, and its content must not be overwritten.
     const READ_FAULT_IS_DAMAGE: bool;
 
-    /// Bytes there are for blocks.
+    /// Memory for all blocks, bytes.
     fn capacity(&self) -> usize;
 
-    /// Reads from an address on, counted from the first block.
+    /// Reads bytes from this address on. Address 0 is the beginning of the first block.
     ///
     /// # Errors
     /// The memory reports a fault.
     fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), Self::Error>;
 
-    /// Writes from an address on: a multiple of 32 bytes, at a multiple of 32 bytes.
+    /// Writes bytes from this address on. Address and length are multiples of 32 bytes.
     ///
     /// # Errors
     /// The memory reports a fault.
@@ -45,7 +45,7 @@ pub trait Medium {
     fn erase(&mut self, address: u32) -> Result<(), Self::Error>;
 }
 
-/// Memory whose bytes can be written at any time, used from its address 0 on.
+/// Memory whose bytes can be written at any time. The store begins at its address 0.
 #[derive(Clone, Debug)]
 pub struct Eeprom<S>(pub S);
 
@@ -68,13 +68,13 @@ impl<S: Storage> Medium for Eeprom<S> {
         self.0.write(address, bytes)
     }
 
-    /// All ones, as from the factory.
+    /// Sets all bits, as they were on delivery.
     fn erase(&mut self, address: u32) -> Result<(), S::Error> {
         self.0.write(address, &[0xff; SLOT_BYTES])
     }
 }
 
-/// Part of a NOR flash: whole sectors that nothing else uses.
+/// A part of a NOR flash: whole sectors that nothing else uses.
 #[derive(Clone, Debug)]
 pub struct Flash<F> {
     flash: F,
@@ -82,7 +82,7 @@ pub struct Flash<F> {
 }
 
 impl<F: NorFlash> Flash<F> {
-    /// The sectors of `flash` that lie wholly in `range`, which begins at a sector.
+    /// The sectors of `flash` that lie completely in `range`. The range begins at the beginning of a sector.
     pub fn new(flash: F, range: Range<u32>) -> Self {
         Self { flash, range }
     }
@@ -100,7 +100,7 @@ impl<F: NorFlash> Medium for Flash<F> {
         assert!(32_usize.is_multiple_of(F::READ_SIZE), "slots are read by 32 bytes");
         let slots = F::ERASE_SIZE / SLOT_BYTES;
         assert!(slots > 0, "a sector holds a slot");
-        // Two sectors at least: one keeps what the other is erased for.
+        // At least two sectors: the newest record is kept in one while the other is erased.
         if slots > MAX_SLOTS / 2 { MAX_SLOTS / 2 } else { slots }
     };
     const BLOCK_BYTES: usize = F::ERASE_SIZE;

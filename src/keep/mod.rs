@@ -1,4 +1,5 @@
-//! What outlasts a power-off or a reset: stored calibrations and the black box; and the liveness that the watchdog asks for.
+//! What outlasts a power-off or a reset: stored calibrations and the black box. Also the liveness check of the
+//! watchdog.
 
 pub mod black_box;
 pub mod liveness;

@@ -1,16 +1,16 @@
-//! A calibration as it is stored, and the frame around it.
+//! A stored calibration and its frame.
 //!
 //! ```text
 //! slot, little-endian   0-2          "RSC"
 //!                       3            version of the format, a character
-//!                       4-7          sequence number, wraps; the newer record is the one ahead
+//!                       4-7          sequence number, wraps; the record with the number ahead is the newer record
 //!                       8-11         length n of the payload, bytes
 //!                       12..12+n     payload
-//!                       12+n..16+n   CRC-32/ISO-HDLC of all before
+//!                       12+n..16+n   CRC-32/ISO-HDLC of all bytes before
 //! ```
-//! Every version of the format has this frame. The payload is [`StoredCalibration`] in postcard. This software reads and writes
-//! one version of the format. It keeps a record of any other version apart from damage, as [`Damage::Version`], and never takes
-//! such a record for a calibration.
+//! Every version of the format has this frame. The payload is [`StoredCalibration`] in postcard. This software reads
+//! and writes one version of the format. It keeps a record of any other version apart from damage, as
+//! [`Damage::Version`], and never takes such a record for a calibration.
 //!
 //! | version | written by software | difference |
 //! |---|---|---|
@@ -69,10 +69,10 @@ struct Frame<'a> {
     payload: &'a [u8],
 }
 
-/// Sequence number and record of a slot.
+/// Sequence number and calibration of a slot.
 ///
 /// # Errors
-/// What is wrong with it.
+/// What is wrong with the slot.
 pub fn decode(slot: &[u8; SLOT_BYTES]) -> Result<(u32, StoredCalibration), Damage> {
     let Frame { version, sequence, payload } = check(slot)?;
     if version != FORMAT_VERSION {
@@ -96,7 +96,8 @@ fn check(slot: &[u8; SLOT_BYTES]) -> Result<Frame<'_>, Damage> {
     Ok(Frame { version: *version, sequence: u32::from_le_bytes([*s0, *s1, *s2, *s3]), payload })
 }
 
-/// Fills the slot, whose other bytes are all ones, and returns the length of the frame; `None` if the record does not fit.
+/// Writes the frame into the slot and sets all other bits. Returns the length of the frame; `None` if the record does
+/// not fit.
 pub fn encode(slot: &mut [u8; SLOT_BYTES], sequence: u32, record: &StoredCalibration) -> Option<usize> {
     slot.fill(0xff);
     let (header, rest) = slot.split_first_chunk_mut::<HEADER_BYTES>()?;
@@ -109,7 +110,7 @@ pub fn encode(slot: &mut [u8; SLOT_BYTES], sequence: u32, record: &StoredCalibra
     Some(HEADER_BYTES + payload + CRC_BYTES)
 }
 
-/// Bytes that a slot uses, by its own account; `None` where that cannot be.
+/// Number of bytes that the slot's header claims; `None` if the length is not possible.
 pub fn used_bytes(head: &[u8; 32]) -> Option<usize> {
     let [_, _, _, _, _, _, _, _, l0, l1, l2, l3, ..] = head;
     let length = u32::from_le_bytes([*l0, *l1, *l2, *l3]) as usize;

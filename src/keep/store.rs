@@ -1,46 +1,48 @@
-//! The calibration store: a log of calibrations in non-volatile memory, the newest kept safe from whatever happens to the
-//! next.
+//! The calibration store: a log of calibrations in non-volatile memory. The newest accepted calibration is safe
+//! whatever happens while the next calibration is written.
 //!
 //! ```text
-//! EEPROM      | slot | slot | slot | ...                       a slot is written over when its turn has come
-//! NOR flash   | slot slot slot ... | slot slot slot ... | ...  sectors; one is erased when the log enters it
+//! EEPROM      | slot | slot | slot | ...                       a slot is overwritten when its turn has come
+//! NOR flash   | slot slot slot ... | slot slot slot ... | ...  sectors; a sector is erased when the log enters it
 //! ```
-//! Records follow each other through all slots, and round again. A save takes the slot after the newest record, writes, reads
-//! back, and goes on to the next slot where that fails; the newest accepted record is neither written over nor erased. At
-//! least [`HISTORY`] records are there at any time once they have been written and as long as the memory lasts. Memory never
-//! written, all ones, is empty, not damaged.
+//! Records follow each other through all slots and then start again at the first slot. A save takes the slot after the
+//! newest record, writes the record and reads it back. If this fails, it takes the next slot. The newest accepted
+//! record is never overwritten or erased. Once [`HISTORY`] records have been written, at least as many are kept as long
+//! as the memory works. Memory that was never written has all bits set; it is empty, not damaged.
 //!
-//! Not `sequential-storage`: one layout serves EEPROM as well as NOR flash, and what was written is read back.
+//! The crate `sequential-storage` is not used, because one layout must serve EEPROM and NOR flash, and because every
+//! record is read back.
 
 use super::medium::{MAX_SLOTS, Medium};
 use super::record::{Damage, FORMAT_VERSION, SLOT_BYTES};
 use crate::run::result::StoredCalibration;
 use heapless::Vec;
 
-/// Records that are kept at least.
+/// Smallest number of records that are kept.
 pub const HISTORY: usize = 8;
-/// Rejected calibrations after the newest accepted one that are kept: more would need its place in time.
+/// Largest number of rejected calibrations that are kept after the newest accepted one. More records would at some time
+/// need its place.
 pub const REJECTED_IN_A_ROW: usize = 4;
 
-/// Pieces in which the memory is read.
+/// The memory is read in pieces of this length, bytes.
 const PIECE_BYTES: usize = 32;
 
-/// What is in the store.
+/// The content of the store.
 #[derive(Clone, Debug, PartialEq)]
 #[expect(clippy::large_enum_variant, reason = "there is no heap to box the record on")]
 pub enum Loaded {
-    /// No accepted calibration, and no damage.
+    /// There is no accepted calibration and no damage.
     Empty,
-    /// The newest accepted calibration, and what is wrong with a slot, if something is: perhaps it held a newer one.
+    /// The newest accepted calibration. A damaged slot, if there is one, may have held a newer calibration.
     Found {
         /// The record.
         record: StoredCalibration,
-        /// The first damage; a record of newer software before all others.
+        /// The first damage. A record of newer software comes before all other damage.
         damage: Option<Damage>,
     },
-    /// There is no accepted calibration that can be read, and a slot is damaged.
+    /// No accepted calibration can be read, and a slot is damaged.
     Corrupt {
-        /// The first damage; a record of newer software before all others.
+        /// The first damage. A record of newer software comes before all other damage.
         damage: Damage,
     },
 }
@@ -50,19 +52,20 @@ pub enum Loaded {
 pub enum StoreError<E> {
     /// The memory reports a fault.
     Memory(E),
-    /// The memory is too small, bytes.
+    /// The memory is too small. It has this number of bytes.
     Capacity(usize),
     /// The record does not fit in a slot.
     Size,
-    /// No slot reads back as written, or is left as it was erased.
+    /// No slot reads back as it was written or erased.
     Worn,
-    /// There are records of newer software, in this version of the format: nothing is written until they are erased.
+    /// The store has records of newer software, in this version of the format. Nothing is written until they are
+    /// erased.
     Newer(u8),
-    /// As many rejected calibrations as are kept follow the newest accepted one already.
+    /// The largest permitted number of rejected calibrations already follows the newest accepted one.
     Rejected,
 }
 
-/// One slot as found.
+/// The state of one slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Slot {
     Empty,
@@ -70,7 +73,7 @@ enum Slot {
     Damaged(Damage),
 }
 
-/// A good record: where it is, and its sequence number.
+/// An intact record: its place and its sequence number.
 #[derive(Clone, Copy, Debug)]
 struct Good {
     place: usize,
@@ -78,14 +81,14 @@ struct Good {
     accepted: bool,
 }
 
-/// The store on a memory.
+/// The store in a memory.
 ///
 /// ```
 /// use embedded_storage::{ReadStorage, Storage};
 /// use rins_selfcal::keep::store::{CalibrationStore, Loaded, medium::Eeprom};
 /// use rins_selfcal::run::result::StoredCalibration;
 ///
-/// /// An EEPROM of 16 KiB; a driver's type on a board.
+/// /// An EEPROM of 16 KiB. On a board this is the type of a driver.
 /// struct Memory(Vec<u8>);
 ///
 /// impl ReadStorage for Memory {
@@ -115,29 +118,29 @@ struct Good {
 /// # };
 /// let mut store = CalibrationStore::new(Eeprom(Memory(vec![0xff; 16 * 1024])));
 /// assert_eq!(store.load(), Ok(Loaded::Empty));
-/// // `record` is that of `SelfCalibration::record`, when a step says that it shall be saved.
+/// // `record` comes from `SelfCalibration::record`, when a step reports that it shall be saved.
 /// store.save(&record).expect("the memory works");
 /// assert_eq!(store.load(), Ok(Loaded::Found { record, damage: None }));
 /// ```
 #[derive(Debug)]
 pub struct CalibrationStore<M> {
     memory: M,
-    /// Every slot as found at the first access, and as it was written since.
+    /// State of every slot, as found at the first access and as written since then.
     slots: Vec<Slot, MAX_SLOTS>,
 }
 
 impl<M: Medium> CalibrationStore<M> {
-    /// The store on `memory`, which is not looked at yet.
+    /// The store in `memory`. The memory is not accessed yet.
     pub fn new(memory: M) -> Self {
         Self { memory, slots: Vec::new() }
     }
 
-    /// The memory; what is written to it by another way is seen at the next [`Self::load`].
+    /// The memory. The store sees bytes that were written directly only after the next [`Self::load`].
     pub fn memory(&mut self) -> &mut M {
         &mut self.memory
     }
 
-    /// Gives the memory back.
+    /// Returns the memory.
     pub fn release(self) -> M {
         self.memory
     }
@@ -145,7 +148,7 @@ impl<M: Medium> CalibrationStore<M> {
     /// Reads the newest accepted calibration.
     ///
     /// # Errors
-    /// The memory does not work or is too small; damage of its content is not an error but an answer.
+    /// The memory does not work or is too small. Damaged content is not an error; it is part of the result.
     #[inline(never)]
     pub fn load(&mut self) -> Result<Loaded, StoreError<M::Error>> {
         self.scan()?;
@@ -153,12 +156,12 @@ impl<M: Medium> CalibrationStore<M> {
         let Some(newest) = self.newest_accepted() else {
             return Ok(damage.map_or(Loaded::Empty, |damage| Loaded::Corrupt { damage }));
         };
-        // It was good a moment ago.
+        // The record was intact when the slots were inspected.
         let (_, record) = self.read(newest.place)?.good().ok_or(StoreError::Worn)?;
         Ok(Loaded::Found { record, damage })
     }
 
-    /// The newest accepted calibration, as of the last look: only its slot is read.
+    /// The newest accepted calibration, by the last inspection of the slots. Only the slot of this calibration is read.
     ///
     /// # Errors
     /// The memory does not work or is too small.
@@ -171,8 +174,8 @@ impl<M: Medium> CalibrationStore<M> {
         }
     }
 
-    /// Sequence number and record of an entry of the history, 0 the newest; `None` beyond the last, or where it has been
-    /// damaged since.
+    /// Sequence number and record of an entry of the history, 0 for the newest; `None` beyond the last entry, or if the
+    /// entry has been damaged since the last inspection.
     ///
     /// # Errors
     /// The memory does not work or is too small.
@@ -194,21 +197,21 @@ impl<M: Medium> CalibrationStore<M> {
         Ok(self.good().count())
     }
 
-    /// Number of damaged slots, as of the last look. Intact records of another version of the format are not among them.
+    /// Number of damaged slots at the last inspection. Intact records of another version of the format are not counted.
     pub fn damaged(&self) -> usize {
         self.damages().filter(|damage| !damage.is_other_version()).count()
     }
 
-    /// Number of intact records of another version of the format, as of the last look. This software cannot read them, and
-    /// writes over those of an older version when their turn comes.
+    /// Number of intact records of another version of the format at the last inspection. This software cannot read
+    /// them. It overwrites records of an older version when the log reaches them.
     pub fn other_versions(&self) -> usize {
         self.damages().filter(|damage| damage.is_other_version()).count()
     }
 
-    /// Appends a record. Returns the number of slots that did not take it before one did.
+    /// Appends a record. Returns the number of slots that failed before a slot took the record.
     ///
     /// # Errors
-    /// The memory does not work or is too small, the record does not fit, no slot takes it, or it may not be written.
+    /// The memory does not work or is too small, the record does not fit, no slot takes it, or it must not be written.
     #[inline(never)]
     pub fn save(&mut self, record: &StoredCalibration) -> Result<usize, StoreError<M::Error>> {
         self.scan_once()?;
@@ -239,10 +242,11 @@ impl<M: Medium> CalibrationStore<M> {
         Err(error)
     }
 
-    /// Gets the place of the next record ready, which in flash may take an erase: at power-up, while nothing waits for it.
+    /// Prepares the place of the next record. In flash this may need an erase, so call it at power-up, when no sample
+    /// waits.
     ///
     /// # Errors
-    /// The memory does not work or is too small, or no place can be made ready.
+    /// The memory does not work or is too small, or no place can be prepared.
     #[inline(never)]
     pub fn prepare(&mut self) -> Result<(), StoreError<M::Error>> {
         self.scan_once()?;
@@ -256,10 +260,10 @@ impl<M: Medium> CalibrationStore<M> {
         Err(StoreError::Worn)
     }
 
-    /// Erases everything, records of newer software included.
+    /// Erases everything, including records of newer software.
     ///
     /// # Errors
-    /// The memory does not work or is too small, or does not become blank.
+    /// The memory does not work, is too small, or is not blank after the erase.
     #[inline(never)]
     pub fn erase(&mut self) -> Result<(), StoreError<M::Error>> {
         let slots = self.slot_count()?;
@@ -272,14 +276,14 @@ impl<M: Medium> CalibrationStore<M> {
         if blank { Ok(()) } else { Err(StoreError::Worn) }
     }
 
-    // ------------------------------------------------------------------------------------------------------ what there is
+    // --------------------------------------------------------------------------------------------------- what there is
 
-    /// Slots that the memory has room for.
+    /// Number of slots that fit into the memory.
     fn slot_count(&self) -> Result<usize, StoreError<M::Error>> {
         let capacity = self.memory.capacity();
         let blocks = (capacity / M::BLOCK_BYTES).min(MAX_SLOTS / M::SLOTS_PER_BLOCK);
         let slots = blocks * M::SLOTS_PER_BLOCK;
-        // While one block is empty.
+        // The history must fit while one block is empty.
         if slots < HISTORY + M::SLOTS_PER_BLOCK { Err(StoreError::Capacity(capacity)) } else { Ok(slots) }
     }
 
@@ -301,7 +305,7 @@ impl<M: Medium> CalibrationStore<M> {
                 Err(error) => return Err(error),
             };
             readable |= slot != Slot::Damaged(Damage::Unreadable);
-            // There is room for every slot.
+            // `slots` has room for every slot, so the push cannot fail.
             let _ = slots.push(slot);
         }
         if let Some(fault) = fault
@@ -352,7 +356,7 @@ impl<M: Medium> CalibrationStore<M> {
         self.good().filter(|good| good.accepted).reduce(newer)
     }
 
-    /// Place of an entry of the history.
+    /// Place of an entry of the history, 0 for the newest.
     fn place(&self, back: usize) -> Option<usize> {
         let newest = self.newest()?.sequence;
         let age = |good: &Good| newest.wrapping_sub(good.sequence);
@@ -368,9 +372,10 @@ impl<M: Medium> CalibrationStore<M> {
         self.good().filter(|good| newer(accepted, *good).place != accepted.place).count()
     }
 
-    // ----------------------------------------------------------------------------------------------------- where to write
+    // -------------------------------------------------------------------------------------------------- where to write
 
-    /// The slot after the newest record, and the next sequence number: no slot that cannot be read just now has it.
+    /// The slot after the newest record, and the next sequence number. No slot that is unreadable at present has this
+    /// number.
     fn next(&self) -> (usize, u32) {
         let Some(newest) = self.newest() else { return (0, 0) };
         let unreadable = self.slots.iter().filter(|slot| **slot == Slot::Damaged(Damage::Unreadable)).count();
@@ -382,14 +387,14 @@ impl<M: Medium> CalibrationStore<M> {
         if place < count { place } else { place - count }
     }
 
-    /// Whether writing or erasing here would harm the newest accepted record.
+    /// Whether a write or an erase here would damage the newest accepted record.
     fn is_protected(&self, place: usize, erasing: bool) -> bool {
         let block = |place: usize| place / M::SLOTS_PER_BLOCK;
         self.newest_accepted()
             .is_some_and(|newest| if erasing { block(newest.place) == block(place) } else { newest.place == place })
     }
 
-    /// Whether a slot may be written now; a sector that the log enters is made blank, as a whole.
+    /// Whether a slot may be written now. Erases a whole sector if the log enters it.
     fn is_ready(&mut self, place: usize) -> Result<bool, StoreError<M::Error>> {
         if self.is_protected(place, false) {
             return Ok(false);
@@ -406,9 +411,9 @@ impl<M: Medium> CalibrationStore<M> {
         Ok(self.is_blank(place))
     }
 
-    // ------------------------------------------------------------------------------------------------------------- access
+    // ---------------------------------------------------------------------------------------------------------- access
 
-    /// Writes a slot and reads it back; `false` if it is not to be written.
+    /// Writes a slot and reads it back. Returns `false`, without a write, if the slot is not ready.
     fn write(&mut self, place: usize, image: &[u8]) -> Result<bool, StoreError<M::Error>> {
         if !self.is_ready(place)? {
             return Ok(false);
@@ -434,7 +439,7 @@ impl<M: Medium> CalibrationStore<M> {
         })
     }
 
-    /// A slot as it is. What seems damaged is read again: the way from the memory may be disturbed.
+    /// The state of a slot. A slot that seems damaged is read again, because the transfer may have been disturbed.
     fn inspect(&mut self, place: usize) -> Result<Slot, StoreError<M::Error>> {
         match self.read(place)?.slot() {
             Slot::Damaged(_) => Ok(self.read(place)?.slot()),
@@ -442,7 +447,7 @@ impl<M: Medium> CalibrationStore<M> {
         }
     }
 
-    /// Reads a slot as far as it is used, by its own account.
+    /// Reads as much of a slot as its header claims.
     fn read(&mut self, place: usize) -> Result<Content, StoreError<M::Error>> {
         let address = address::<M>(place);
         let mut buffer = [0xff; SLOT_BYTES];
@@ -451,7 +456,7 @@ impl<M: Medium> CalibrationStore<M> {
         if *head == [0xff; PIECE_BYTES] {
             return Ok(Content::Blank);
         }
-        // A length that cannot be reads nothing more; decoding says so.
+        // If the length is not possible, nothing more is read, and decoding reports the length.
         let more =
             super::record::used_bytes(head).map_or(0, |used| used.div_ceil(PIECE_BYTES) * PIECE_BYTES - PIECE_BYTES);
         let rest = rest.get_mut(..more).unwrap_or_default();
@@ -461,7 +466,7 @@ impl<M: Medium> CalibrationStore<M> {
     }
 }
 
-/// What was read of a slot.
+/// The content of a slot.
 #[expect(clippy::large_enum_variant, reason = "there is no heap to box the record on")]
 enum Content {
     Blank,
@@ -483,7 +488,7 @@ impl Content {
     }
 }
 
-/// The one ahead; the sequence number wraps.
+/// The newer of two records: the one whose sequence number is ahead. The number wraps.
 fn newer(first: Good, second: Good) -> Good {
     if second.sequence.wrapping_sub(first.sequence).cast_signed() > 0 { second } else { first }
 }

@@ -6,15 +6,15 @@ use crate::base::linear::Real;
 use crate::base::sample::{CorrectedSample, SampleStatus};
 use serde::{Deserialize, Serialize};
 
-/// Longest frame of a corrected sample, bytes.
+/// Length of the longest frame of a corrected sample, bytes.
 pub(super) const MAX_CORRECTED_FRAME_BYTES: usize = 96;
 
 /// One corrected sample. Its frame is 76 bytes long after some minutes: at 200 Hz 16.5 % of what a line of 921 600 baud
 /// carries.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CorrectedReport {
-    /// Counts the corrected samples from 0 since the stream was switched on. A gap shows a sample that the line had no room
-    /// for.
+    /// Counts the corrected samples from 0 since the stream was switched on. A gap shows that the outbox had no room
+    /// for a sample.
     pub number: u32,
     /// Time of the sample, us.
     pub time_us: u64,
@@ -24,7 +24,7 @@ pub struct CorrectedReport {
     pub omega_is_s: [f64; 3],
     /// Outer and inner gimbal angle at the time of the sample.
     pub angles: [Angle; 2],
-    /// What a user of the sample must know.
+    /// The status of the sample.
     pub status: SampleStatus,
 }
 
@@ -32,7 +32,7 @@ impl Payload for CorrectedReport {
     const KIND: u8 = b'S';
 }
 
-/// The stream, as far as it has come.
+/// The state of the stream.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Stream {
     next: Option<u32>,
@@ -44,12 +44,12 @@ impl Stream {
         Self { next: None }
     }
 
-    /// Switches the stream on, and its number to 0, or off.
+    /// Switches the stream on, with the next number 0, or off.
     pub(super) fn switch(&mut self, on: bool) {
         self.next = on.then_some(0);
     }
 
-    /// The report of a sample; `None` while the stream is off.
+    /// The report of a sample, with the next number; `None` while the stream is off.
     pub(super) fn report<T: Real>(
         &mut self,
         sample: &CorrectedSample<T>,

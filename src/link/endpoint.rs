@@ -1,21 +1,21 @@
-//! The instrument's end of a serial line: messages out, commands in, an answer to each.
+//! The instrument's end of the serial line: it sends messages, receives commands and answers each command.
 //!
 //! ```text
-//! on the wire   COBS of the frame, then a zero byte: nothing within a frame is zero, so that whatever came before,
-//!               what follows a zero byte is a frame
+//! on the wire   the frame encoded by COBS, then a zero byte. An encoded frame contains no zero byte, so a receiver can
+//!               start at any time: after a zero byte a new frame begins
 //! frame         0     version of the protocol
-//!               1     what it carries: 'M' message, 'C' command, 'A' answer
-//!               2-3   number, little-endian: messages are counted, so that gaps show; a command's is the sender's choice,
-//!                     from 1, and its answer repeats it; 0 is an answer that nobody asked for
+//!               1     kind of the payload: 'M' message, 'C' command, 'A' answer
+//!               2-3   number, little-endian. Messages are counted, so that gaps show. The sender of a command chooses
+//!                     its number, from 1, and the answer repeats it. An answer with number 0 was sent without a command
 //!               4..   payload: postcard of `Message`, `Command` or `Answer`
-//!               last  CRC-32/ISO-HDLC of all before, little-endian, 4 bytes
+//!               last  CRC-32/ISO-HDLC of all bytes before it, little-endian, 4 bytes
 //! ```
-//! Both ends use this module: [`encode`] and [`Decoder`] are all that the other one needs.
+//! Both ends use this module. The other end needs [`encode`] and [`Decoder`] only.
 //!
-//! Bytes in, bytes out: it touches no port and reads no clock. Nothing here waits. A frame that is damaged, of another
-//! version or of no meaning is dropped and counted, and [`Status`] tells the counts; a frame that cannot be sent in time is
-//! left out whole, live values first. Whole frames that hold no command are answered with a refusal, those of another
-//! version with a hello.
+//! The module uses no port and no clock, and it never waits. A frame that is damaged, of another version or of an
+//! unknown kind is dropped and counted; [`Status`] reports the counts. A frame that cannot be sent in time is left out
+//! as a whole, live values first. An intact frame that contains no command is answered with a refusal, and a frame of
+//! another version with a hello.
 
 use super::corrected::{MAX_CORRECTED_FRAME_BYTES, Stream};
 use super::frame::{Damage, Decoder, MAX_FRAME_BYTES, encode};
@@ -29,25 +29,25 @@ use crate::base::sample::{CorrectedSample, SampleStatus};
 use super::outbox::Outbox;
 use crate::run::telemetry::Message;
 
-/// Room for frames that matter most, bytes: two of the longest answers, or a verdict with all that leads to it.
+/// Memory for urgent frames, bytes: two of the longest answers, or a verdict with all messages before it.
 const URGENT_BYTES: usize = 2560;
-/// Room for live values, bytes: two estimates.
+/// Memory for live values, bytes: two estimates.
 const ROUTINE_BYTES: usize = 1024;
-/// The status is told once in this time, us.
+/// Interval between two statuses, us.
 const STATUS_US: u64 = 500_000;
 
-/// The link. It owns all its memory.
+/// The instrument's end of the link. It contains all its memory.
 ///
 /// ```
 /// use rins_selfcal::link::{Answer, Command, Decoder, Link, MAX_FRAME_BYTES, encode};
 ///
 /// let (mut instrument, mut host) = (Link::new(), Decoder::new());
-/// // The host's end: a command, number 7, into the line.
+/// // The host sends a command with number 7.
 /// let mut frame = [0; MAX_FRAME_BYTES];
 /// let command = encode(7, &Command::Start, &mut frame).expect("it fits");
 /// let received = command.iter().find_map(|byte| instrument.receive(*byte));
 /// assert_eq!(received, Some((7, Command::Start)));
-/// // The instrument's end: the answer, with the same number.
+/// // The instrument sends the answer with the same number.
 /// instrument.reply(7, &Answer::Done);
 /// let mut answer = None;
 /// while let Some(byte) = instrument.transmit() {
@@ -71,7 +71,7 @@ pub struct Link {
 }
 
 impl Link {
-    /// A quiet one.
+    /// A link before the first byte.
     pub const fn new() -> Self {
         Self {
             decoder: Decoder::new(),
@@ -86,14 +86,14 @@ impl Link {
         }
     }
 
-    /// Says what the instrument is, now and where a frame of another version comes in.
+    /// Sends what the instrument is, now and whenever a frame of another version arrives.
     pub fn greet(&mut self, hello: Hello) {
         self.volunteer(&Answer::Hello(hello.clone()));
         self.hello = Some(hello);
     }
 
-    /// Takes in a byte; the one that ends a command gives it, with its number. Not inlined, as others here: frames and what
-    /// they carry are large, and the stack of one is free again when the next needs it.
+    /// Takes one received byte. Returns the command and its number if this byte completes a command. Not inlined, as
+    /// other functions here: frames and payloads are large, and the next function can use the same stack.
     #[inline(never)]
     pub fn receive(&mut self, byte: u8) -> Option<(u16, Command)> {
         match self.decoder.push(byte)? {
@@ -122,8 +122,8 @@ impl Link {
         self.put(encode(number, answer, &mut frame), Lane::Urgent);
     }
 
-    /// Puts a message into the outbox and returns its frame, for further channels. Messages without a lane are for those
-    /// channels only: they are bulk, which a serial line has no time for, and can be read by command.
+    /// Puts a message into the outbox and returns its frame for other channels. Messages without a lane go to the other
+    /// channels only. They are too long for a serial line, and commands can read their content.
     pub fn tell<'b>(&mut self, message: &Message, frame: &'b mut [u8; MAX_FRAME_BYTES]) -> Option<&'b [u8]> {
         let framed = encode(self.messages, message, frame);
         if let Some(lane) = lane(message) {
@@ -147,7 +147,7 @@ impl Link {
         }
     }
 
-    /// Unlocks the commands that change settings if `word` is the right one, and locks them if it is not. Returns whether the
+    /// Unlocks the commands that change settings if `word` is the right word; otherwise locks them. Returns whether the
     /// word was right.
     pub fn unlock(&mut self, word: u32, now_us: u64) -> bool {
         self.lock.unlock(word, now_us)
@@ -163,12 +163,12 @@ impl Link {
         self.outbox.pop()
     }
 
-    /// Takes note that so many bytes in all came in faster than they were taken.
+    /// Notes the total number of received bytes that were lost because they were not fetched in time.
     pub fn note_overrun(&mut self, bytes: u32) {
         self.overrun = bytes;
     }
 
-    /// What was lost so far.
+    /// The counts of lost bytes and frames.
     pub fn counts(&self) -> LinkCounts {
         LinkCounts {
             dropped: self.decoder.dropped(),
@@ -178,7 +178,7 @@ impl Link {
         }
     }
 
-    /// Tells something that nobody asked for.
+    /// Sends an answer that no command asked for.
     #[inline(never)]
     pub fn volunteer(&mut self, answer: &Answer) {
         let mut frame = [0; MAX_FRAME_BYTES];
@@ -193,7 +193,7 @@ impl Link {
         }
     }
 
-    /// Whether the status is to be told now: twice a second. Counts as told.
+    /// Whether the status is due, which happens twice a second. If so, the next status is due half a second later.
     pub fn is_status_due(&mut self, now_us: u64) -> bool {
         let due = self.status_us.is_none_or(|last_us| now_us.abs_diff(last_us) >= STATUS_US);
         if due {
@@ -209,7 +209,7 @@ impl Default for Link {
     }
 }
 
-/// How a message goes over a serial line, if it does.
+/// The lane of a message on the serial line; `None` if it is not sent there.
 fn lane(message: &Message) -> Option<Lane> {
     match message {
         Message::Covariance { .. } | Message::Innovations(_) => None,

@@ -1,7 +1,7 @@
-//! Frames: what goes over the wire between two zero bytes. The layout is in the head of [`super`].
+//! Frames: the bytes between two zero bytes on the wire. The head of [`super`] shows their layout.
 //!
-//! Both directions work byte by byte in fixed memory: the encoder stuffs and checks while postcard writes, the decoder
-//! unstuffs while bytes arrive.
+//! Encoder and decoder work byte by byte in fixed memory. The encoder applies COBS and the CRC while postcard writes.
+//! The decoder removes COBS while bytes arrive.
 
 use cobs::{DecodeResult, DecoderState, EncoderState, PushResult};
 use crc::{CRC_32_ISO_HDLC, Crc, Digest, Table};
@@ -9,7 +9,7 @@ use postcard::ser_flavors::Flavor;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
-/// Version of the protocol. Frames, requests for [`super::Command::Hello`] and their answers stay the same in all versions.
+/// Version of the protocol. Frames, the command [`super::Command::Hello`] and its answer are the same in all versions.
 pub const PROTOCOL_VERSION: u8 = 4;
 
 /// Longest payload, bytes.
@@ -19,18 +19,18 @@ const HEADER_BYTES: usize = 4;
 const CRC_BYTES: usize = 4;
 const MAX_CONTENT_BYTES: usize = HEADER_BYTES + MAX_PAYLOAD_BYTES + CRC_BYTES;
 
-/// Longest frame, bytes: one more for every started 254 of its content, and the zero byte at its end.
+/// Longest frame, bytes: COBS adds one byte for each begun 254 bytes, and a zero byte ends the frame.
 pub const MAX_FRAME_BYTES: usize = MAX_CONTENT_BYTES + MAX_CONTENT_BYTES / 254 + 2;
 
 static CRC: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 
-/// Something that fills a frame.
+/// The payload of a frame.
 pub trait Payload: Serialize + DeserializeOwned {
-    /// What tells it from the others.
+    /// The byte that identifies this kind of payload.
     const KIND: u8;
 }
 
-/// Frames a payload with this number; `None` if the frame does not fit. [`MAX_FRAME_BYTES`] are enough for every payload.
+/// Encodes a payload with this number as a frame; `None` if `frame` is too short. [`MAX_FRAME_BYTES`] is always enough.
 pub fn encode<'b, P: Payload>(number: u16, payload: &P, frame: &'b mut [u8]) -> Option<&'b [u8]> {
     let mut encoder = Encoder::new(frame);
     let [low, high] = number.to_le_bytes();
@@ -39,7 +39,7 @@ pub fn encode<'b, P: Payload>(number: u16, payload: &P, frame: &'b mut [u8]) -> 
     frame.get(..length)
 }
 
-/// Writes a frame, byte by byte.
+/// Writes a frame byte by byte.
 struct Encoder<'b> {
     frame: &'b mut [u8],
     length: usize,
@@ -49,7 +49,7 @@ struct Encoder<'b> {
 
 impl<'b> Encoder<'b> {
     fn new(frame: &'b mut [u8]) -> Self {
-        // The stuffing's first code byte is written later.
+        // The first code byte of COBS is written later.
         Self { frame, length: 1, stuffing: EncoderState::default(), crc: CRC.digest() }
     }
 
@@ -84,7 +84,7 @@ impl<'b> Encoder<'b> {
         Some(())
     }
 
-    /// Puts the CRC and the end; the length of the whole.
+    /// Writes the CRC and the final zero byte. Returns the length of the frame.
     fn end(mut self) -> Option<usize> {
         let crc = self.crc.clone().finalize();
         crc.to_le_bytes().into_iter().try_for_each(|byte| self.put(byte))?;
@@ -107,18 +107,18 @@ impl Flavor for Encoder<'_> {
     }
 }
 
-/// A frame whose CRC is right.
+/// A frame with the right CRC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Frame<'d> {
-    /// What it carries, [`Payload::KIND`].
+    /// Kind of the payload, [`Payload::KIND`].
     pub kind: u8,
-    /// Number of the message, or of the request.
+    /// Number of the message or of the command.
     pub number: u16,
     payload: &'d [u8],
 }
 
 impl Frame<'_> {
-    /// What it carries, if it is a `P`, whole and with nothing after it.
+    /// The payload, if it is a `P` and no byte is left over.
     pub fn read<P: Payload>(&self) -> Option<P> {
         if self.kind != P::KIND {
             return None;
@@ -128,16 +128,16 @@ impl Frame<'_> {
     }
 }
 
-/// Why a frame is not taken.
+/// Why a frame is dropped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Damage {
-    /// It is cut short, too long, stuffed wrongly, or its CRC is wrong.
+    /// The frame is cut short, too long, not valid COBS, or its CRC is wrong.
     Corrupt,
-    /// Its CRC is right and its protocol of this other version.
+    /// The CRC is right, but the frame has this other version of the protocol.
     Version(u8),
 }
 
-/// Frames dropped by a receiver.
+/// Numbers of frames that a receiver dropped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Dropped {
     /// See [`Damage::Corrupt`].
@@ -146,15 +146,15 @@ pub struct Dropped {
     pub version: u32,
 }
 
-/// Takes frames out of a stream of bytes. Whatever came before, a frame that follows a zero byte is found.
+/// Finds frames in a stream of bytes. A frame that follows a zero byte is found whatever came before it.
 #[derive(Debug)]
 pub struct Decoder {
     stuffing: DecoderState,
     content: [u8; MAX_CONTENT_BYTES],
     length: usize,
-    /// Bytes since the last zero byte, other than none.
+    /// Whether a byte has arrived since the last zero byte.
     started: bool,
-    /// The frame under way is wrong already; its end is awaited.
+    /// The frame under way is already damaged. The decoder waits for its end.
     spoilt: bool,
     dropped: Dropped,
 }
@@ -173,13 +173,13 @@ impl Decoder {
         Self { stuffing: DecoderState::Idle, content, length: 0, started: false, spoilt: false, dropped }
     }
 
-    /// What was dropped so far.
+    /// The numbers of frames dropped so far.
     pub fn dropped(&self) -> Dropped {
         self.dropped
     }
 
-    /// Takes in a byte. The one that ends a frame gives it, or what is wrong with it. Zero bytes between frames say
-    /// nothing.
+    /// Takes one received byte. Returns the frame, or what is wrong with the frame, if this byte ends it. Zero bytes
+    /// between frames have no meaning.
     pub fn push(&mut self, byte: u8) -> Option<Result<Frame<'_>, Damage>> {
         let stuffed = self.stuffing.feed(byte);
         if byte != 0 {
@@ -244,7 +244,7 @@ mod tests {
         encode(7, &Bytes::from_slice(bytes).unwrap(), &mut frame).unwrap().to_vec()
     }
 
-    /// What a decoder makes of bytes: payloads and damages in order.
+    /// What a decoder returns for these bytes: payloads and damages, in order.
     fn received(decoder: &mut Decoder, bytes: &[u8]) -> Vec<Result<Vec<u8>, Damage>> {
         let mut all = Vec::new();
         for byte in bytes {
@@ -255,7 +255,7 @@ mod tests {
         all
     }
 
-    /// Content and stuffing by hand: version, kind, number, payload of one byte, CRC.
+    /// The expected frame is built by hand: version, kind, number, payload of one byte, CRC, with COBS.
     #[test]
     fn a_frame_is_laid_out_as_said() {
         let content = [PROTOCOL_VERSION, b'T', 7, 0, 1, 0x2a];
@@ -267,7 +267,7 @@ mod tests {
 
     #[test]
     fn every_length_comes_back_and_its_frame_holds_one_zero() {
-        // Two bytes of the payload are its length.
+        // The length of the payload takes two of its bytes.
         for length in (0..MAX_PAYLOAD_BYTES - 2).step_by(3).chain([MAX_PAYLOAD_BYTES - 2]) {
             for period in [1, 7, 254, 255, 2000] {
                 let value = |index: usize| if index % period == period - 1 { 0 } else { 1 + (index % 255) as u8 };

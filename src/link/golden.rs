@@ -1,8 +1,8 @@
-//! Golden bytes of everything that goes over the link. Whoever must change a row counts up [`PROTOCOL_VERSION`], unless the
-//! row is of a variant that is new and the last one: the other end refuses what it does not know.
+//! Golden bytes of everything that the link sends. A change of a row needs a new [`PROTOCOL_VERSION`], unless the row
+//! belongs to a new variant at the end of its type: the other end refuses a variant that it does not know.
 //!
-//! The first three tables have a row for each payload, the others for what the payloads are made of. The values of the fields
-//! differ, so that the bytes show the order of the fields.
+//! The first three tables have a row for each payload. The other tables have rows for the types inside the payloads.
+//! The values of the fields differ, so that the bytes show the order of the fields.
 
 use super::corrected::CorrectedReport;
 use super::frame::{Dropped, PROTOCOL_VERSION};
@@ -43,7 +43,7 @@ fn site() -> Site {
     Site { latitude_rad: 0.5, height_m: 20.0, measured_gravity_m_s2: Some(9.75) }
 }
 
-/// Numbers 1, 2, 3, each one once.
+/// The numbers 1, 2, 3 and so on, each used once.
 fn errors() -> InstrumentErrors<f64> {
     InstrumentErrors {
         gyro_non_orthogonality: [1.0, 2.0, 3.0, 4.0, 5.0, 6.0],

@@ -1,30 +1,31 @@
-//! What must not happen by accident is locked, and locks itself again.
+//! The lock of the commands that must not be given by accident. It locks itself again after [`UNLOCKED_US`].
 
-/// The word that unlocks. No secret: it keeps stray bytes and slips of the hand out, not people.
+/// The word that unlocks. The word is not secret: it protects against stray bytes and operating errors, not against
+/// people.
 pub const UNLOCK_WORD: u32 = 0x5e1f_ca11;
 
-/// How long it stays unlocked, us.
+/// Time after which the lock locks itself again, us.
 pub const UNLOCKED_US: u64 = 30_000_000;
 
-/// Locked at first.
+/// The lock. It is locked at first.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Lock {
     unlocked_us: Option<u64>,
 }
 
 impl Lock {
-    /// A locked one.
+    /// A lock that is locked.
     pub const fn new() -> Self {
         Self { unlocked_us: None }
     }
 
-    /// Unlocks from `now_us` on if the word is right, and locks if it is not; whether it was.
+    /// Unlocks from `now_us` on if the word is right; otherwise locks. Returns whether the word was right.
     pub fn unlock(&mut self, word: u32, now_us: u64) -> bool {
         self.unlocked_us = (word == UNLOCK_WORD).then_some(now_us);
         self.unlocked_us.is_some()
     }
 
-    /// Whether it is unlocked. A clock that went back locks.
+    /// Whether the lock is open. If the clock went back, it is locked.
     pub fn is_unlocked(&self, now_us: u64) -> bool {
         let since = self.unlocked_us.and_then(|then| now_us.checked_sub(then));
         since.is_some_and(|since_us| since_us < UNLOCKED_US)

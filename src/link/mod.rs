@@ -1,4 +1,4 @@
-//! The instrument's end of a serial line: messages out, commands in, an answer to each.
+//! The instrument's end of the serial line: messages out, commands in, and an answer to each command.
 
 mod corrected;
 mod endpoint;

@@ -1,25 +1,25 @@
-//! Frames that wait to be sent: bounded, and never waited for.
+//! The frames that wait to be sent. Their memory is bounded, and nothing waits for room in it.
 //!
-//! Two lanes. What matters most has its own memory and goes first, so that no stream of live values can keep a verdict
-//! from being told. A frame that does not fit is left out whole, and counted.
+//! There are two lanes. Urgent frames have their own memory and are sent first, so that live values never delay a
+//! verdict. A frame that does not fit is left out as a whole and counted.
 
 use heapless::Deque;
 
-/// Which of two frames goes first.
+/// The priority of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lane {
     /// Answers, states, verdicts and faults.
     Urgent,
-    /// Live values, of which there will be newer ones.
+    /// Live values. Newer values will follow.
     Routine,
 }
 
-/// Bytes of frames, each ended by a zero byte.
+/// Frames as bytes. A zero byte ends each frame.
 #[derive(Debug)]
 pub struct Outbox<const URGENT: usize, const ROUTINE: usize> {
     urgent: Deque<u8, URGENT>,
     routine: Deque<u8, ROUTINE>,
-    /// The lane of the frame that is partly sent.
+    /// The lane of the frame that is partly sent, if there is a partly sent frame.
     sending: Option<Lane>,
     unsent: u32,
 }
@@ -31,12 +31,12 @@ impl<const URGENT: usize, const ROUTINE: usize> Default for Outbox<URGENT, ROUTI
 }
 
 impl<const URGENT: usize, const ROUTINE: usize> Outbox<URGENT, ROUTINE> {
-    /// An empty one.
+    /// An empty outbox.
     pub const fn new() -> Self {
         Self { urgent: Deque::new(), routine: Deque::new(), sending: None, unsent: 0 }
     }
 
-    /// Takes a whole frame, or counts it.
+    /// Stores a whole frame, or counts it if it does not fit.
     pub fn put(&mut self, frame: &[u8], lane: Lane) {
         let taken = match lane {
             Lane::Urgent => put(&mut self.urgent, frame),
@@ -45,17 +45,17 @@ impl<const URGENT: usize, const ROUTINE: usize> Outbox<URGENT, ROUTINE> {
         self.count(!taken);
     }
 
-    /// Counts a frame that is not sent.
+    /// Counts a frame that was not sent.
     pub fn count(&mut self, unsent: bool) {
         self.unsent = self.unsent.saturating_add(u32::from(unsent));
     }
 
-    /// Frames that were not sent.
+    /// Number of frames that were not sent.
     pub fn unsent(&self) -> u32 {
         self.unsent
     }
 
-    /// The next byte for the wire. A frame once begun is ended before another begins.
+    /// The next byte for the wire. A frame is always completed before the next frame begins.
     pub fn pop(&mut self) -> Option<u8> {
         let lane = self.sending.unwrap_or(if self.urgent.is_empty() { Lane::Routine } else { Lane::Urgent });
         let byte = match lane {

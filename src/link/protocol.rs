@@ -1,4 +1,4 @@
-//! What is said over the link beside the messages of the rooms: requests and their replies.
+//! Commands and answers of the link. The other rooms define the messages.
 
 use super::frame::{Dropped, PROTOCOL_VERSION, Payload};
 use crate::estimator::Estimate;
@@ -23,28 +23,29 @@ impl Payload for Message {
     const KIND: u8 = b'M';
 }
 
-/// A command to the instrument. Its frame has a number, which the reply repeats.
+/// A command to the instrument. Its frame has a number, which the answer repeats.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
 pub enum Command {
-    /// Say what you are: [`Answer::Hello`].
+    /// Report what the instrument is: [`Answer::Hello`].
     Hello,
-    /// Say how you are: [`Answer::Status`].
+    /// Report the state of the instrument: [`Answer::Status`].
     Status,
-    /// Begin a run, where none is under way.
+    /// Begin a run, if no run is under way.
     Start,
-    /// Give the run up; the gimbals are parked.
+    /// Abort the run. The gimbals are parked.
     Abort,
-    /// Say what you know.
+    /// Report this item.
     Read(Item),
-    /// Send every corrected sample as a [`super::CorrectedReport`] from now on, or no longer.
+    /// Send every corrected sample as a [`super::CorrectedReport`], or stop doing so.
     Stream(bool),
-    /// Let limits be set and calibrations be erased, for [`super::UNLOCKED_US`]; with [`super::UNLOCK_WORD`].
+    /// Permit changes of settings and erasing for [`super::UNLOCKED_US`]. The number must be [`super::UNLOCK_WORD`].
     Unlock(u32),
-    /// Change the configuration, until power-off. Only when unlocked, and while no run is under way.
+    /// Change the configuration until power-off. Permitted only when unlocked and while no run is under way.
     Set(Setting),
-    /// Erase the stored calibration; corrections go on with the one in use until power-off. Only when unlocked, and while
-    /// no run is under way. It takes seconds; what the sample queue has no room for meanwhile is not corrected, but counted.
+    /// Erase the stored calibrations. Samples are corrected with the calibration in use until power-off. Permitted only
+    /// when unlocked and while no run is under way. Erasing takes seconds. Samples that do not fit into the queue
+    /// meanwhile are not corrected, but counted.
     Erase,
 }
 
@@ -52,7 +53,7 @@ impl Payload for Command {
     const KIND: u8 = b'C';
 }
 
-/// What can be read.
+/// An item that can be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Item {
     /// The stored calibration.
@@ -61,19 +62,19 @@ pub enum Item {
     Estimate,
     /// A row of the live covariance of the parameters.
     Covariance {
-        /// Parameter of the row.
+        /// Index of the row's parameter.
         row: u8,
     },
     /// A part of the configuration.
     Setting(SettingName),
     /// An entry of the history of calibrations, rejected ones included.
     History {
-        /// How many are newer.
+        /// Number of newer entries.
         back: u16,
     },
     /// An event of the black box.
     Event {
-        /// How many are newer.
+        /// Number of newer events.
         back: u16,
     },
 }
@@ -82,15 +83,15 @@ pub enum Item {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
 pub enum Setting {
-    /// Sample rate, site, noise, heading, options.
+    /// The configuration from samples to parameters: sample rate, site, noise, heading, options.
     Calibrator(CalibratorConfig),
     /// The rotation scheme.
     Scheme(Scheme),
     /// Limits of the outer and the inner axis.
     Axes([AxisLimits; 2]),
-    /// What a result must fulfil.
+    /// The limits of the verdict.
     Limits(VerdictLimits),
-    /// How long a run takes.
+    /// The limits on the duration of a run.
     Pace(Pace),
     /// When a run begins at power-up.
     Policy(PowerUpPolicy),
@@ -98,7 +99,7 @@ pub enum Setting {
     PowerUpUtc(Option<u64>),
 }
 
-/// Names the parts of the configuration.
+/// Name of a part of the configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum SettingName {
     /// See [`Setting::Calibrator`].
@@ -118,13 +119,13 @@ pub enum SettingName {
 }
 
 impl SettingName {
-    /// All of them.
+    /// All names.
     pub const ALL: [Self; 7] =
         [Self::Calibrator, Self::Scheme, Self::Axes, Self::Limits, Self::Pace, Self::Policy, Self::PowerUpUtc];
 }
 
 impl Setting {
-    /// The part of this name of a configuration.
+    /// The part of a configuration that has this name.
     pub fn of(config: &SelfCalibrationConfig, name: SettingName) -> Self {
         match name {
             SettingName::Calibrator => Self::Calibrator(config.calibrator),
@@ -137,7 +138,7 @@ impl Setting {
         }
     }
 
-    /// Puts this part into a configuration, unchecked.
+    /// Writes this part into a configuration without any check.
     pub fn put(&self, config: &mut SelfCalibrationConfig) {
         match self {
             Self::Calibrator(calibrator) => config.calibrator = *calibrator,
@@ -151,30 +152,30 @@ impl Setting {
     }
 }
 
-/// The answer to a command. Its frame has the number of the request; 0 is for what nobody asked for.
+/// The answer to a command. Its frame has the number of the command. Number 0 marks an answer without a command.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
 pub enum Answer {
-    /// What was asked for is done, or has begun.
+    /// The command was carried out, or has begun.
     Done,
-    /// It is not done.
+    /// The instrument refused the command.
     Refused(Refusal),
-    /// What the instrument is; also told at power-up, and where a frame of another version came in.
+    /// What the instrument is. Also sent at power-up, and after a frame of another version.
     Hello(Hello),
-    /// How it is; also told twice a second.
+    /// The state of the instrument. Also sent twice a second.
     Status(Status),
     /// A stored calibration.
     Calibration(StoredCalibration),
     /// The live estimate.
     Estimate {
-        /// Segments that went into it.
+        /// Number of segments in the estimate.
         segments: u16,
         /// The estimate.
         estimate: Estimate,
     },
     /// A row of the live covariance of the parameters, SI.
     Covariance {
-        /// Parameter of the row.
+        /// Index of the row's parameter.
         row: u8,
         /// The row.
         values: [f64; PARAMETERS],
@@ -204,7 +205,7 @@ pub enum Refusal {
     WrongWord,
     /// The configuration is not valid.
     Config(ConfigError),
-    /// The instrument has nothing of what was asked for.
+    /// The instrument does not have the requested item.
     Nothing,
     /// The calibration memory does not work.
     Memory,
@@ -239,7 +240,7 @@ impl fmt::Display for Refusal {
             Self::Locked => f.write_str("the instrument is locked; unlock it first"),
             Self::WrongWord => f.write_str("this word does not unlock the instrument"),
             Self::Config(error) => error.fmt(f),
-            Self::Nothing => f.write_str("the instrument has nothing of what was asked for"),
+            Self::Nothing => f.write_str("the instrument does not have the requested item"),
             Self::Memory => f.write_str("the calibration memory of the instrument does not work"),
         }
     }
@@ -254,14 +255,14 @@ pub struct Hello {
     pub software: String<16>,
     /// Version of the store's format, a character.
     pub store_format: u8,
-    /// Bits of its floating-point numbers.
+    /// Bits of the instrument's floating-point numbers.
     pub scalar_bits: u8,
-    /// States of its filter.
+    /// Number of states of the filter.
     pub states: u8,
 }
 
 impl Hello {
-    /// Of this build, with numbers of the size of `T`.
+    /// The description of this build. Its floating-point numbers have the size of `T`.
     pub fn new<T>(states: usize) -> Self {
         Self {
             protocol: PROTOCOL_VERSION,
@@ -273,40 +274,40 @@ impl Hello {
     }
 }
 
-/// How the instrument is.
+/// The state of the instrument.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Status {
     /// Time since power-up, us.
     pub time_us: u64,
-    /// Where the run is.
+    /// The state of the run.
     pub state: State,
-    /// Legs of the whole run.
+    /// Number of legs of the whole run.
     pub legs: u16,
-    /// Segments measured.
+    /// Number of segments measured.
     pub segments: u16,
-    /// Nominal time until all is measured, s; 0 where no run is under way.
+    /// Nominal time until the last segment is measured, s; 0 if no run is under way.
     pub left_s: f32,
     /// Outer and inner gimbal angle, rad, within half a turn; not a number before the first sample.
     pub angles_rad: [f32; 2],
     /// Whether samples are corrected.
     pub correcting: bool,
-    /// Whether limits may be set and calibrations erased.
+    /// Whether settings may be changed and calibrations erased.
     pub unlocked: bool,
-    /// Samples that never came.
+    /// Number of missing samples.
     pub missing: u32,
-    /// What the link lost.
+    /// The counts of what the link lost.
     pub link: LinkCounts,
 }
 
-/// What the instrument's end of the link lost, since power-up.
+/// Counts of what the instrument's end of the link lost, since power-up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct LinkCounts {
-    /// Frames that came in and were dropped.
+    /// Received frames that were dropped.
     pub dropped: Dropped,
-    /// Whole frames that held no command.
+    /// Intact frames that contained no command.
     pub not_understood: u32,
-    /// Bytes that came in faster than they were taken.
+    /// Received bytes that were lost because they were not fetched in time.
     pub overrun: u32,
-    /// Frames that found no room to wait in until they could be sent.
+    /// Frames that were not sent because the outbox was full.
     pub unsent: u32,
 }

@@ -5,14 +5,14 @@ use crate::gimbal::Fault;
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
-/// Why a run was given up.
+/// The reason why a run was given up.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum AbortReason {
     /// The operator or the navigation software gave the command to abort.
     Commanded,
     /// Base and axes were not at rest for a second within a minute of the start of the run.
     NotStill,
-    /// A move did not end in time.
+    /// A move did not end within its permitted time.
     TurnTimeout,
     /// An axis has a fault, and both axes were stopped.
     Gimbal(Fault),
@@ -32,12 +32,12 @@ impl AbortReason {
         }
     }
 
-    /// Whether something failed, rather than somebody asked.
+    /// Whether the reason is a fault and not a command.
     pub(super) fn is_fault(self) -> bool {
         self != Self::Commanded
     }
 
-    /// Whether the axes may be turned again after it.
+    /// Whether the axes may still be turned.
     pub(super) fn allows_parking(self) -> bool {
         if let Self::Gimbal(fault) = self { fault.allows_parking() } else { true }
     }
@@ -46,9 +46,9 @@ impl AbortReason {
 /// A run that was given up.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Abort {
-    /// Why.
+    /// The reason.
     pub reason: AbortReason,
-    /// Where the run was.
+    /// The state of the run when it was given up.
     pub during: State,
 }
 

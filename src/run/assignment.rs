@@ -1,5 +1,5 @@
-//! What the instrument shall do after power-up: the configuration in non-volatile memory of a product, a file of the host
-//! in the emulator.
+//! What the instrument does after power-up. A product keeps this configuration in non-volatile memory; in the emulator
+//! it is a file of the host.
 
 use crate::base::method::Method;
 use crate::base::site::Site;
@@ -19,21 +19,21 @@ use crate::segment::white_noise::Noise;
 use crate::verdict::VerdictLimits;
 use serde::{Deserialize, Serialize};
 
-/// Longest assignment as postcard, bytes.
+/// Longest assignment encoded by postcard, bytes.
 pub const MAX_ASSIGNMENT_BYTES: usize = 2048;
 
 /// What to do after power-up.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
 pub enum Assignment {
-    /// Calibrate, or use the stored calibration, then correct.
+    /// Calibrate or use the stored calibration, then correct samples.
     SelfCalibrate(SelfCalibrationConfig),
-    /// Take the samples as a recording: no motion, no store; solve when they end.
+    /// Treat the samples as a recording: no motion, no store. The solution follows when the samples end.
     Replay(CalibratorConfig),
 }
 
 impl Default for Assignment {
-    /// A navigation grade unit at the default site, joint method, with the scheme that was compiled in.
+    /// A navigation-grade unit at the default site, the joint method, and the scheme that was compiled in.
     fn default() -> Self {
         let noise = Noise {
             accel_psd_sqrt: 10.0 * MICRO_G,
@@ -48,7 +48,7 @@ impl Default for Assignment {
 }
 
 impl CalibratorConfig {
-    /// The usual configuration for a unit with this noise (SI) and sample rate (Hz).
+    /// The usual configuration for a unit with this noise (SI) and this sample rate (Hz).
     pub fn new(method: Method, site: Site, noise: Noise, rate_hz: f64) -> Self {
         let estimator = EstimatorConfig {
             method,
@@ -56,7 +56,7 @@ impl CalibratorConfig {
             noise,
             heading: HeadingSource::Gyrocompass,
             period_moves: None,
-            // While the linearization is still poor a gate would keep out good measurements. Doubts are the verdict's.
+            // The first linearization is poor, so a gate would keep out good measurements. The verdict finds bad ones.
             gate_sigma: None,
             options: Options::default(),
         };
@@ -65,8 +65,7 @@ impl CalibratorConfig {
 }
 
 impl SelfCalibrationConfig {
-    /// The usual configuration of a run: default axes, limits and pace, a run where nothing is
-    /// stored.
+    /// The usual configuration of a run: default axes, limits and pace. A run begins at power-up if nothing is stored.
     pub fn new(calibrator: CalibratorConfig, scheme: Scheme) -> Self {
         Self {
             calibrator,

@@ -1,4 +1,5 @@
-//! From samples to a solution: intake, segmenter and estimator in line. The same for a live instrument and a recording.
+//! From samples to a solution: intake, segmenter and estimator in series. A live instrument and a recording use the
+//! same code.
 
 use crate::base::linear::Real;
 use crate::base::sample::RawSample;
@@ -12,8 +13,8 @@ use crate::segment::intake::{Admission, Intake, IntakeCounts};
 use crate::segment::{Segment, Segmenter};
 use crate::verdict::{Assessment, Verdict, VerdictLimits, is_good_fit, judge};
 
-/// Takes samples in and gives parameters out. For a recording; [`SelfCalibration`](crate::run::self_calibration::SelfCalibration)
-/// has it for a live instrument.
+/// Turns samples into parameters. Use it directly for a recording; a live instrument uses
+/// [`SelfCalibration`](crate::run::self_calibration::SelfCalibration), which contains it.
 ///
 /// ```
 /// use rins_selfcal::run::calibrator::Calibrator;
@@ -29,7 +30,7 @@ use crate::verdict::{Assessment, Verdict, VerdictLimits, is_good_fit, judge};
 /// let noise = Noise { accel_psd_sqrt: 1e-4, gyro_psd_sqrt: 3e-7, encoder_sigma_rad: 2.5e-6, margin: 1.0 };
 /// let site = Site::default();
 /// let mut calibrator = Box::new(Calibrator::<f64>::new(&CalibratorConfig::new(Method::Joint, site, noise, 200.0)));
-/// // A perfect unit on a base that is tilted by one degree, at rest for ten seconds: a log has the whole scheme.
+/// // A perfect unit at rest for ten seconds on a base that is tilted by one degree. A real log has the whole scheme.
 /// let unit = InstrumentErrors { base_roll: 1.0 * DEG, ..InstrumentErrors::default() };
 /// let rot_bn = unit.rot_nb().transpose();
 /// let (force_a, omega_g) = (rot_bn * Vector3::z() * site.gravity_m_s2(), rot_bn * Vector3::from(site.earth_rate_n()));
@@ -38,9 +39,9 @@ use crate::verdict::{Assessment, Verdict, VerdictLimits, is_good_fit, judge};
 /// }
 /// let stop = calibrator.finish().expect("a stop");
 /// assert!((stop.estimate.errors.base_roll / DEG - 1.0).abs() < 1e-3);
-/// // What a level instrument cannot see, it says: the sigma of a mounting angle is still that before any data.
+/// // The sigma of a state that a level instrument does not show, here a mounting angle, is still its prior sigma.
 /// assert!(stop.estimate.sigmas[9] > 1.0 * DEG);
-/// // At the end of a log: `conclude` for the solution, `judge` for the verdict.
+/// // At the end of a log, `conclude` gives the solution and `judge` the verdict.
 /// ```
 #[derive(Clone, Debug)]
 pub struct Calibrator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATES: usize = BASIC_STATES> {
@@ -50,7 +51,7 @@ pub struct Calibrator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATE
 }
 
 impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS, STATES> {
-    /// Memory for a calibrator, to be restarted.
+    /// Memory for a calibrator. Call [`Self::restart`] before use.
     pub const UNCONFIGURED: Self =
         Self { intake: Intake::new(0.0), segmenter: Segmenter::new(), estimator: Estimator::new() };
 
@@ -61,45 +62,45 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
         calibrator
     }
 
-    /// Forgets everything and begins anew, in place.
+    /// Forgets all samples and segments, and begins again in place.
     pub fn restart(&mut self, config: &CalibratorConfig) {
         self.intake = Intake::new(config.rate_hz);
         self.segmenter.restart(&config.stillness);
         self.estimator.restart(&config.estimator);
     }
 
-    /// Takes in one sample. Most return nothing; the one that completes a segment returns the live estimate.
+    /// Takes one sample. Returns the live estimate if this sample completes a segment.
     pub fn step(&mut self, sample: &RawSample<T>) -> Option<Progress> {
         if self.admit(sample) { self.measure(sample) } else { None }
     }
 
-    /// Whether a sample may be used at all; counts those that may not.
+    /// Whether a sample may be used. Samples that may not be used are counted.
     pub fn admit(&mut self, sample: &RawSample<T>) -> bool {
         matches!(self.intake.admit(sample), Admission::Admitted { .. })
     }
 
-    /// Takes in an admitted sample, as [`Self::step`].
+    /// Takes an admitted sample. Otherwise the same as [`Self::step`].
     pub fn measure(&mut self, sample: &RawSample<T>) -> Option<Progress> {
         self.segmenter.step(sample).and_then(|segment| self.add(&segment))
     }
 
-    /// Counts samples anew from here on: the measurement begins.
+    /// Restarts the sample counts, because the measurement begins here.
     pub fn restart_counts(&mut self) {
         self.intake.restart_counts();
     }
 
-    /// Admits the next sample whatever its time: the samples begin anew after a loss.
+    /// Admits the next sample whatever its time, because samples were lost.
     pub fn resume(&mut self) {
         self.intake.resume();
     }
 
-    /// Closes the stop under way, at the end of the samples.
+    /// Closes the stop under way at the end of the samples.
     pub fn finish(&mut self) -> Option<Progress> {
         self.segmenter.finish().and_then(|segment| self.add(&segment))
     }
 
-    /// One bounded piece of the look whether the run may end with the stop under way: closes it, and tells whether every
-    /// required sigma is met and the fit is good; `None` while it is not known yet.
+    /// Checks, one bounded piece a call, whether the run may end with the stop under way. Closes the stop. Returns
+    /// whether every required sigma is met and the fit is good; `None` while more calls are needed.
     pub fn weigh_piece(&mut self, limits: &VerdictLimits, report: &mut impl FnMut(&Message)) -> Option<bool> {
         if let Some(progress) = self.finish() {
             tell(report, || Message::Segment(progress));
@@ -115,8 +116,9 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
         limits.required_sigmas.is_some() && limits.unmet(&self.estimator.estimate().sigmas).next().is_none()
     }
 
-    /// One bounded piece of what is to be done at the end of the samples: closes the last stop, processes all segments
-    /// until the estimate stands, and reports innovations, solution and covariance. Returns the solution when done.
+    /// Does one bounded piece of the work at the end of the samples: closes the last stop, processes all segments until
+    /// the estimate has converged, and reports innovations, solution and covariance. Returns the solution when all is
+    /// done.
     pub fn conclude_piece(&mut self, report: &mut impl FnMut(&Message)) -> Option<Solution> {
         if let Some(progress) = self.finish() {
             tell(report, || Message::Segment(progress));
@@ -128,7 +130,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
         if solved { self.report_solution(report) } else { None }
     }
 
-    /// Not inlined: the pieces need the stack.
+    /// Not inlined, because the pieces need the stack.
     #[inline(never)]
     fn report_solution(&self, report: &mut impl FnMut(&Message)) -> Option<Solution> {
         let solution = *self.estimator.solution()?;
@@ -140,7 +142,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
         Some(solution)
     }
 
-    /// All pieces in one go, where no sample is waiting.
+    /// Calls [`Self::conclude_piece`] until the solution is complete. For use where no sample is waiting.
     pub fn conclude(&mut self, report: &mut impl FnMut(&Message)) -> Solution {
         loop {
             if let Some(solution) = self.conclude_piece(report) {
@@ -163,32 +165,32 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
         judge(&assessment, limits)
     }
 
-    /// The stop under way, for a look at its quality.
+    /// The stop under way, to check its quality.
     pub fn stop_so_far(&self) -> Option<Segment<T>> {
         self.segmenter.stop_so_far()
     }
 
-    /// Longest interval between two samples at the stop under way, us, up to the last sample.
+    /// Longest interval between two samples of the stop under way, us, up to the last sample.
     pub fn longest_interval_us(&self) -> u64 {
         self.segmenter.longest_interval_us()
     }
 
-    /// Forgets what was summed at the stop under way.
+    /// Discards the sums of the stop under way.
     pub fn restart_stop(&mut self) {
         self.segmenter.restart_stop();
     }
 
-    /// What became of the samples.
+    /// The counts of admitted and refused samples.
     pub fn counts(&self) -> IntakeCounts {
         self.intake.counts()
     }
 
-    /// The first parameter that a run of the scheme would leave unobserved. Forgets everything.
+    /// The first parameter that the scheme would leave unobserved. Forgets all samples and segments.
     pub fn rehearse(&mut self, scheme: &Scheme) -> Option<u8> {
         unobserved(&mut self.estimator, scheme)
     }
 
-    /// The estimator, with segments and covariance.
+    /// The estimator, with its segments and its covariance.
     pub fn estimator(&self) -> &Estimator<T, SEGMENTS, STATES> {
         &self.estimator
     }

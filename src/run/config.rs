@@ -1,4 +1,4 @@
-//! The configuration of a run, and why one is refused.
+//! The configuration of a run, and the reasons why a configuration is refused.
 
 use crate::base::units::DEG;
 use crate::estimator::EstimatorConfig;
@@ -17,21 +17,21 @@ use core::fmt;
 use core::ops::RangeInclusive;
 use serde::{Deserialize, Serialize};
 
-/// What the chain from samples to parameters must know.
+/// The configuration of the chain from samples to parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CalibratorConfig {
     /// Nominal sample rate, Hz.
     pub rate_hz: f64,
-    /// How motion of the axes is recognized.
+    /// How moves are told from stops.
     pub stillness: Stillness,
-    /// What the estimator must know.
+    /// The configuration of the estimator.
     pub estimator: EstimatorConfig,
 }
 
-/// Everything that a run must know.
+/// The configuration of a self-calibration run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SelfCalibrationConfig {
-    /// From samples to parameters.
+    /// The configuration of the chain from samples to parameters.
     pub calibrator: CalibratorConfig,
     /// The rotation scheme.
     pub scheme: Scheme,
@@ -39,16 +39,16 @@ pub struct SelfCalibrationConfig {
     pub axes: [AxisLimits; 2],
     /// Motors, loads and encoders of the outer and the inner axis.
     pub motors: [MotorAndLoad; 2],
-    /// What a result must fulfil.
+    /// The limits of the verdict.
     pub limits: VerdictLimits,
-    /// How long a run takes.
+    /// The limits on the duration of a run.
     pub pace: Pace,
     /// When a run begins at power-up.
     pub policy: PowerUpPolicy,
-    /// Time of power-up, seconds since 1970-01-01 UTC; `None` where there is no clock.
+    /// Time of power-up, seconds since 1970-01-01 UTC; `None` if there is no clock.
     pub utc_s: Option<u64>,
-    /// A scheme that would leave a parameter unobserved is refused before anything turns. Otherwise it is run, to see what
-    /// it shows, and the result rejected.
+    /// Whether a scheme that leaves a parameter unobserved is refused before anything turns. If not, the scheme is run
+    /// and its result is rejected.
     pub refuse_unobserved: bool,
 }
 
@@ -61,7 +61,8 @@ pub enum ConfigError {
     Noise,
     /// The heading or its sigma is not finite, or the sigma is not positive.
     Heading,
-    /// The range of an axis at rest is not positive or exceeds 1 deg, or the innovation gate is not positive and finite.
+    /// The range of an axis at rest is not positive or exceeds 1 deg, or the innovation gate is not positive and
+    /// finite.
     Stillness,
     /// A limit of this axis is not positive and finite, or its travel is empty.
     Axis(u8),
@@ -87,9 +88,9 @@ pub enum ConfigError {
     TooFast(u8),
     /// This leg, counted from 1, or the start at (0, 0), leg 0, is outside the travel of this axis.
     Travel {
-        /// Leg.
+        /// The leg.
         leg: u8,
-        /// Axis.
+        /// The axis.
         axis: u8,
     },
     /// The stop of this leg, counted from 1, or the first stop, leg 0, is too short to be measured.
@@ -183,8 +184,9 @@ impl fmt::Display for ConfigError {
     }
 }
 
-/// Sample rates with enough samples in a segmenter's block and within the position loop's time constant, and whole
-/// microseconds between them.
+/// Permitted sample rates, Hz. The lower limit keeps enough samples in a segmenter's block and in the time constant of
+/// the position loop. The upper limit keeps the interval at 100 us or more, as time stamps are in whole
+/// microseconds.
 const RATES_HZ: RangeInclusive<f64> = 50.0..=10_000.0;
 
 fn positive(x: &f64) -> bool {
@@ -192,11 +194,11 @@ fn positive(x: &f64) -> bool {
 }
 
 impl SelfCalibrationConfig {
-    /// Checks every number, so that nothing that follows can fail on one. Not inlined, as what prepares a run: the rehearsal
-    /// needs the stack.
+    /// Checks every number, so that no later step can fail because of the configuration. Not inlined, because the
+    /// rehearsal that follows needs the stack.
     ///
     /// # Errors
-    /// The first thing that is wrong.
+    /// The first number that is wrong.
     #[inline(never)]
     pub fn check(&self) -> Result<(), ConfigError> {
         let estimator = &self.calibrator.estimator;
@@ -246,7 +248,7 @@ impl SelfCalibrationConfig {
         wrong.map_or(Ok(()), |(axis, _)| Err(ConfigError::Motor(axis)))
     }
 
-    /// What the calibrator must know for a run of the scheme.
+    /// The calibrator's configuration for a run of the scheme.
     pub(super) fn run(&self) -> CalibratorConfig {
         let mut calibrator = self.calibrator;
         if self.scheme.periods > 1 {
@@ -256,10 +258,10 @@ impl SelfCalibrationConfig {
     }
 }
 
-/// Checks a scheme in itself, and against what the outer and the inner axis can do.
+/// Checks a scheme by itself, and against the limits of the outer and the inner axis.
 ///
 /// # Errors
-/// The first thing that is wrong.
+/// The first number that is wrong.
 pub fn check_motion(scheme: &Scheme, axes: &[AxisLimits; 2]) -> Result<(), ConfigError> {
     scheme.check().map_err(ConfigError::Scheme)?;
     for (axis, limits) in (0_u8..).zip(axes) {

@@ -1,5 +1,5 @@
-//! Golden bytes of the reasons, which are stored with a calibration. Whoever must change a row counts up
-//! [`REASONS_SCHEMA`], unless the row is of a variant that is new and the last one.
+//! Golden bytes of the reasons, which are stored with a calibration. A change of a row needs a new [`REASONS_SCHEMA`],
+//! unless the row belongs to a new variant at the end of its type.
 
 use super::result::REASONS_SCHEMA;
 use crate::base::golden::{check_bytes, table};

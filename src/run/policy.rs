@@ -1,4 +1,4 @@
-//! Whether to calibrate at power-up, or to correct with the calibration in store.
+//! The decision at power-up: calibrate, or correct with the stored calibration.
 
 use core::fmt;
 use serde::{Deserialize, Serialize};
@@ -8,21 +8,22 @@ use serde::{Deserialize, Serialize};
 pub enum PowerUpPolicy {
     /// At every power-up.
     Always,
-    /// Only when told to.
+    /// Only on command.
     OnCommand,
-    /// Whenever there is no calibration in store, or it is not good any more.
+    /// If there is no stored calibration, or if the stored calibration is no longer valid.
     WhenDue {
-        /// Greatest age of the stored calibration, s; `None` for any.
+        /// Greatest age of the stored calibration, s; `None` for no limit.
         age_s: Option<u64>,
-        /// Greatest difference of the IMU's temperature from that of the stored calibration, K; `None` for any.
+        /// Greatest difference between the IMU's temperature and that of the stored calibration, K; `None` for no
+        /// limit.
         temperature_k: Option<f32>,
     },
-    /// Never, not even when told to.
+    /// Never, not even on command.
     Never,
 }
 
 impl Default for PowerUpPolicy {
-    /// When there is no calibration in store.
+    /// Calibrate if there is no stored calibration.
     fn default() -> Self {
         Self::WhenDue { age_s: None, temperature_k: None }
     }
@@ -31,29 +32,29 @@ impl Default for PowerUpPolicy {
 /// The conditions of a calibration or of a power-up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Conditions {
-    /// Seconds since 1970-01-01 UTC; `None` where there is no clock.
+    /// Seconds since 1970-01-01 UTC; `None` if there is no clock.
     pub utc_s: Option<u64>,
-    /// IMU temperature, deg C; not a number where there is no sensor.
+    /// IMU temperature, deg C; not a number if there is no sensor.
     pub temperature_c: f32,
 }
 
-/// What is done at power-up, and why.
+/// The decision at power-up, and its cause.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Decision {
     /// A calibration begins.
     Calibrate(Cause),
-    /// The stored calibration corrects.
+    /// Samples are corrected with the stored calibration.
     UseStored(Cause),
     /// There is no calibration, and none begins.
     StandBy(Cause),
 }
 
-/// What a decision rests on.
+/// The cause of a decision.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Cause {
-    /// The policy leaves no choice.
+    /// The policy permits no other decision.
     Policy,
-    /// The operator or the navigation software asked for it.
+    /// The operator or the navigation software gave the command.
     Commanded,
     /// Nothing is stored.
     NothingStored,
@@ -68,9 +69,9 @@ pub enum Cause {
     },
     /// The age of the stored calibration is not known, or negative.
     AgeUnknown,
-    /// The temperature is another one.
+    /// The temperature has changed too much since the stored calibration.
     Temperature {
-        /// Temperature less that of the stored calibration, K.
+        /// Present temperature minus that of the stored calibration, K.
         difference_k: f32,
         /// Greatest difference, K.
         limit_k: f32,
@@ -80,7 +81,7 @@ pub enum Cause {
 }
 
 impl PowerUpPolicy {
-    /// Decides at `now`; `stored` is the conditions of the calibration in store.
+    /// Decides at the conditions `now`. `stored` holds the conditions of the stored calibration, if there is one.
     pub fn decide(self, stored: Option<Conditions>, now: Conditions) -> Decision {
         match (self, stored) {
             (Self::Always, _) => Decision::Calibrate(Cause::Policy),
@@ -137,18 +138,24 @@ impl fmt::Display for Cause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         const HOUR_S: u64 = 3600;
         match self {
-            Self::Policy => write!(f, "the policy says so"),
-            Self::Commanded => write!(f, "commanded"),
+            Self::Policy => write!(f, "the policy permits no other decision"),
+            Self::Commanded => write!(f, "a command was given"),
             Self::NothingStored => write!(f, "nothing is stored"),
-            Self::WithinLimits => write!(f, "it is within the limits"),
+            Self::WithinLimits => write!(f, "it is within the limits of the policy"),
             Self::Age { age_s, limit_s } => {
-                write!(f, "the stored one is {} h old, limit {} h", age_s / HOUR_S, limit_s / HOUR_S)
+                write!(f, "the stored calibration is {} h old, and the limit is {} h", age_s / HOUR_S, limit_s / HOUR_S)
             }
-            Self::AgeUnknown => write!(f, "the age of the stored one is not known"),
+            Self::AgeUnknown => write!(f, "the age of the stored calibration is not known"),
             Self::Temperature { difference_k, limit_k } => {
-                write!(f, "{difference_k:+.1} K from the temperature of the stored one, limit {limit_k:.1} K")
+                write!(
+                    f,
+                    "the temperature differs by {difference_k:+.1} K from that of the stored calibration, and the \
+                     limit is {limit_k:.1} K"
+                )
             }
-            Self::TemperatureUnknown => write!(f, "the temperature now or of the stored one is not known"),
+            Self::TemperatureUnknown => {
+                write!(f, "the present temperature or that of the stored calibration is not known")
+            }
         }
     }
 }

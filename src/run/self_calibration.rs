@@ -1,9 +1,9 @@
-//! Self-calibration of a running instrument: sequencer, calibrator and verdict together.
+//! Self-calibration of a running instrument: sequencer, calibrator and verdict work together.
 //!
-//! One sample and the state of the gimbal come in; motion commands, a corrected sample and messages go out. The main loop
-//! ([`Instrument`](crate::instrument::Instrument)) calls [`SelfCalibration::step`] for every sample and
-//! [`SelfCalibration::tick`] on every turn, passes the commands to the gimbal, and stores [`SelfCalibration::record`] when
-//! asked to.
+//! The inputs are one sample and the state of the gimbal. The outputs are motion commands, a corrected sample and
+//! messages. The main loop ([`Instrument`](crate::instrument::Instrument)) calls [`SelfCalibration::step`] for every
+//! sample and [`SelfCalibration::tick`] once per turn. It passes the commands to the gimbal, and it stores
+//! [`SelfCalibration::record`] when [`Step::save`] is set.
 
 use crate::base::angle::{Angle, ticks_to_rad};
 use crate::base::linear::{Real, real};
@@ -26,41 +26,42 @@ use crate::verdict::{Reason, Verdict, unrest};
 use core::mem;
 use heapless::String;
 
-/// A gyro output beyond this is motion, rad/s: fifty times Earth rate, a tenth of the slowest useful move.
+/// A gyro output above this limit shows motion, rad/s: fifty times Earth rate, a tenth of the slowest useful move.
 const STILL_RAD_S: f64 = 0.2 * DEG;
-/// Time without usable samples that ends a run, us.
+/// A run ends after this time without usable samples, us.
 const SAMPLE_LOSS_US: u64 = 1_000_000;
-/// The same while an axis turns: nobody sees where, and the move is lost.
+/// A run ends after this time without usable samples while an axis turns, us. The angle is not known then, and the move
+/// cannot be measured again.
 const TURNING_LOSS_US: u64 = LONGEST_GAP_US;
-/// Corrected samples are reported once in this time, us.
+/// Interval between reports of a corrected sample, us.
 const CORRECTED_REPORT_US: u64 = 1_000_000;
 
 const COMMANDED: Decision = Decision::Calibrate(Cause::Commanded);
 
-/// What is to be done after a sample.
+/// What the main loop must do after a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[must_use]
 pub struct Step<T: Real> {
-    /// What the gimbal shall do from now on, if that changes.
+    /// The new command to the gimbal, if there is a new command.
     pub motion: Option<MotionCommand>,
-    /// The sample with the instrument's errors taken out, once there is a calibration.
+    /// The sample without the instrument's errors, if a calibration is available.
     pub corrected: Option<CorrectedSample<T>>,
-    /// The record shall be stored now; answer with [`SelfCalibration::saved`].
+    /// The record must be stored now. Answer with [`SelfCalibration::saved`].
     pub save: bool,
-    /// The record of a rejected run may be added to the history; no answer is waited for.
+    /// The record of a rejected run may be added to the history. No answer is expected.
     pub note: bool,
 }
 
-/// When the last usable sample came.
+/// When the last usable sample arrived.
 #[derive(Clone, Copy, Debug)]
 struct Heard {
-    /// By the board's clock, us.
+    /// Time of arrival by the board's clock, us.
     board_us: u64,
-    /// Its own time, us.
+    /// Time stamp of the sample, us.
     sample_us: u64,
 }
 
-/// A running instrument. Its calibrator is memory of the caller's: a static on the board.
+/// A running instrument. The caller owns the memory of the calibrator; on a board it is a static.
 ///
 /// ```
 /// use rins_selfcal::run::calibrator::Calibrator;
@@ -81,7 +82,7 @@ struct Heard {
 /// let mut memory = Box::new(Calibrator::UNCONFIGURED);
 /// let mut instrument = SelfCalibration::<f64>::new(config, None, &mut memory)?;
 ///
-/// // On a board these come from the queue, and the gimbal is [`Control`](crate::gimbal::control::Control).
+/// // On a board the samples come from the queue. The gimbal is [`Control`](crate::gimbal::control::Control).
 /// let mut gimbal = GimbalStatus { at_rest: true, arrived: true, ..GimbalStatus::default() };
 /// let mut commands = Vec::new();
 /// for number in 1..=300 {
@@ -95,7 +96,7 @@ struct Heard {
 ///     // Nothing is stored yet.
 ///     assert!(step.corrected.is_none() && !step.save);
 /// }
-/// // The axes are held until all has been still for a second; then they go to the scheme's start.
+/// // The axes are held until base and axes have been at rest for a second. Then the axes move to the scheme's start.
 /// assert_eq!(commands[0], MotionCommand::Hold);
 /// assert!(matches!(commands.last(), Some(MotionCommand::MoveTo { angles_rad: [0.0, 0.0], .. })));
 /// # Ok::<(), rins_selfcal::run::config::ConfigError>(())
@@ -111,12 +112,12 @@ pub struct SelfCalibration<'c, T: Real, const STATES: usize = BASIC_STATES> {
     measuring: bool,
     previous: Option<RawSample<T>>,
     heard: Option<Heard>,
-    /// Where the outer and the inner axis were when they were last seen to move.
-    standing: Option<[Angle; 2]>,
-    /// Commands given to the gimbal; wraps.
+    /// Angles of the outer and the inner axis at their last detected movement.
+    rest_angles: Option<[Angle; 2]>,
+    /// Number of commands given to the gimbal; wraps.
     commands: u16,
-    /// The fault of the gimbal that was told last.
-    told: Option<Fault>,
+    /// The last reported fault of the gimbal.
+    reported_fault: Option<Fault>,
     enough: Option<bool>,
     solution: Option<Solution>,
     accepted: Option<bool>,
@@ -124,13 +125,13 @@ pub struct SelfCalibration<'c, T: Real, const STATES: usize = BASIC_STATES> {
     saved: bool,
     abort: Option<AbortReason>,
     calibration: Option<Calibration<T>>,
-    /// Whether the calibration is of a run since power-up.
+    /// Whether the calibration in use comes from a run since power-up.
     calibrated: bool,
     corrected_report_us: Option<u64>,
 }
 
 impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
-    /// The instrument at power-up, with the calibration that its store holds.
+    /// The instrument at power-up, with the calibration from its store.
     ///
     /// # Errors
     /// What is wrong with the configuration.
@@ -144,7 +145,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         Ok(Self::prepared(config, stored, calibrator))
     }
 
-    /// Not inlined: the rehearsal before needs the stack.
+    /// Not inlined, because the rehearsal before it needs the stack.
     #[inline(never)]
     fn prepared(
         config: SelfCalibrationConfig,
@@ -158,9 +159,9 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             measuring: false,
             previous: None,
             heard: None,
-            standing: None,
+            rest_angles: None,
             commands: 0,
-            told: None,
+            reported_fault: None,
             enough: None,
             solution: None,
             accepted: None,
@@ -177,8 +178,8 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         }
     }
 
-    /// Takes in one sample, and how the gimbal is. `report` is called with whatever there is to tell. A sample that cannot
-    /// be used, repeated, out of order or not finite, changes nothing but its count.
+    /// Takes one sample and the state of the gimbal. Calls `report` with every message. A sample that cannot be used
+    /// (repeated, out of order or not finite) is only counted.
     #[inline(never)]
     pub fn step(&mut self, sample: &RawSample<T>, gimbal: &GimbalStatus, report: &mut impl FnMut(&Message)) -> Step<T> {
         if !self.calibrator.admit(sample) {
@@ -187,7 +188,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         let last_us = self.previous.as_ref().map_or(sample.time_us, |previous| previous.time_us);
         self.previous = Some(*sample);
         let gimbal = &self.as_commanded(gimbal);
-        self.tell_fault(gimbal, report);
+        self.report_fault(gimbal, report);
         if self.measuring
             && let Some(progress) = self.calibrator.measure(sample)
         {
@@ -202,9 +203,9 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         Step { motion, corrected: self.correct(sample, report), save: action == Action::Save, note }
     }
 
-    /// Looks at the board's clock, us: call it on every turn of the main loop, after the samples, and at least ten times a
-    /// second. Where usable samples have failed to come for too long, the run ends and the axes are brought to rest by
-    /// the command returned. They are parked when samples come again.
+    /// Checks, by the board's clock (us), that samples still arrive. Call it on every turn of the main loop, after the
+    /// samples, and at least ten times a second. If no usable sample has arrived for too long, the run ends, and the
+    /// returned command brings the axes to rest. The axes are parked when samples arrive again.
     #[inline(never)]
     pub fn tick(
         &mut self,
@@ -224,9 +225,9 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         }
         let (state, now_us) = (self.sequencer.state(), sample_us.saturating_add(silent_us));
         let gimbal = &self.as_commanded(gimbal);
-        self.tell_fault(gimbal, report);
+        self.report_fault(gimbal, report);
         self.calibrator.resume();
-        // An axis that has failed is the better reason.
+        // A fault of an axis is the more useful reason.
         let reason = gimbal.fault.map_or(AbortReason::SampleLoss, AbortReason::Gimbal);
         let action = self.sequencer.abort(now_us, reason);
         let motion = self.act(action, state, report);
@@ -234,22 +235,22 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         motion
     }
 
-    /// How the gimbal is; where it has not taken the last command yet, it is on its way.
+    /// The state of the gimbal. A gimbal that has not yet taken the last command counts as moving.
     fn as_commanded(&self, gimbal: &GimbalStatus) -> GimbalStatus {
         if gimbal.commands == self.commands { *gimbal } else { GimbalStatus::default() }
     }
 
-    /// Says what stopped the axes, once.
-    fn tell_fault(&mut self, gimbal: &GimbalStatus, report: &mut impl FnMut(&Message)) {
-        if self.told != gimbal.fault {
-            self.told = gimbal.fault;
+    /// Reports the fault that stopped the axes, once.
+    fn report_fault(&mut self, gimbal: &GimbalStatus, report: &mut impl FnMut(&Message)) {
+        if self.reported_fault != gimbal.fault {
+            self.reported_fault = gimbal.fault;
             if let Some(fault) = gimbal.fault {
                 tell(report, || Message::Fault(fault));
             }
         }
     }
 
-    /// Starts a run, where none is under way. Returns whether the policy lets it.
+    /// Starts a run if no run is under way. Returns whether the policy permits a run.
     pub fn start(&mut self) -> bool {
         if self.config.policy == PowerUpPolicy::Never {
             return false;
@@ -259,17 +260,17 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         true
     }
 
-    /// Gives the run up; the gimbals are parked and the stored calibration stays as it was.
+    /// Ends the run. The gimbals are parked, and the stored calibration is unchanged.
     pub fn abort(&mut self) {
         self.abort = Some(AbortReason::Commanded);
     }
 
-    /// Changes the configuration, while no run is under way. Segments and covariance of the last run are forgotten; the
-    /// calibration in use stays.
+    /// Changes the configuration while no run is under way. Forgets segments and covariance of the last run. The
+    /// calibration in use does not change.
     ///
     /// # Errors
-    /// What would be wrong with it; it stays as it was. So do segments and covariance, unless the scheme had to be rehearsed
-    /// to find it out, which takes their memory.
+    /// What is wrong with the changed configuration. The old configuration stays in force. Segments and covariance are
+    /// kept, unless the scheme left a parameter unobserved: the rehearsal that finds this uses their memory.
     #[inline(never)]
     pub fn reconfigure(&mut self, change: impl FnOnce(&mut SelfCalibrationConfig)) -> Result<(), ConfigError> {
         let before = self.config.clone();
@@ -292,17 +293,17 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         &self.config
     }
 
-    /// Legs of the whole run, the way to the start included.
+    /// Number of legs of the whole run, including the move to the start.
     pub fn legs(&self) -> u16 {
         self.sequencer.legs()
     }
 
-    /// Nominal time until all is measured, s, at the last sample.
+    /// Nominal time from the last sample until the last segment is measured, s.
     pub fn left_s(&self) -> f64 {
         self.previous.map_or(0.0, |sample| self.sequencer.left_s(sample.time_us))
     }
 
-    /// Outer and inner angle at the last sample, rad, within half a turn.
+    /// Outer and inner angle at the last sample, rad, from -pi to pi.
     pub fn angles_rad(&self) -> Option<[f64; 2]> {
         let rad = |angle: Angle| ticks_to_rad(i64::from(angle.ticks().cast_signed()));
         self.previous.map(|sample| [rad(sample.outer), rad(sample.inner)])
@@ -313,27 +314,27 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         self.calibration.is_some()
     }
 
-    /// Whether the correction in use was found since power-up, by a run that was accepted.
+    /// Whether an accepted run since power-up gave the calibration in use.
     pub fn has_calibrated(&self) -> bool {
         self.calibrated
     }
 
-    /// Tells that storing has ended.
+    /// Notes that storing has ended.
     pub fn saved(&mut self) {
         self.saved = true;
     }
 
-    /// Where the run is.
+    /// The state of the run.
     pub fn state(&self) -> State {
         self.sequencer.state()
     }
 
-    /// The calibrator of the run, with its segments and covariance.
+    /// The run's calibrator, with its segments and its covariance.
     pub fn calibrator(&self) -> &Calibrator<T, MAX_SEGMENTS, STATES> {
         self.calibrator
     }
 
-    /// The solution, as it is to be stored once it is judged.
+    /// The solution in the form in which it is stored once it is judged.
     pub fn record(&self) -> Option<StoredCalibration> {
         let estimator = &self.config.calibrator.estimator;
         self.solution.map(|solution| StoredCalibration {
@@ -355,7 +356,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         let now_us = sample.time_us;
         let lost = now_us.saturating_sub(last_us) > self.longest_silence_us();
         let (commanded, loss) = (self.abort.take(), lost.then_some(AbortReason::SampleLoss));
-        // An axis that has failed must not be parked, whatever else ends the run.
+        // A fault of an axis comes before every other reason, because it may forbid parking.
         let abort = gimbal.fault.map(AbortReason::Gimbal).or(commanded).or(loss);
         Input {
             now_us,
@@ -375,7 +376,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         }
     }
 
-    /// Longest time without usable samples that the run bears, us.
+    /// Longest permitted time without usable samples, us.
     fn longest_silence_us(&self) -> u64 {
         if self.sequencer.state().is_turning() { TURNING_LOSS_US } else { SAMPLE_LOSS_US }
     }
@@ -387,21 +388,23 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         }
     }
 
-    /// Whether the gyros feel no motion, and both axes are where they were when they were last seen to move. Looked at
-    /// while a run waits for it.
+    /// Whether the gyros show no motion, and both axes are still at the angles of their last detected movement. Called
+    /// only while a run waits for base and axes to come to rest.
     fn is_still(&mut self, sample: &RawSample<T>) -> bool {
         let angles = [sample.outer, sample.inner];
-        let standing = *self.standing.get_or_insert(angles);
-        let away_rad = angles.into_iter().zip(standing).map(|(now, then)| ticks_to_rad::<f64>(now.since(then).into()));
+        let rest_angles = *self.rest_angles.get_or_insert(angles);
+        let away_rad =
+            angles.into_iter().zip(rest_angles).map(|(now, then)| ticks_to_rad::<f64>(now.since(then).into()));
         let still_rad = self.config.calibrator.stillness.still_rad;
         if away_rad.into_iter().any(|away| away.abs() > still_rad) {
-            self.standing = Some(angles);
+            self.rest_angles = Some(angles);
             return false;
         }
         sample.omega_g.norm() <= real(STILL_RAD_S)
     }
 
-    /// How many times as long as planned the stop under way shall last, for as much noise. Looked at when the dwell is over.
+    /// Factor by which the stop under way must be longer than planned because of its noise. Computed when the dwell is
+    /// over.
     fn extension(&self) -> f64 {
         let noise = &self.config.calibrator.estimator.noise;
         if noise.margin <= 1.0 || !self.is_dwell_over() {
@@ -415,7 +418,8 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         self.previous.is_some_and(|sample| self.sequencer.is_dwell_over(sample.time_us))
     }
 
-    /// Whether the stop under way was not at rest, or lost samples. Looked at when the dwell is over.
+    /// Whether the instrument was not at rest during the stop under way, or samples were lost. Checked when the dwell
+    /// is over.
     fn is_disturbed(&self) -> bool {
         let noise = &self.config.calibrator.estimator.noise;
         let unrest = |calibrator: &Calibrator<T, MAX_SEGMENTS, STATES>| {
@@ -424,7 +428,8 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         self.is_dwell_over() && (self.calibrator.longest_interval_us() > LONGEST_GAP_US || unrest(self.calibrator))
     }
 
-    /// Carries out an action of the sequencer that was decided in the state `during`. Returns what the gimbal shall do, if that changes.
+    /// Carries out an action of the sequencer, which was decided in the state `during`. Returns the new command to the
+    /// gimbal, if there is a new command.
     fn act(&mut self, action: Action, during: State, report: &mut impl FnMut(&Message)) -> Option<MotionCommand> {
         match action {
             Action::Continue | Action::Save => {}
@@ -457,7 +462,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         motion
     }
 
-    /// What an action means for the gimbal. One that has stopped for a fault of its own does so in its own way.
+    /// The command to the gimbal that belongs to an action. A gimbal with a fault has already stopped by itself.
     fn motion(&self, action: Action) -> Option<MotionCommand> {
         match action {
             Action::GiveUp(Some(AbortReason::Gimbal(_))) => None,
@@ -487,7 +492,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         tell(report, || Message::Decided(decision));
     }
 
-    /// Begins a run as if there had been none before.
+    /// Begins a run and forgets the previous run.
     fn begin(&mut self, report: &mut impl FnMut(&Message)) {
         if self.decision == Some(COMMANDED) {
             tell(report, || Message::Decided(COMMANDED));
@@ -497,8 +502,8 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         (self.accepted, self.saved) = (None, false);
     }
 
-    /// One piece of it: the next samples do not wait for the whole. Not inlined: what it needs on the stack, most samples
-    /// do not.
+    /// Does one piece of the solution, so that the next samples do not wait for the whole. Not inlined, because most
+    /// samples do not need its stack.
     #[inline(never)]
     fn solve(&mut self, report: &mut impl FnMut(&Message)) {
         self.measuring = false;
@@ -539,7 +544,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     }
 }
 
-/// Checks a configuration against itself and the scheme against the calibrator, which is ready for a run after that.
+/// Checks a configuration by itself, then rehearses its scheme. After that the calibrator is ready for a run.
 #[inline(never)]
 fn prepare<T: Real, const STATES: usize>(
     config: &SelfCalibrationConfig,
@@ -575,7 +580,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scheme_that_hides_parameters_is_refused_unless_it_is_wanted_all_the_same() {
+    fn a_scheme_with_unobserved_parameters_is_refused_unless_configured_otherwise() {
         let mut calibrator = std::boxed::Box::new(Calibrator::<f64, MAX_SEGMENTS>::UNCONFIGURED);
         for name in ["8-position", "16-position"] {
             let mut config = SelfCalibrationConfig { scheme: Scheme::named(name).expect("there"), ..config() };

@@ -1,4 +1,4 @@
-//! Self-calibration as a state machine. It decides; others act.
+//! The state machine of a self-calibration run. It decides what to do next; the main loop carries the decision out.
 //!
 //! ```text
 //!             the stored calibration is used
@@ -18,10 +18,10 @@
 //!                                                            |        +--(fails)--> Stranded
 //!                                                            +--(not safe)-------------^
 //! ```
-//! Time is an argument, in microseconds. Leg 0 is the way to the scheme's start at (0, 0) and the first stop there; leg
-//! k > 0 is the scheme's k-th move and the stop after it. A rejected or aborted run parks the gimbals at (0, 0) and
-//! leaves the stored calibration as it was. Where they cannot be parked, the gimbals stand where they came to rest. From
-//! Correcting, StandBy, Parked and Stranded a command starts a run: AwaitStill.
+//! Time is an argument, in microseconds. Leg 0 is the move to the scheme's start at (0, 0) and the first stop. Leg k >
+//! 0 is the scheme's k-th move and the stop after it. A rejected or aborted run parks the gimbals at (0, 0) and leaves
+//! the stored calibration unchanged. If the gimbals cannot be parked, they stay where they came to rest. A command
+//! starts a run, in state AwaitStill, from Correcting, StandBy, Parked and Stranded.
 
 use super::abort::AbortReason;
 use crate::run::policy::Decision;
@@ -29,111 +29,115 @@ use crate::run::state::State;
 use crate::scheme::{Leg, SETTLING_S, Scheme};
 use serde::{Deserialize, Serialize};
 
-/// Base and axes must have been still for this long before anything moves, us.
+/// Base and axes must have been at rest for this long before the first move begins, us.
 const STILL_US: u64 = 1_000_000;
-/// Longest wait for the base to be still, us.
+/// Longest wait for base and axes to come to rest, us.
 const STILL_TIMEOUT_US: u64 = 60_000_000;
-/// Standing time after arrival before the dwell counts, us.
+/// Settling time between the arrival of the axes and the beginning of the dwell, us.
 const SETTLE_US: u64 = (SETTLING_S * 1e6) as u64;
-/// Least time to bring the axes to rest before they are parked, us.
+/// Shortest time that the axes are given to come to rest before they are parked, us.
 const STOP_US: u64 = 1_000_000;
-/// Longest time beyond its nominal duration that a move may take, us.
+/// A move may exceed its nominal duration by this time, us.
 const TURN_TIMEOUT_US: u64 = 10_000_000;
 
-/// How long a run takes.
+/// The limits on the duration of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Pace {
-    /// How often disturbed stops may be repeated, in all.
+    /// Number of disturbed stops that may be repeated in one run.
     pub stop_repeats: u8,
-    /// Whether the run ends at the first stop at whose end every required sigma is met and the fit is good.
+    /// Whether the run ends early: at the end of the first stop at which every required sigma is met and the fit is
+    /// good.
     pub early_finish: bool,
-    /// Time after which no further move begins, s; `None` for any.
+    /// No further move begins after this time, s; `None` for no limit.
     pub longest_s: Option<f64>,
 }
 
 impl Default for Pace {
-    /// Three repeated stops; the whole scheme, as it says.
+    /// Three repeated stops, no early finish, no time limit.
     fn default() -> Self {
         Self { stop_repeats: 3, early_finish: false, longest_s: None }
     }
 }
 
 impl Pace {
-    /// Whether every number makes sense.
+    /// Whether the longest time is finite and positive.
     pub fn is_valid(&self) -> bool {
         self.longest_s.is_none_or(|longest_s| longest_s.is_finite() && longest_s > 0.0)
     }
 }
 
-/// What the sequencer must be told at each step.
+/// What the sequencer needs to know at each step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Input {
     /// Time, us.
     pub now_us: u64,
-    /// Answer to `Decide`: what to do at power-up.
+    /// Answer to [`Action::Decide`]: what to do at power-up.
     pub decision: Option<Decision>,
-    /// A run is asked for.
+    /// A run was requested.
     pub start: bool,
-    /// The gyros and encoders show neither base nor axes moving.
+    /// Gyros and encoders show that base and axes are at rest.
     pub still: bool,
-    /// Both axes have arrived where they were sent.
+    /// Both axes have reached the commanded angles.
     pub arrived: bool,
     /// Neither axis turns.
     pub at_rest: bool,
     /// Nominal duration of the move under way, us.
     pub move_us: u64,
-    /// The stop under way was not at rest.
+    /// The instrument was not at rest during the stop under way.
     pub disturbed: bool,
-    /// Something happened that ends the run.
+    /// The reason to end the run, if there is a reason.
     pub abort: Option<AbortReason>,
-    /// The dwell shall last this many times as long as the scheme says, if more than 1: the noise is larger than assumed.
+    /// Factor by which the dwell is longer than the scheme's, if above 1. The measured noise exceeds the configured
+    /// noise.
     pub extension: f64,
-    /// Answer to `Weigh`: whether every requirement is met.
+    /// Answer to [`Action::Weigh`]: whether every requirement is met. `None` while the answer is not known yet.
     pub enough: Option<bool>,
-    /// Answer to `Solve`: all is done.
+    /// Answer to [`Action::Solve`]: the solution is complete.
     pub solved: bool,
-    /// Answer to `Judge`: whether the result is accepted.
+    /// Answer to [`Action::Judge`]: whether the result is accepted.
     pub accepted: Option<bool>,
-    /// Answer to `Save`: writing has ended, well or not.
+    /// Answer to [`Action::Save`]: writing has ended, with or without success.
     pub saved: bool,
 }
 
-/// What is to be done now.
+/// What the main loop must do now.
 #[must_use]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Action {
-    /// Nothing new.
+    /// No change.
     Continue,
-    /// Both axes shall come to rest, and be controlled no longer.
+    /// Bring both axes to rest, then stop controlling them.
     Release,
     /// Decide what to do after power-up.
     Decide,
-    /// A run begins: forget the one before. Both axes shall stand where they are.
+    /// Begin a run: forget the previous run, and hold both axes at their present angles.
     Begin,
-    /// Both axes shall stand where they are.
+    /// Hold both axes at their present angles.
     Hold,
-    /// Both axes shall move to these angles, rad, counted over whole turns.
+    /// Move both axes to these angles, rad, counted over whole turns.
     MoveTo {
         /// Outer angle, rad.
         outer_rad: f64,
         /// Inner angle, rad.
         inner_rad: f64,
     },
-    /// Begin to measure: the axes stand at the scheme's first stop.
+    /// Begin to measure: the axes are at rest at the scheme's first stop.
     Measure,
-    /// Forget the stop so far and measure it again: it was disturbed.
+    /// Discard the samples of this stop and measure the stop again: it was disturbed.
     RepeatStop,
-    /// Close the stop, and see whether every requirement is met, one bounded piece at each of these commands.
+    /// Close the stop and check whether every requirement is met. Each of these actions does one bounded piece of the
+    /// work.
     Weigh,
-    /// Close the last stop and process all segments, one bounded piece at each of these commands.
+    /// Close the last stop and process all segments. Each of these actions does one bounded piece of the work.
     Solve,
     /// Judge the solution.
     Judge,
     /// Store the accepted calibration.
     Save,
-    /// Correct samples from now on.
+    /// Correct all samples from now on.
     Correct,
-    /// Bring the axes to rest and give the run up: aborted for this reason, or rejected. Parking follows.
+    /// Bring the axes to rest and end the run. The run was aborted for this reason; `None` if it was rejected. Parking
+    /// follows.
     GiveUp(Option<AbortReason>),
 }
 
@@ -148,11 +152,11 @@ pub struct Sequencer {
     still_since_us: Option<u64>,
     measuring_since_us: u64,
     pace: Pace,
-    /// Times that stops may still be repeated.
+    /// Number of stops that may still be repeated.
     repeats_left: u8,
-    /// The leg after which the time for measuring was over, if legs were left.
+    /// The leg after which the time limit ended the run, if legs were left.
     cut_after: Option<u16>,
-    /// Nothing has happened after which the axes should not be turned.
+    /// Nothing has happened that forbids turning the axes.
     may_park: bool,
 }
 
@@ -183,18 +187,18 @@ impl Sequencer {
         &self.scheme
     }
 
-    /// Legs of the whole run, the way to the start included.
+    /// Number of legs of the whole run, including leg 0.
     pub fn legs(&self) -> u16 {
         self.scheme.moves() as u16 + 1
     }
 
-    /// Runs another scheme from the next start on, at another pace.
+    /// Changes scheme and pace, from the next run on.
     pub fn reconfigure(&mut self, scheme: Scheme, pace: Pace) {
         (self.scheme, self.pace) = (scheme, pace);
     }
 
-    /// Nominal time until all is measured, s, if no stop is repeated and none lasts longer; 0 where nothing is to be
-    /// measured any more.
+    /// Nominal time until the last segment is measured, s, if no stop is repeated or extended; 0 if no segment is left
+    /// to measure.
     pub fn left_s(&self, now_us: u64) -> f64 {
         let (leg, from_here_s) = match self.state {
             State::AwaitStill => (0, STILL_US as f64 * 1e-6 + SETTLING_S + self.leg(0).stop_s),
@@ -208,16 +212,17 @@ impl Sequencer {
         (from_here_s - elapsed_s).max(0.0) + later_s
     }
 
-    /// Nominal duration of a leg's move, settling and stop, s. The way to the start is not known.
+    /// Nominal duration of a leg's move, settling and stop, s. For leg 0 the move is not included, as its start is not
+    /// known.
     fn leg_s(&self, leg: u16) -> f64 {
         let to = self.leg(leg);
         let from = self.leg(leg.saturating_sub(1));
         self.scheme.move_s(&from, &to) + SETTLING_S + to.stop_s
     }
 
-    /// One step; at most one edge is taken.
+    /// Processes one input. At most one transition is made.
     pub fn step(&mut self, input: &Input) -> Action {
-        // Where the clock went back, the time in this state begins anew.
+        // If the clock went back, the time in this state is counted from 0 again.
         self.since_us = self.since_us.min(input.now_us);
         if let Some(reason) = input.abort {
             let command = self.abort(input.now_us, reason);
@@ -258,12 +263,12 @@ impl Sequencer {
         }
     }
 
-    /// Ends the run for a reason, if it is under way, or its parking, if something failed. Where no run is under way, axes
-    /// that do not follow are released. Without usable samples this is all that can be done.
+    /// Ends the run for this reason, if a run is under way. A fault also ends the parking. If no run is under way, axes
+    /// that have a fault are released. This function needs no samples.
     pub fn abort(&mut self, now_us: u64, reason: AbortReason) -> Action {
         let input = Input { now_us, ..Input::default() };
         match self.state {
-            // An IMU may take its time to start.
+            // An IMU may need more time to start than the longest permitted loss of samples.
             State::PowerUp if reason == AbortReason::SampleLoss => Action::Continue,
             State::PowerUp
             | State::AwaitStill
@@ -369,7 +374,7 @@ impl Sequencer {
         self.enter(input, State::Dwell(leg), Action::Measure)
     }
 
-    /// Whether a stop has lasted as long as it shall.
+    /// Whether the stop has lasted as long as planned.
     pub fn is_dwell_over(&self, now_us: u64) -> bool {
         matches!(self.state, State::Dwell(_)) && now_us.saturating_sub(self.since_us) >= self.dwell_us
     }
@@ -400,24 +405,24 @@ impl Sequencer {
         }
     }
 
-    /// The leg after which the run was cut, because the longest time that it may take was over.
+    /// The leg after which the run was cut because its longest permitted time was over.
     pub fn cut_after(&self) -> Option<u16> {
         self.cut_after
     }
 
-    /// Whether the time for measuring is over.
+    /// Whether the longest permitted time of the run is over.
     fn is_late(&self, now_us: u64) -> bool {
         let measured_us = now_us.saturating_sub(self.measuring_since_us);
         self.pace.longest_s.is_some_and(|longest_s| measured_us as f64 >= longest_s * 1e6)
     }
 
-    /// Leg 0 is the start at (0, 0).
+    /// A leg of the run. Leg 0 is the start at (0, 0).
     fn leg(&self, leg: u16) -> Leg {
         let start = Leg { outer_rad: 0.0, inner_rad: 0.0, stop_s: self.scheme.first_stop_s };
         usize::from(leg).checked_sub(1).and_then(|index| self.scheme.leg(index)).unwrap_or(start)
     }
 
-    /// Whether the move under way should long have ended.
+    /// Whether the move under way has exceeded its nominal duration by [`TURN_TIMEOUT_US`].
     fn is_overdue(&self, input: &Input) -> bool {
         self.elapsed_us(input) > input.move_us + TURN_TIMEOUT_US
     }
@@ -430,7 +435,8 @@ mod tests {
     use crate::run::policy::Cause;
     use std::vec::Vec;
 
-    /// Steps at 200 Hz for an hour with `input` made of the time and the state. Returns states entered and commands.
+    /// Steps at 200 Hz for an hour. `input` makes the input from time and state. Returns the states entered and the
+    /// actions.
     fn run(sequencer: &mut Sequencer, mut input: impl FnMut(u64, State) -> Input) -> Vec<(State, Action)> {
         let mut trace: Vec<(State, Action)> = Vec::new();
         for step in 0..720_000_u64 {
@@ -542,7 +548,7 @@ mod tests {
         assert!(!trace.iter().any(|(_, command)| matches!(command, Action::Save | Action::Correct)));
     }
 
-    /// Every state: those that a run can be aborted from, and the others.
+    /// The states in which a run can be aborted.
     const ABORTABLE: [State; 10] = [
         State::PowerUp,
         State::AwaitStill,
@@ -565,7 +571,7 @@ mod tests {
         State::Stranded,
     ];
 
-    /// Tells the sequencer of an abort whenever it is in one state.
+    /// Aborts whenever the sequencer is in the state `aborted`.
     fn aborted_in(aborted: State, reason: AbortReason) -> (Sequencer, Vec<(State, Action)>) {
         let pace = Pace { early_finish: true, ..Pace::default() };
         let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), pace);
@@ -601,7 +607,7 @@ mod tests {
             for reason in [AbortReason::Commanded, AbortReason::SampleLoss, AbortReason::TurnTimeout] {
                 assert_eq!((sequencer.abort(0, reason), sequencer.state()), (Action::Continue, state));
             }
-            // Axes at rest that do not follow are let go.
+            // Axes at rest that do not follow are released.
             let following = sequencer.abort(0, FOLLOWING);
             let expected = if state == State::Stopping { Action::Continue } else { Action::Release };
             assert_eq!((following, sequencer.state()), (expected, state));
@@ -631,7 +637,7 @@ mod tests {
             assert_eq!(sequencer.state(), State::Stranded);
             let end = [(State::Stopping, Action::GiveUp(Some(gimbal(kind)))), (State::Stranded, Action::Release)];
             assert_eq!(trace[trace.len() - 2..], end);
-            // Also where it comes to light while they are being stopped for something else.
+            // The same holds if the fault is found while the axes are being stopped for another reason.
             let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
             let trace = run(&mut sequencer, |now_us, state| Input {
                 abort: match state {
@@ -646,20 +652,20 @@ mod tests {
     }
 
     #[test]
-    fn an_imu_that_takes_its_time_moves_nothing() {
+    fn a_slow_start_of_the_imu_causes_no_action() {
         let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         assert_eq!(sequencer.abort(2_000_000, AbortReason::SampleLoss), Action::Continue);
         assert_eq!(sequencer.state(), State::PowerUp);
     }
 
     #[test]
-    fn a_run_ends_where_it_is_enough_if_it_may() {
+    fn a_run_ends_early_only_if_early_finish_is_on() {
         for (early_finish, dwells) in [(true, 6), (false, 19)] {
             let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace { early_finish, ..Pace::default() });
             let mut looks = 0;
             let trace = run(&mut sequencer, |now_us, state| {
                 looks += u32::from(matches!(state, State::Weigh(_)));
-                // It takes three looks each.
+                // The answer is ready at every third call.
                 let enough = looks.is_multiple_of(3).then_some(state == State::Weigh(5));
                 Input { enough, ..cooperative(now_us, state) }
             });
@@ -681,12 +687,12 @@ mod tests {
         };
         assert_eq!(dwell_us(1.0, None), 19 * 10_000_000);
         assert_eq!(dwell_us(1.5, None), 19 * 15_000_000);
-        // The third stop is cut, but not below what the scheme says.
+        // The time limit cuts the third stop, but not below the scheme's duration.
         assert_eq!(dwell_us(1.5, Some(33.0)) / 1_000_000, 15 + 15 + 10);
     }
 
     #[test]
-    fn gimbals_that_cannot_be_parked_are_left_where_they_stand() {
+    fn gimbals_that_cannot_be_parked_stay_where_they_came_to_rest() {
         let rejected = |now_us, state| Input { accepted: Some(false), ..cooperative(now_us, state) };
         let faulty = |now_us, state: State| Input {
             abort: (state == State::Parking).then_some(FOLLOWING),
@@ -705,7 +711,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_goes_back_does_not_hold_the_run_up() {
+    fn a_clock_that_goes_back_does_not_delay_the_run() {
         let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         let jump_us = 100_000_000;
         let trace = run(&mut sequencer, |now_us, state| {
@@ -742,7 +748,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unquiet_base_and_a_stuck_axis_end_the_run() {
+    fn a_base_in_motion_and_a_stuck_axis_end_the_run() {
         let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
         let trace = run(&mut sequencer, |now_us, state| Input { still: false, ..cooperative(now_us, state) });
         assert!(trace.iter().any(|(_, command)| *command == Action::GiveUp(Some(AbortReason::NotStill))));

@@ -2,22 +2,22 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Where the run is.
+/// The state of the run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum State {
-    /// Nothing decided yet.
+    /// Nothing is decided yet.
     PowerUp,
-    /// Waiting until base and axes are still.
+    /// Waiting until base and axes are at rest.
     AwaitStill,
-    /// Turning to the stop of a leg.
+    /// Turning to the stop of this leg.
     Turn(u16),
-    /// Letting servo and structure come to rest.
+    /// Waiting until servo and structure have settled, before the stop of this leg.
     Settle(u16),
-    /// Standing, measuring.
+    /// At rest at the stop of this leg, measuring.
     Dwell(u16),
-    /// Looking whether what has been measured is enough.
+    /// Checking whether the segments so far are sufficient, after the stop of this leg.
     Weigh(u16),
-    /// All segments are being processed, piece by piece.
+    /// All segments are being processed, one piece at a time.
     Compute,
     /// The result is being judged.
     Verdict,
@@ -25,25 +25,25 @@ pub enum State {
     Store,
     /// Samples are being corrected.
     Correcting,
-    /// There is no calibration, and no run without a command.
+    /// There is no calibration, and a run begins on command only.
     StandBy,
     /// Bringing the axes to rest after a run that was aborted or rejected.
     Stopping,
     /// Turning back to (0, 0).
     Parking,
-    /// Standing at (0, 0), not calibrated by this run.
+    /// At rest at (0, 0). This run gave no calibration.
     Parked,
-    /// Standing wherever the axes came to rest, since parking failed.
+    /// At rest where the axes stopped, because parking failed.
     Stranded,
 }
 
 impl State {
-    /// Whether no run is under way, and a command may start one.
+    /// Whether no run is under way and a command may start a run.
     pub fn is_idle(self) -> bool {
         matches!(self, Self::Correcting | Self::StandBy | Self::Parked | Self::Stranded)
     }
 
-    /// Whether a run is under way that a command may give up.
+    /// Whether a run is under way that a command may abort.
     pub fn is_under_way(self) -> bool {
         matches!(
             self,
@@ -57,7 +57,7 @@ impl State {
         )
     }
 
-    /// Whether the axes are on their way, or coming to rest: what is lost of a move cannot be repeated.
+    /// Whether the axes are turning or coming to rest. Samples lost during a move cannot be measured again.
     pub fn is_turning(self) -> bool {
         matches!(self, Self::Turn(_) | Self::Settle(_) | Self::Stopping | Self::Parking)
     }

@@ -1,4 +1,4 @@
-//! What the instrument tells while it runs. How it gets to whoever listens is `link`'s business.
+//! The messages that the instrument reports while it runs. The room `link` sends them.
 
 use crate::base::loss::LossCounts;
 use crate::base::restart::Restart;
@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 /// A finished segment and the live estimate after it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Progress {
-    /// Segments so far.
+    /// Number of segments so far.
     pub segments: u16,
     /// Stop or move.
     pub kind: SegmentKind,
@@ -28,56 +28,56 @@ pub struct Progress {
     pub estimate: Estimate,
 }
 
-/// What the instrument tells.
+/// A message of the instrument.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Message {
     /// What the calibration store held at power-up.
     Store {
-        /// A good record was found.
+        /// An intact record was found.
         found: bool,
         /// A slot is damaged, or holds a record of another version of the format.
         damaged: bool,
         /// The memory does not answer, or is too small.
         fault: bool,
     },
-    /// What is done at power-up or on command, and why.
+    /// The decision at power-up or on command, and its reason.
     Decided(Decision),
-    /// The axes are brought to rest, and controlled no longer.
+    /// The axes are brought to rest and then no longer controlled.
     Released,
-    /// The configuration is refused.
+    /// The configuration was refused.
     Refused(ConfigError),
     /// The run has entered a state.
     State {
-        /// Time, us.
+        /// Time of the sample, us.
         time_us: u64,
-        /// The state.
+        /// The state entered.
         state: State,
-        /// Legs of the whole run.
+        /// Number of legs of the whole run.
         legs: u16,
     },
     /// A segment has ended.
     Segment(Progress),
-    /// How far a segment is from what all others say.
+    /// The innovations of a segment: its measurements minus what all other segments predict.
     Innovations(SegmentInnovations),
     /// All segments are processed.
     Solved {
         /// The solution.
         solution: Solution,
-        /// What became of the samples.
+        /// The counts of admitted and refused samples.
         counts: IntakeCounts,
     },
     /// One row of the covariance of the parameters, SI.
     Covariance {
-        /// Parameter of the row.
+        /// Index of the row's parameter.
         row: u8,
         /// The row.
         values: [f64; PARAMETERS],
     },
-    /// The solution is judged.
+    /// The solution was judged.
     Judged(Verdict),
     /// The run was given up.
     Aborted(Abort),
-    /// Storing has ended; whether it went well.
+    /// Storing has ended; `true` if it succeeded.
     Saved(bool),
     /// A corrected sample, once a second.
     Corrected {
@@ -88,20 +88,20 @@ pub enum Message {
         /// Inertial angular rate of the IMU frame in the IMU frame, rad/s.
         omega_is_s: [f64; 3],
     },
-    /// At the end: samples taken from the queue, and samples that never got there.
+    /// Sent at the end of a recording: the samples taken from the queue, and the samples that did not reach it.
     Queue {
         /// Samples taken.
         samples: u64,
         /// Samples missing.
         losses: LossCounts,
     },
-    /// Something is wrong with an axis, and both are stopped for it.
+    /// An axis has a fault, and both axes are stopped.
     Fault(Fault),
-    /// At power-up: why the software has started.
+    /// Sent at power-up: why the software has started.
     Restarted(Restart),
 }
 
-/// Tells a message, which is large, and built here: whoever tells it needs no room for it on the stack.
+/// Reports a message. Messages are large; this function builds the message, so that its caller needs no stack for it.
 #[inline(never)]
 pub fn tell(report: &mut impl FnMut(&Message), message: impl FnOnce() -> Message) {
     report(&message());

@@ -1,4 +1,4 @@
-//! What is judged, and the verdict on it.
+//! The input of the verdict, and the verdict.
 
 use super::reason::Reason;
 use crate::base::linear::Real;
@@ -10,17 +10,17 @@ use crate::segment::intake::IntakeCounts;
 use crate::segment::white_noise::Noise;
 use serde::{Deserialize, Serialize};
 
-/// Reasons that fit; more are counted.
+/// Largest number of reasons in a verdict. Further reasons are only counted.
 pub(super) const MAX_REASONS: usize = 12;
 
-/// Accepted, or rejected with reasons.
+/// The verdict: accepted, or rejected with reasons.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Verdict {
-    /// Doubts, in the order they were found; none means accepted.
+    /// Doubts, in the order in which they were found. Without doubts, the result is accepted.
     pub reasons: heapless::Vec<Reason, MAX_REASONS>,
-    /// Doubts that did not fit.
+    /// Number of doubts that did not fit.
     pub more: u16,
-    /// Changes against the stored calibration that the limits allow.
+    /// Changes from the stored calibration that the limits permit.
     pub changes: heapless::Vec<Reason, MAX_REASONS>,
 }
 
@@ -30,7 +30,7 @@ impl Verdict {
         self.reasons.is_empty()
     }
 
-    /// Puts an explanation before the doubts, if there are any.
+    /// Puts an explanation before the doubts, if there are doubts.
     pub fn explain(&mut self, explanation: Reason) {
         if self.accepted() {
             return;
@@ -38,7 +38,7 @@ impl Verdict {
         if self.reasons.is_full() && self.reasons.pop().is_some() {
             self.more = self.more.saturating_add(1);
         }
-        // There is room now.
+        // The vector is not full now, so the insertion cannot fail.
         let _ = self.reasons.insert(0, explanation);
     }
 
@@ -50,21 +50,21 @@ impl Verdict {
     }
 }
 
-/// Everything that is judged.
+/// Everything that the verdict uses.
 #[derive(Clone, Copy, Debug)]
 pub struct Assessment<'a, T: Real> {
-    /// The outcome of all sweeps.
+    /// The solution after all sweeps.
     pub solution: &'a Solution,
-    /// Prior sigmas, SI; 0 for a parameter that the method takes as known.
+    /// Prior sigmas, SI; 0 for a parameter that the method does not estimate.
     pub prior_sigmas: &'a [f64; PARAMETERS],
-    /// The segments.
+    /// The segments of the run.
     pub segments: &'a [Segment<T>],
     /// The configured noise.
     pub noise: &'a Noise,
-    /// Where the instrument stands.
+    /// The site of the calibration.
     pub site: &'a Site,
-    /// What became of the samples.
+    /// The counts of admitted and refused samples.
     pub counts: IntakeCounts,
-    /// The calibration in store.
+    /// The calibration in the store, if there is one.
     pub stored: Option<&'a Estimate>,
 }

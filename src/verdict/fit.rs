@@ -1,4 +1,4 @@
-//! Whether the segments agree with the model, and what was configured with the segments.
+//! Checks whether the segments agree with the model, and whether the configured values agree with the segments.
 
 use super::assessment::{Assessment, Verdict};
 use super::limits::{VerdictLimits, implausible};
@@ -7,15 +7,15 @@ use super::setting::{Explanation, wrong_setting};
 use crate::base::linear::Real;
 use crate::segment::white_noise::chi_square_quantile;
 
-/// Chi-square of the fit: normal deviate of its bounds; 2e-4 above, 3e-7 below, where only the sigmas are too large.
+/// Upper bound of the chi-square of the fit, as a normal deviate. Its probability is 2e-4.
 const CHI_SQUARE_UPPER_Z: f64 = 3.6;
 
 const CHI_SQUARE_LOWER_Z: f64 = -5.0;
 
-/// Largest normalized innovation; 6e-7 each, 1e-4 for 168 measurements.
+/// Largest normalized innovation. Its probability is 6e-7 for one measurement and 1e-4 for 168 measurements.
 const INNOVATION_LIMIT: f64 = 5.0;
 
-/// Whether a residual chi-square is within its bounds.
+/// Whether the chi-square of the residuals is within its bounds.
 pub fn is_good_fit(chi_square: f64, degrees_of_freedom: u32) -> bool {
     let [low, high] = chi_square_bounds(degrees_of_freedom);
     (low..=high).contains(&chi_square)
@@ -27,7 +27,8 @@ pub(super) fn chi_square_bounds(degrees_of_freedom: u32) -> [f64; 2] {
 
 pub(super) fn judge_fit<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, limits: &VerdictLimits) {
     let Assessment { solution, site, .. } = assessment;
-    // What the instrument is or does may look like a setting; the other way round, it does not.
+    // An error of the instrument may look like a wrong setting. A wrong setting does not look like an error of the
+    // instrument.
     let sound = verdict.accepted() && implausible(solution, limits).next().is_none();
     let wrong = if sound { wrong_setting(solution, site) } else { None };
     if let Some(Explanation { setting, .. }) = &wrong {

@@ -1,7 +1,8 @@
-//! Is the result good? Every doubt has a reason, with segment, channel or parameter, and number.
+//! The verdict on a result. Every doubt has a reason, which names the segment, channel or parameter and gives the
+//! number.
 //!
-//! Bounds follow from the distribution of each number under white noise of the configured size, at probabilities that
-//! together reject fewer than one good calibration in a thousand.
+//! Each bound follows from the distribution of its number under white noise of the configured size. All bounds together
+//! reject fewer than one good calibration in a thousand.
 
 use super::assessment::{Assessment, Verdict};
 use super::fit::judge_fit;
@@ -19,16 +20,17 @@ use crate::segment::Segment;
 use crate::segment::intake::IntakeCounts;
 use core::ops::Range;
 
-/// A channel that repeats a reading so often does not measure. A resolution of two sigma would let one repeat with
-/// probability 0.68, and 64 times in a row with 2e-11.
+/// A channel that repeats the same value over this many samples does not measure. Even with a resolution of two sigma,
+/// a good channel repeats a value with probability 0.68 only, and 64 times in a row with probability 2e-11.
 const HELD_SAMPLES: u16 = 64;
-/// Part of samples that may be missing, or repeat the one before: as much more variance.
+/// Largest part of the samples that may be missing or repeat the sample before them. The variance grows by the same
+/// part.
 const LOST_PART: f64 = 0.03;
 
-/// A change against the stored calibration is large beyond this many combined sigmas.
+/// A change from the stored calibration is large above this many combined sigmas.
 const CHANGE_LIMIT: f64 = 6.0;
 
-/// Judges a solution. Of doubts of which one follows from another, only the cause is named.
+/// Judges a solution. If one doubt follows from another, only the cause is reported.
 pub fn judge<T: Real>(assessment: &Assessment<'_, T>, limits: &VerdictLimits) -> Verdict {
     let mut verdict = Verdict::default();
     for wrong in wrong_scales(assessment.segments, assessment.site.gravity_m_s2(), limits) {
@@ -38,7 +40,7 @@ pub fn judge<T: Real>(assessment: &Assessment<'_, T>, limits: &VerdictLimits) ->
         verdict.doubt(Reason::Wiring(wiring));
     }
     if !verdict.accepted() {
-        // Whatever else is wrong follows from it.
+        // All other doubts follow from this one.
         return verdict;
     }
     judge_samples(&mut verdict, assessment);
@@ -110,7 +112,7 @@ fn judge_parameters<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, 
         if value.abs() > limit && !is_gravity {
             verdict.doubt(Reason::Implausible { parameter, value: *value, limit });
         }
-        // How well the heading is known depends on the latitude and the gyros; its sigma says so.
+        // The heading need not be observed. Its accuracy depends on the latitude and the gyros, and its sigma shows it.
         let is_named = limits.unmet(&estimate.sigmas).any(|(unmet, ..)| unmet == parameter);
         if usize::from(parameter) != block::HEADING && *sigma > OBSERVED_RATIO * prior && !is_named {
             verdict.doubt(Reason::Unobserved { parameter, of_prior: sigma / prior });
@@ -129,7 +131,7 @@ fn judge_change<T: Real>(
     let sigmas = now.sigmas.iter().zip(&stored.sigmas);
     for ((parameter, difference), (new, old)) in (0_u8..).zip(difference.iter()).zip(sigmas) {
         if *new == 0.0 || *old == 0.0 {
-            // One of them took the parameter as known.
+            // One of the two methods did not estimate the parameter.
             continue;
         }
         let combined = ComplexField::hypot(*new, *old);
@@ -140,7 +142,7 @@ fn judge_change<T: Real>(
         }
         let reason = Reason::Changed { parameter, sigmas: difference.abs() / combined };
         if limits.accept_change {
-            // The list is for information; what does not fit is in the parameters.
+            // The list is for information, so changes that do not fit are dropped. The parameters show them.
             let _ = verdict.changes.push(reason);
         } else {
             verdict.doubt(reason);
@@ -174,7 +176,7 @@ mod tests {
     const PRIOR: [f64; PARAMETERS] = [0.05; PARAMETERS];
     const NO_INNOVATION: LargestInnovation = LargestInnovation { normalized: 0.0, segment: 0, channel: 0 };
 
-    /// What is judged, to be spoilt.
+    /// The input of a verdict, which a test changes.
     #[derive(Clone)]
     struct Case {
         solution: Solution,
@@ -233,7 +235,7 @@ mod tests {
         &mut case.segments[segment].standing_mut().scatter
     }
 
-    /// The texts of the reasons of a good case that `spoil` has spoilt.
+    /// The texts of the reasons of a good case after the change `spoil`.
     fn reasons(spoil: impl FnOnce(&mut Case)) -> Vec<std::string::String> {
         let mut case = good();
         spoil(&mut case);
@@ -272,8 +274,9 @@ mod tests {
     }
 
     #[test]
-    fn stops_together_show_what_none_shows_alone() {
-        // 1.3 times over 12 stops of 99 degrees of freedom: 0.3 / sqrt(2 / 1188) = 7.3 sigma; alone 2.1.
+    fn all_stops_together_show_noise_that_no_stop_shows_alone() {
+        // 1.3 times over 12 stops of 99 degrees of freedom: 0.3 / sqrt(2 / 1188) = 7.3 sigma; one stop alone shows 2.1
+        // sigma.
         let noise = reasons(|case| {
             case.segments[7..].iter_mut().for_each(|stop| stop.standing_mut().scatter.variance[2] *= 1.3)
         });
@@ -377,7 +380,7 @@ mod tests {
         assert_eq!(reasons(|case| case.solution.suspicion = unknown).len(), 1);
     }
 
-    /// Of gyros that feel an Earth rate which is another one by this, to 1e-8 rad/s.
+    /// The evidence of gyros that measure an Earth rate with this error, with a sigma of 1e-8 rad/s.
     fn felt(error_rad_s: [f64; 2]) -> SettingEvidence {
         let information = 1e16;
         SettingEvidence {
@@ -450,7 +453,7 @@ mod tests {
     }
 
     #[test]
-    fn wiring_is_named_first() {
+    fn wrong_wiring_is_the_first_reason() {
         let upside_down = reasons(|case| {
             case.solution.fit.chi_square = 1e9;
             case.segments.iter_mut().for_each(|stop| stop.standing_mut().force_a.z = -9.8);
@@ -496,7 +499,7 @@ mod tests {
     }
 
     #[test]
-    fn axes_stay_as_they_are_while_biases_may_change() {
+    fn axes_must_be_constant_while_biases_may_change() {
         let mut case = good();
         case.stored = Some(case.solution.estimate);
         case.solution.estimate.errors.gyro_bias_g[0] = 5.0 * ARCSEC;
@@ -568,7 +571,7 @@ mod tests {
     }
 
     #[test]
-    fn one_stop_or_channel_of_another_scale_is_no_matter_of_units() {
+    fn a_wrong_scale_in_one_stop_or_channel_is_not_a_wrong_unit() {
         let one = reasons(|case| case.segments[3].standing_mut().force_a *= 0.1);
         assert!(one.is_empty(), "left to the fit: {one:?}");
         let dead = reasons(|case| {
@@ -581,7 +584,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_that_is_another_one_throughout_is_one_reason() {
+    fn wrong_noise_in_all_stops_is_one_reason() {
         let scaled = |channels: Range<usize>, factor: f32| {
             reasons(|case| {
                 for stop in &mut case.segments {
@@ -613,7 +616,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_another_one_where_most_of_few_stops_say_so() {
+    fn the_noise_is_wrong_if_most_of_few_stops_show_it() {
         let loud = |stops: usize| {
             reasons(|case| {
                 case.segments.truncate(5);

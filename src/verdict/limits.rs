@@ -1,4 +1,4 @@
-//! Limits of a result beyond statistics: what is plausible, and how small a sigma is required.
+//! Limits of a result that do not follow from statistics: plausible values and required sigmas.
 
 use crate::base::units::{DEG, DEG_H, MICRO_G, PPM};
 use crate::estimator::Solution;
@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 /// The twelve installation errors of the paper.
 pub(super) const INSTALLATION: Range<usize> = 0..INSTALLATION_STATES;
 
-/// What a result must fulfil beyond statistics.
+/// Limits of a result that do not follow from statistics.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct VerdictLimits {
     /// Largest plausible non-orthogonality and mounting angle, rad.
@@ -24,9 +24,10 @@ pub struct VerdictLimits {
     pub non_perpendicularity_rad: f64,
     /// Largest plausible tilt of the base, rad.
     pub base_tilt_rad: f64,
-    /// Greatest sigmas, in the order of the parameter vector, SI; infinite where there is no requirement.
+    /// Largest permitted sigmas, in the order of the parameter vector, SI; infinite for a parameter without
+    /// requirement.
     pub required_sigmas: Option<[f64; PARAMETERS]>,
-    /// Whether a result that differs from the stored calibration may replace it.
+    /// Whether a result may replace the stored calibration although it differs from it by more than the sigmas explain.
     pub accept_change: bool,
 }
 
@@ -45,7 +46,7 @@ impl VerdictLimits {
         limits.iter().all(|limit| limit.is_finite() && *limit > 0.0) && required.into_iter().all(|limit| *limit > 0.0)
     }
 
-    /// With a greatest sigma of the twelve installation errors, rad.
+    /// Requires at most this sigma, rad, of each of the twelve installation errors.
     #[must_use]
     pub fn requiring(self, sigma_rad: f64) -> Self {
         let mut required = [f64::INFINITY; PARAMETERS];
@@ -53,7 +54,7 @@ impl VerdictLimits {
         Self { required_sigmas: Some(required), ..self }
     }
 
-    /// Parameters whose sigma, SI, exceeds the required one: index, sigma, required.
+    /// Parameters whose sigma exceeds the required sigma: index, sigma and required sigma, SI.
     pub fn unmet<'a>(&'a self, sigmas: &'a [f64; PARAMETERS]) -> impl Iterator<Item = (u8, f64, f64)> + 'a {
         let required = self.required_sigmas.iter().flatten();
         let pairs = (0_u8..).zip(sigmas.iter().zip(required));
@@ -64,7 +65,7 @@ impl VerdictLimits {
 }
 
 impl Default for VerdictLimits {
-    /// 5 deg; 20 mg; 20 deg/h; 5000 ppm; 0.5 deg; 15 deg; no requirement; a change is not accepted.
+    /// 5 deg; 20 mg; 20 deg/h; 5000 ppm; 0.5 deg; 15 deg; no required sigmas; no change is accepted.
     fn default() -> Self {
         Self {
             installation_rad: 5.0 * DEG,
@@ -92,7 +93,7 @@ pub(super) fn plausible(parameter: usize, limits: &VerdictLimits) -> f64 {
     }
 }
 
-/// Parameters outside their plausible ranges: index, value, limit, SI.
+/// Parameters outside their plausible ranges: index, value and limit, SI.
 pub(super) fn implausible(solution: &Solution, limits: &VerdictLimits) -> impl Iterator<Item = (u8, f64, f64)> {
     let values = solution.estimate.errors.to_vector().data.0[0];
     let limits = core::array::from_fn::<_, PARAMETERS, _>(|parameter| plausible(parameter, limits));

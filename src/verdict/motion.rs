@@ -6,16 +6,17 @@ use crate::base::sample::CHANNELS;
 use crate::segment::Segment;
 use crate::segment::white_noise::{Noise, ScatterRatios, chi_square_quantile};
 
-/// Normal deviate of the variance of a stop's block means; 3e-7 each, 3e-5 for 19 stops of 6 channels.
+/// Bound of the variance of a stop's block means, as a normal deviate: 3e-7 for one channel, 3e-5 for 19 stops of 6
+/// channels.
 const SCATTER_Z: f64 = 5.0;
 
-/// Trend of a stop's block means in units of their sigma; 6e-8 each.
+/// Bound of the trend of a stop's block means, in sigmas: 6e-8 for one channel.
 const TREND_LIMIT: f64 = 5.4;
 
-/// A channel whose variance is this part of white noise's does not measure.
+/// A channel whose variance is below this fraction of the variance of white noise does not measure.
 pub(super) const STUCK_RATIO: f64 = 0.01;
 
-/// For each channel whose variance is far from that of white noise at most stops: its variance over that of white noise.
+/// For each channel whose variance differs from that of white noise at most stops: the ratio of the two variances.
 pub(super) type NoiseLevels = [Option<f64>; CHANNELS];
 
 /// The motion test of a stop: the first channel that shows that the axes or the base were not at rest, if any, and how.
@@ -24,7 +25,7 @@ pub fn unrest<T: Real>(segment: &Segment<T>, noise: &Noise) -> Option<(u8, Unres
     unrest_but(segment, noise, &[None; CHANNELS])
 }
 
-/// As [`unrest`], without the channels that have a noise level of their own.
+/// The same as [`unrest`], without the channels that have a noise level of their own.
 pub(super) fn unrest_but<T: Real>(segment: &Segment<T>, noise: &Noise, levels: &NoiseLevels) -> Option<(u8, Unrest)> {
     for channel in unnamed(levels) {
         let ScatterRatios { variance: ratio, of_white, trend, freedom } = noise.scatter(segment, channel)?;
@@ -39,7 +40,7 @@ pub(super) fn unrest_but<T: Real>(segment: &Segment<T>, noise: &Noise, levels: &
     None
 }
 
-/// Channels that have no noise level of their own.
+/// The channels that have no noise level of their own.
 pub(super) fn unnamed(levels: &NoiseLevels) -> impl Iterator<Item = u8> {
     (0_u8..).zip(levels).filter(|(_, level)| level.is_none()).map(|(channel, _)| channel)
 }

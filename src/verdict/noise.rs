@@ -1,4 +1,4 @@
-//! The noise of all stops together against the configured noise.
+//! Compares the noise of all stops together with the configured noise.
 
 use super::assessment::{Assessment, Verdict};
 use super::fit::chi_square_bounds;
@@ -9,13 +9,14 @@ use crate::base::sample::CHANNELS;
 use crate::estimator::Solution;
 use crate::segment::white_noise::{ScatterRatios, chi_square_quantile};
 
-/// Normal deviate of a channel's variance over all stops from one to the end; 8e-7 each, 1e-4 for 19 stops of 6 channels.
+/// Bound of a channel's variance over all stops from one stop to the last, as a normal deviate: 8e-7 for one channel
+/// and one first stop, 1e-4 for 19 stops of 6 channels.
 const NOISE_Z: f64 = 4.8;
 
-/// Normal deviate of a channel's squared trends over all stops; 3e-6 each, 2e-5 for 6 channels.
+/// Bound of a channel's squared trends over all stops, as a normal deviate: 3e-6 for one channel, 2e-5 for 6 channels.
 const TRENDS_Z: f64 = 4.5;
 
-/// A fit that is too good is explained by stops whose variance is this part of white noise's.
+/// Stops whose variance is below this fraction of the variance of white noise explain a fit that is too good.
 const QUIET_RATIO: f64 = 0.5;
 
 /// One stop may be disturbed. If most stops are, the configured noise is not the noise of the instrument. A configured
@@ -32,7 +33,7 @@ pub(super) fn noise_levels<T: Real>(assessment: &Assessment<'_, T>) -> NoiseLeve
             let Some(ratios) = assessment.noise.scatter(stop, channel) else { continue };
             let freedom = ratios.freedom;
             stops += 1;
-            // A channel that is dead has no noise at all.
+            // A dead channel has no noise. It does not count as quiet, because another doubt reports it.
             if is_unrest(ratios.variance, freedom) {
                 stops_far += 1;
                 far.add(ratios.variance, freedom);
@@ -62,7 +63,7 @@ pub(super) fn judge_noise_levels(verdict: &mut Verdict, levels: &NoiseLevels) {
     }
 }
 
-/// The stops together: noise that has grown, and drift, too little for each of them to show.
+/// Judges all stops together. This finds an increase of noise and a drift that are too small to show in a single stop.
 pub(super) fn judge_noise<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, levels: &NoiseLevels) {
     for channel in unnamed(levels) {
         let mut noise = Pooled::default();
@@ -86,7 +87,7 @@ pub(super) fn judge_noise<T: Real>(verdict: &mut Verdict, assessment: &Assessmen
     }
 }
 
-/// Sum of squares over their expectation, and how many there are.
+/// A sum of squares over its expectation, with the number of its terms.
 #[derive(Clone, Copy, Debug, Default)]
 struct Pooled {
     sum: f64,
@@ -103,7 +104,7 @@ impl Pooled {
         self.sum / f64::from(self.freedom)
     }
 
-    /// Nearly a normal deviate, to compare.
+    /// An approximate normal deviate, to compare sums of different length.
     fn deviate(&self) -> f64 {
         (self.ratio() - 1.0) * ComplexField::sqrt(0.5 * f64::from(self.freedom))
     }

@@ -41,8 +41,8 @@ pub enum Sensors {
 /// [`CHANNEL_NAMES`].
 ///
 /// Calibrations are stored with their reasons: whoever changes this type reads
-/// [`REASONS_SCHEMA`](crate::run::result::REASONS_SCHEMA) first, and writes the page of a new [code](Self::code) into the
-/// chapter [`reasons`](crate::guide::reasons) of the guide.
+/// [`REASONS_SCHEMA`](crate::run::result::REASONS_SCHEMA) first, and writes the page of a new [code](Self::code) into
+/// the chapter [`reasons`](crate::guide::reasons) of the guide.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[expect(missing_docs, reason = "the text of a variant says what its fields are")]
 pub enum Reason {
@@ -52,7 +52,7 @@ pub enum Reason {
     Setting(WrongSetting),
     /// The noise at most stops is far from the configured noise: this many times as large.
     NoiseLevel { sensors: Sensors, ratio: f64 },
-    /// The longest permitted time of the run was over after this leg, of so many.
+    /// The longest permitted time of the run was over after this leg; the scheme has `legs` legs.
     Cut { leg: u16, legs: u16 },
     /// This many segments are too few for a calibration.
     TooFewSegments(u16),
@@ -82,7 +82,7 @@ pub enum Reason {
     Held { segment: u16, channel: u8, samples: u16 },
     /// This many samples of a segment repeat the sample before them.
     Stale { segment: u16, samples: u16 },
-    /// Too many samples are missing, of so many.
+    /// Too many samples are missing: `missing` of `of` samples.
     Missing { missing: u32, of: u64 },
     /// A quantity that is constant by assumption changed during the run.
     Changing(Suspicion),
@@ -141,7 +141,7 @@ fn change_code(change: Change) -> &'static str {
     }
 }
 
-/// A number with so many decimals, or in scientific notation where it is huge.
+/// A number with this many decimals, or in scientific notation if it is 1e6 or more.
 struct Fixed(f64, usize);
 
 impl fmt::Display for Fixed {
@@ -156,7 +156,7 @@ fn info(parameter: u8) -> ParameterInfo {
     PARAMETER_INFO.get(usize::from(parameter)).copied().unwrap_or(UNKNOWN)
 }
 
-/// As [`info`], with the attitude's small changes in arcsec.
+/// The same as [`info`], but with changes of the attitude in arcsec, as they are small.
 fn change_info(parameter: u8) -> ParameterInfo {
     let info = info(parameter);
     if usize::from(parameter) < block::ATTITUDE {

@@ -1,7 +1,7 @@
-//! Are the samples in the units they claim to be? Specific force against gravity, and what the gyros turn against what
-//! the encoders turn.
+//! Checks that the samples are in the expected units. The specific force is compared with gravity, and the rotation by
+//! the gyros with the rotation by the encoders.
 //!
-//! A wrong unit is the same factor in every stop or move. Anything else that is wrong is not, and is left to others.
+//! A wrong unit gives the same factor in every stop or move. Other errors do not, and other checks find them.
 
 use super::limits::VerdictLimits;
 use crate::base::linear::{ComplexField, Real};
@@ -12,18 +12,19 @@ use serde::{Deserialize, Serialize};
 
 /// Standard gravity, m/s^2.
 const G: f64 = 1e6 * MICRO_G;
-/// Moves that turn less say too little about the scale, rad.
+/// A move with a smaller turn shows too little about the scale, rad.
 const LEAST_TURN_RAD: f64 = 0.1;
-/// Faster than drives can be commanded (2.147 rad/s), and slower than any useful move that is in degrees.
+/// Fastest plausible turn, rad/s. Drives can be commanded up to 2.147 rad/s; a useful move in degrees has a larger
+/// number.
 const FASTEST_TURN_RAD_S: f64 = 2.2;
-/// A factor names a unit if it is the unit's within this part: more than the errors of an instrument, less than the way
-/// to the next unit.
+/// A factor belongs to a unit if it differs from the unit's factor by less than this part. The tolerance exceeds the
+/// errors of an instrument and is smaller than the distance to the next unit.
 const UNIT_TOLERANCE: f64 = 0.15;
 
-/// A scale that no instrument in the right units has.
+/// A scale that shows wrong units.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum WrongScale {
-    /// The accelerometers read this many times gravity at the stops.
+    /// The accelerometers measure this many times gravity at the stops.
     Force {
         /// Mean specific force over gravity.
         of_gravity: f64,
@@ -37,12 +38,12 @@ pub enum WrongScale {
         /// Sample interval, s.
         interval_s: f64,
     },
-    /// Gyros and encoders agree that the axes turn faster than they can, rad/s.
+    /// Gyros and encoders agree that the axes turn at this rate, which the axes cannot reach, rad/s.
     Speed(f64),
 }
 
 impl WrongScale {
-    /// The unit that such a factor comes from, and the right one.
+    /// The unit that explains the factor, and the right unit.
     fn unit(&self) -> Option<&'static str> {
         let named = |factor: f64, units: &[(f64, &'static str)]| {
             let fits = |unit: &&(f64, &str)| (factor / unit.0 - 1.0).abs() < UNIT_TOLERANCE;
@@ -97,7 +98,7 @@ impl fmt::Display for WrongScale {
     }
 }
 
-/// A number with three digits or more.
+/// A number with at least three significant digits.
 struct Significant(f64);
 
 impl fmt::Display for Significant {
@@ -112,7 +113,7 @@ impl fmt::Display for Significant {
     }
 }
 
-/// What is wrong with the scales of accelerometers and of gyros and encoders, if anything.
+/// What is wrong with the scale of the accelerometers, and with that of gyros and encoders.
 pub fn wrong_scales<T: Real>(
     segments: &[Segment<T>],
     gravity_m_s2: f64,
@@ -121,7 +122,7 @@ pub fn wrong_scales<T: Real>(
     [wrong_force(segments, gravity_m_s2, limits), wrong_turn(segments, limits)].into_iter().flatten()
 }
 
-/// Non-orthogonality and bias change the length of a mean force, too.
+/// A wrong scale of the accelerometers. Non-orthogonality and bias also change the length of a mean force.
 fn wrong_force<T: Real>(segments: &[Segment<T>], gravity_m_s2: f64, limits: &VerdictLimits) -> Option<WrongScale> {
     let plausible = limits.scale + limits.installation_rad + limits.accel_bias_m_s2 / gravity_m_s2;
     let stops = segments.iter().filter_map(Segment::standing);
@@ -144,14 +145,15 @@ fn wrong_turn<T: Real>(segments: &[Segment<T>], limits: &VerdictLimits) -> Optio
     (rate_rad_s > FASTEST_TURN_RAD_S).then_some(WrongScale::Speed(rate_rad_s))
 }
 
-/// Angle of a move by the encoders, rad: with both axes turning, that of the sum that the gyros give, too. (12)
+/// Angle of a move by the encoders, rad. If both axes turn, it is the length of the sum of both turns, as the gyros
+/// measure it. (M7)
 fn turn_rad<T: Real>(segment: &Segment<T>) -> f64 {
     let turned = &segment.turned;
     let outer = ComplexField::hypot(turned.outer_cos_inner.widened(), turned.outer_sin_inner.widened());
     ComplexField::hypot(outer, turned.inner.widened())
 }
 
-/// The factor between what is measured and what is expected, if it is the same for all within `spread`.
+/// The ratio of measured to expected values, if it is the same for all pairs within `spread`.
 fn common_factor(pairs: impl Iterator<Item = (f64, f64)> + Clone, spread: f64) -> Option<f64> {
     let (measured, expected) = pairs.clone().fold((0.0, 0.0), |sums, pair| (sums.0 + pair.0, sums.1 + pair.1));
     let factor: f64 = measured / expected;

@@ -1,7 +1,7 @@
-//! Was something configured that is not so? The latitude, against the Earth rate that the gyros feel; the heading, against
-//! the one that they find; gravity, against what all three accelerometers read.
+//! Checks three configured values: the latitude against the Earth rate that the gyros measure, the heading against the
+//! heading that the gyros measure, and gravity against all three accelerometers.
 //!
-//! A wrong setting is named where it explains what does not fit, and no change during the run explains it as well.
+//! A wrong setting is reported if it explains the misfit, and if no change during the run explains the misfit as well.
 
 use crate::base::linear::{ComplexField, RealField};
 use crate::base::site::{EARTH_RATE_RAD_S, Site};
@@ -11,27 +11,29 @@ use crate::estimator::constancy::SettingEvidence;
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
-/// Chi-square that a wrong setting must explain: 5.5 sigma, 4e-8.
+/// Smallest chi-square that a wrong setting must explain: 5.5 sigma, probability 4e-8.
 const LEAST_EXPLAINED: f64 = 30.0;
-/// Part of the chi-square beyond its expectation that it must explain. A change that does so explains about all of it.
+/// A wrong setting must explain this part of the chi-square beyond its expectation. The true cause explains nearly all.
 const LEAST_PART: f64 = 0.8;
-/// Chi-square by which one explanation must be better than another to be the only one: a likelihood ratio of 90.
+/// An explanation is the only one if its chi-square is better by this much: a likelihood ratio of 90.
 const BETTER: f64 = 9.0;
-/// Misfit of the magnitude of the Earth rate: 5 sigma, or a tenth of the error, which is not small against it.
+/// Largest misfit of the magnitude of the Earth rate, as a chi-square: 5 sigma, or a tenth of the error if that is
+/// larger.
 const MAGNITUDE_CHI_SQUARE: f64 = 25.0;
 const MAGNITUDE_PART: f64 = 0.01;
-/// Steps to the latitude; they converge as Newton's.
+/// Number of Newton steps to the latitude. They have converged by then.
 const LATITUDE_STEPS: u8 = 8;
-/// Accelerometers that share one scale error agree within this part of it.
+/// Three accelerometers have a common scale-factor error if they agree within this part of it.
 const SHARED_PART: f64 = 0.2;
 
-/// A setting that is not so.
+/// A configured value that is wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[expect(missing_docs, reason = "the text of a variant says what its fields are")]
 pub enum WrongSetting {
     /// The gyros measure the Earth rate of another latitude, rad.
     Latitude { felt_rad: f64, sigma_rad: f64, configured_rad: f64 },
-    /// The gyros measure another heading than the configured one: the difference, rad, and in sigmas.
+    /// The gyros measure a heading that differs from the configured heading by this angle, rad, and by this many
+    /// sigmas.
     Heading { off_rad: f64, sigmas: f64 },
     /// All three accelerometers measure this many times the configured gravity, m/s^2.
     Gravity { of_configured: f64, configured_m_s2: f64 },
@@ -77,14 +79,14 @@ impl fmt::Display for WrongSetting {
     }
 }
 
-/// An explanation of what does not fit.
+/// An explanation of the misfit.
 pub(super) struct Explanation {
     pub(super) setting: WrongSetting,
-    /// No change during the run explains it as well.
+    /// Whether no change during the run explains the misfit as well.
     pub(super) only: bool,
 }
 
-/// The latitude or the heading, if one of them is not what was configured.
+/// A wrong latitude or a wrong heading, if the measurements show one.
 pub(super) fn wrong_setting(solution: &Solution, site: &Site) -> Option<Explanation> {
     let latitude = latitude(&solution.settings, site);
     let heading = heading(&solution.settings);
@@ -96,7 +98,8 @@ pub(super) fn wrong_setting(solution: &Solution, site: &Site) -> Option<Explanat
     explains.then_some(Explanation { setting, only: explained > by_change + BETTER })
 }
 
-/// The latitude whose Earth rate fits best, and the chi-square that it explains; `None` if it is the Earth rate of none.
+/// The latitude whose Earth rate fits best, and the chi-square that it explains; `None` if no latitude has this Earth
+/// rate.
 fn latitude(settings: &SettingEvidence, site: &Site) -> Option<(WrongSetting, f64)> {
     let [_, north, up] = site.earth_rate_n();
     let error = settings.earth_rate_error_rad_s()?;
@@ -123,7 +126,7 @@ fn heading(settings: &SettingEvidence) -> Option<(WrongSetting, f64)> {
     Some((WrongSetting::Heading { off_rad, sigmas }, sigmas * sigmas))
 }
 
-/// Gravity, if the accelerometers' scale errors are one that is beyond `limit`.
+/// A wrong gravity, if all accelerometers have a common scale-factor error beyond `limit`.
 pub(super) fn wrong_gravity(solution: &Solution, site: &Site, limit: f64) -> Option<WrongSetting> {
     let [x, y, z] = solution.estimate.errors.accel_scale;
     let mean = (x + y + z) / 3.0;

@@ -1,8 +1,8 @@
-//! Is every channel what it claims to be? Swapped or reversed gyros, accelerometers and encoders, by name.
+//! Checks the wiring: finds swapped or reversed gyros, accelerometers and encoders, and names them.
 //!
-//! Every single mistake is tried in turn: undone, the sums of stops and moves must agree with the gimbal angles of
-//! perfect instruments to within installation errors and base tilt. The gyros tell the axes that turn, so a reversed
-//! encoder is not taken for a reversed accelerometer.
+//! Every single mistake is tried: if the mistake is undone, the sums of stops and moves must agree with the gimbal
+//! angles as those of a perfect instrument do, to within installation errors and base tilt. The gyros show which axis
+//! turns, so a reversed encoder is not taken for a reversed accelerometer.
 
 use crate::base::angle::{Angle, ticks_to_rad};
 use crate::base::linear::{ComplexField, Real, Vector3};
@@ -10,20 +10,20 @@ use crate::model::error_model::{frame_rotation_x, frame_rotation_z};
 use crate::segment::Segment;
 use serde::{Deserialize, Serialize};
 
-/// Squared misfit, as part of the squared measurements, that errors of 10 deg in installation and in base tilt leave:
-/// 2 (1 - cos 10 deg) each, and so for the gyros and for the accelerometers.
+/// Squared misfit, as part of the squared measurements, that errors of 10 deg in installation and in base tilt cause: 2
+/// (1 - cos 10 deg) for each of the two. It applies to the gyros and to the accelerometers.
 const PLAUSIBLE_MISFIT: f64 = 0.06;
-/// A mistake is named if undoing it leaves no more than this part of the misfit.
+/// A mistake is reported if undoing it leaves at most this part of the misfit.
 const EXPLAINED: f64 = 0.25;
 
-/// One mistake.
+/// One wiring mistake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Wiring {
-    /// The sign of a channel is wrong. Channels: accelerometers x y z, gyros x y z.
+    /// The sign of a channel is wrong. Channels: 0 to 2 are accelerometers x y z, 3 to 5 gyros x y z.
     Reversed(u8),
-    /// Two channels of a triad are swapped: this one and the next one, cyclically.
+    /// Two channels of a triad are swapped: this channel and the next one, cyclically.
     Swapped(u8),
-    /// The sign of an encoder, outer or inner, is wrong.
+    /// The sign of an encoder is wrong: 0 for the outer encoder, 1 for the inner one.
     EncoderReversed(u8),
     /// The encoders are swapped.
     EncodersSwapped,
@@ -55,7 +55,7 @@ impl Wiring {
         v
     }
 
-    /// Undoes the mistake in (outer, inner).
+    /// Undoes the mistake in the angles (outer, inner).
     fn undone_angles(self, [outer, inner]: [f64; 2]) -> [f64; 2] {
         match self {
             Self::EncoderReversed(0) => [-outer, inner],
@@ -66,7 +66,7 @@ impl Wiring {
     }
 }
 
-/// The mistake that explains why the segments do not fit, if there is one.
+/// The mistake that explains the misfit of the segments, if there is one.
 pub fn mistake<T: Real>(segments: &[Segment<T>]) -> Option<Wiring> {
     let as_it_is = misfit(segments, None);
     if as_it_is <= PLAUSIBLE_MISFIT {
@@ -82,7 +82,7 @@ pub fn mistake<T: Real>(segments: &[Segment<T>]) -> Option<Wiring> {
     best.1
 }
 
-/// Squared misfit of all moves' rotations and all stops' forces, each as part of what is measured.
+/// Squared misfit of the rotations of all moves and of the forces of all stops, each as part of the measurements.
 fn misfit<T: Real>(segments: &[Segment<T>], wiring: Option<Wiring>) -> f64 {
     let mut sums = [(0.0, f64::MIN_POSITIVE); 2];
     let [turns, forces] = &mut sums;
@@ -104,7 +104,8 @@ fn misfit<T: Real>(segments: &[Segment<T>], wiring: Option<Wiring>) -> f64 {
     sums.iter().map(|(misfit, measured)| misfit / measured).sum()
 }
 
-/// Adds the squared misfit of a direction; the length of what is predicted does not count for a unit vector.
+/// Adds the squared misfit of a direction. The prediction is scaled to the measured length, so only its direction
+/// counts.
 fn add(sums: &mut (f64, f64), measured: &Vector3<f64>, predicted: &Vector3<f64>) {
     let length = if predicted.norm() > 0.0 { measured.norm() / predicted.norm() } else { 0.0 };
     sums.0 += (measured - predicted * length).norm_squared();
@@ -115,12 +116,12 @@ fn radians(angle: Angle) -> f64 {
     ticks_to_rad(i64::from(angle.ticks()))
 }
 
-/// Up in the rotation frame of a level base. (3)
+/// The up direction in the rotation frame of a level base. (M3)
 fn up_r([outer, inner]: [f64; 2]) -> Vector3<f64> {
     frame_rotation_z::<f64>(Angle::from_rad(inner)) * frame_rotation_x(Angle::from_rad(outer)) * Vector3::z()
 }
 
-/// Rotation of a move in the rotation frame, the outer axis where it is in the middle of the move. (12)
+/// Rotation of a move in the rotation frame, with the outer axis in its direction at the middle of the move. (M7)
 fn turn_r([_, inner]: [f64; 2], [outer_turn, inner_turn]: [f64; 2]) -> Vector3<f64> {
     let (sin, cos) = ComplexField::sin_cos(inner + 0.5 * inner_turn);
     Vector3::new(cos * outer_turn, -sin * outer_turn, inner_turn)
@@ -134,10 +135,11 @@ mod tests {
 
     const QUARTER: f64 = core::f64::consts::FRAC_PI_2;
 
-    /// Outer and inner turns in quarters that move every channel.
+    /// Outer and inner turns, in quarter turns, that affect every channel.
     const TURNS: [[f64; 2]; 6] = [[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [-1.0, 0.0], [-1.0, 0.0], [0.0, 1.0]];
 
-    /// A perfect instrument on a base tilted by a few degrees, with one mistake: making it is undoing it once more.
+    /// A perfect instrument with one mistake, on a base tilted by a few degrees. Undoing the mistake once more makes
+    /// it.
     fn segments(wiring: Option<Wiring>) -> Vec<Segment<f64>> {
         let made = |first, v: Vector3<f64>| wiring.map_or(v, |wiring| wiring.undone(first, &v));
         let made_angles = |angles| wiring.map_or(angles, |wiring: Wiring| wiring.undone_angles(angles));
@@ -166,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn right_wiring_is_not_doubted() {
+    fn correct_wiring_gives_no_doubt() {
         assert_eq!(mistake(&segments(None)), None);
         assert_eq!(mistake::<f64>(&[]), None);
     }

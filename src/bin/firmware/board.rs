@@ -1,4 +1,4 @@
-//! What the firmware wants of a board: one trait, fulfilled in one file for each board.
+//! What the firmware needs of a board: one trait, which one file for each board implements.
 
 use crate::Scalar;
 use embedded_hal::spi::SpiDevice;
@@ -17,72 +17,72 @@ pub use crate::mps2::Mps2 as ThisBoard;
 #[cfg(feature = "stm32h743")]
 pub use crate::stm32h743::Stm32h743 as ThisBoard;
 
-/// What every board has for the main loop.
+/// The parts of a board that the main loop uses.
 pub struct Parts<M> {
-    /// Samples of the IMU's interrupt.
+    /// The samples from the IMU's interrupt.
     pub samples: SampleConsumer<'static, Scalar>,
-    /// Calibration records.
+    /// The store of calibrations.
     pub store: CalibrationStore<M>,
     /// Why the software has started.
     pub restart: Restart,
 }
 
-/// A board, as the main loop has it.
+/// A board, as the main loop uses it.
 pub trait Board: Sized {
-    /// Memory that keeps calibrations while the power is off.
+    /// Memory that keeps calibrations without power.
     type Memory: Medium;
 
-    /// Bus of an encoder.
+    /// The SPI bus of an encoder.
     type Spi: SpiDevice;
 
-    /// Bridge of a motor.
+    /// The bridge of a motor.
     type Bridge: MotorBridge;
 
-    /// How old the last report of (sampling, control, main loop) may become, us.
+    /// Greatest age of the last report of (sampling, control, main loop), us.
     const DEADLINES_US: [Option<u32>; 3];
 
-    /// Sets the board up. Called once.
+    /// Initializes the board. Called once.
     fn start() -> Self;
 
-    /// Lets the interrupts of control and IMU begin. Called once.
+    /// Starts the interrupts of control and IMU. Called once.
     fn begin(&mut self, gimbal: Gimbal<Scalar>);
 
-    /// Does something with what the control interrupt has, in a critical section; `None` before [`Self::begin`].
+    /// Calls `act` with the data of the control interrupt, in a critical section; `None` before [`Self::begin`].
     fn with_control<R>(&mut self, act: impl FnOnce(&mut Control<Scalar, Self::Spi, Self::Bridge>) -> R) -> Option<R>;
 
     /// Samples, store and the reason of the start.
     fn parts(&mut self) -> &mut Parts<Self::Memory>;
 
-    /// Gives a frame of a message to whoever has this board on a bench.
+    /// Sends the frame of a message to the test bench, if the board is on one.
     fn show(&mut self, _frame: &[u8]) {}
 
-    /// Sends what the link has over the serial line, as far as there is room now. What comes in is in the inbox.
+    /// Moves bytes from the link to the serial line, as far as there is room now. Received bytes are in the inbox.
     fn transmit(&mut self, link: &mut Link);
 
-    /// The configuration, as postcard; `None` if there is none, or more than fits in `buffer`.
+    /// The configuration, encoded by postcard; `None` if there is none or if it does not fit into `buffer`.
     fn configuration<'a>(&mut self, buffer: &'a mut [u8]) -> Option<&'a [u8]>;
 
     /// Time since power-up, us.
     fn now_us(&self) -> u64;
 
-    /// Whether the instrument is switched on. Once off, it stays off, and no more samples come.
+    /// Whether the instrument is switched on. Once switched off, it stays off and gives no more samples.
     fn powered(&self) -> bool;
 
-    /// Sleeps until there is something to do, a tenth of a second at most.
+    /// Sleeps until there is work, at most a tenth of a second.
     fn wait(&mut self);
 
-    /// Reports on the run and switches off.
+    /// Reports on the run, then switches off.
     fn finish(self, status: Result<(), ()>) -> !;
 
-    /// A clock that runs freely and wraps; readable from everywhere.
+    /// A clock that runs freely and wraps. Any code may read it.
     fn ticks() -> u32;
 
-    /// Starts the watchdog: unless it is fed at least once a second it resets.
+    /// Starts the watchdog. It resets the board unless it is fed at least once a second.
     fn start_watchdog();
 
     /// Feeds the watchdog.
     fn feed_watchdog();
 
-    /// Switches the motors off, records why, and resets. Called from everywhere, faults included.
+    /// Switches the motors off, records the reason, and resets. Any code may call it, including fault handlers.
     fn stop(stop: &FatalError) -> !;
 }

@@ -1,4 +1,4 @@
-//! The board as the instrument sees it, with the log and the measurement of the work.
+//! The board as the instrument sees it, with the log and the measurement of processor time.
 
 use crate::board::Board;
 use crate::work::{Span, Work, count};
@@ -23,16 +23,16 @@ use rins_selfcal::run::telemetry::Message;
 /// A board, for one turn of the main loop.
 pub struct Devices<'b, B> {
     board: &'b mut B,
-    /// The work on the sample that was taken last.
+    /// The processor time of the last sample.
     span: Option<Span>,
-    /// What the work on the sample was, where a message tells.
-    told: Option<Work>,
+    /// The kind of work for the last sample, if a message shows the kind.
+    shown: Option<Work>,
 }
 
 impl<'b, B> Devices<'b, B> {
     /// The devices of a board.
     pub fn new(board: &'b mut B) -> Self {
-        Self { board, span: None, told: None }
+        Self { board, span: None, shown: None }
     }
 }
 
@@ -44,13 +44,13 @@ impl<B: Board> Surroundings<Scalar> for Devices<'_, B> {
     fn next_sample(&mut self) -> Option<SampleWithGimbal<Scalar>> {
         let observed = self.board.parts().samples.pop()?;
         watchdog::progress(self.board.now_us());
-        (self.span, self.told) = (Some(Span::start()), None);
+        (self.span, self.shown) = (Some(Span::start()), None);
         Some(observed)
     }
 
     fn sample_done(&mut self, during: State) {
         if let Some(span) = self.span.take() {
-            count(self.told.unwrap_or_else(|| work_in(during)), &span);
+            count(self.shown.unwrap_or_else(|| work_in(during)), &span);
         }
     }
 
@@ -63,7 +63,7 @@ impl<B: Board> Surroundings<Scalar> for Devices<'_, B> {
     }
 }
 
-/// The work on a sample in this state, where nothing is told.
+/// The kind of work for a sample in this state, if no message shows the kind.
 fn work_in(state: State) -> Work {
     match state {
         State::Dwell(_) => Work::Stop,
@@ -89,8 +89,8 @@ impl<B: Board> Axes for Devices<'_, B> {
 }
 
 impl<B: Board> CorrectedSink<Scalar> for Devices<'_, B> {
-    /// The place of the navigation software. This firmware has none: whoever wants the corrected samples asks for them on
-    /// the serial line.
+    /// The place of the navigation software. This firmware has none. The corrected samples can be requested on the
+    /// serial line.
     fn take(&mut self, _sample: &CorrectedSample<Scalar>, _angles: [Angle; 2], _status: SampleStatus) {}
 }
 
@@ -123,7 +123,7 @@ impl<B: Board> SerialLine for Devices<'_, B> {
 impl<B: Board> Telemetry for Devices<'_, B> {
     fn tell(&mut self, message: &Message, frame: Option<&[u8]>) {
         let span = Span::start();
-        self.told = Some(if matches!(message, Message::Segment(_)) { Work::Segment } else { Work::Other });
+        self.shown = Some(if matches!(message, Message::Segment(_)) { Work::Segment } else { Work::Other });
         log(message);
         if let Some(frame) = frame {
             self.board.show(frame);
@@ -136,7 +136,7 @@ impl<B: Board> Archive for Devices<'_, B> {
     fn power_up(&mut self) -> FoundRecord {
         let found = Archive::power_up(&mut self.board.parts().store);
         if !found.writable {
-            defmt::warn!("no record can be stored");
+            defmt::warn!("the calibration memory cannot take a record");
         }
         found
     }
@@ -168,7 +168,7 @@ impl<B: Board> Archive for Devices<'_, B> {
     }
 }
 
-/// The milestones of a run, for whoever reads the log and not the telemetry.
+/// Logs the milestones of a run, for readers who do not receive the telemetry.
 fn log(message: &Message) {
     match message {
         Message::State { time_us, legs, .. } => {
@@ -180,9 +180,9 @@ fn log(message: &Message) {
             *damaged,
             *fault
         ),
-        Message::Refused(error) => defmt::error!("the configuration is refused: {}", defmt::Display2Format(error)),
+        Message::Refused(error) => defmt::error!("the configuration was refused: {}", defmt::Display2Format(error)),
         Message::Decided(Decision::Calibrate(_)) => defmt::info!("a calibration begins"),
-        Message::Decided(Decision::UseStored(_)) => defmt::info!("the stored calibration corrects"),
+        Message::Decided(Decision::UseStored(_)) => defmt::info!("samples are corrected with the stored calibration"),
         Message::Decided(Decision::StandBy(_)) => defmt::info!("standing by without a calibration"),
         Message::Solved { solution, .. } => defmt::info!(
             "solved: chi-square {=f64} with {=u32} degrees of freedom",
@@ -190,13 +190,13 @@ fn log(message: &Message) {
             solution.degrees_of_freedom
         ),
         Message::Judged(verdict) => defmt::info!("accepted: {=bool}", verdict.accepted()),
-        Message::Aborted(_) => defmt::warn!("the run is aborted"),
+        Message::Aborted(_) => defmt::warn!("the run was aborted"),
         Message::Restarted(restart) => defmt::info!("{}", defmt::Display2Format(restart)),
         Message::Saved(saved) => defmt::info!("stored: {=bool}", *saved),
         Message::Queue { samples, losses } => {
             defmt::info!("{=u64} samples, {=u32} missing", *samples, losses.total());
         }
-        // Live values and details are for the telemetry.
+        // The telemetry carries live values and details, so the log leaves them out.
         Message::Released
         | Message::Segment(_)
         | Message::Innovations(_)

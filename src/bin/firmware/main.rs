@@ -1,4 +1,4 @@
-//! The firmware: samples in, motion commands out, records in the store.
+//! The firmware: it reads samples, moves the gimbals, calibrates, and corrects samples.
 #![no_std]
 #![no_main]
 #![deny(unsafe_code)]
@@ -36,17 +36,17 @@ use rins_selfcal::run::calibrator::Calibrator;
 use rins_selfcal::run::config::CalibratorConfig;
 use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig};
 
-/// The scalar of this image.
+/// The floating-point type of this image.
 #[cfg(not(feature = "single-precision"))]
 pub type Scalar = f64;
-/// The scalar of this image.
+/// The floating-point type of this image.
 #[cfg(feature = "single-precision")]
 pub type Scalar = f32;
 
-/// States of the filter of this image.
+/// Number of states of the filter in this image.
 #[cfg(not(feature = "optional-states"))]
 const STATES: usize = BASIC_STATES;
-/// States of the filter of this image.
+/// Number of states of the filter in this image.
 #[cfg(feature = "optional-states")]
 const STATES: usize = FULL_STATES;
 
@@ -70,8 +70,8 @@ fn run(board: &mut impl Board, link: &mut Link, calibrator: &mut ImageCalibrator
     }
 }
 
-/// What the host assigns; the default where the host assigns nothing. Not inlined, as the functions below: what they need
-/// on the stack is free again when the run begins.
+/// The assignment of the host, or the default assignment if the host gives none. Not inlined, as the functions below,
+/// so that their stack is free again when the run begins.
 #[inline(never)]
 fn assignment(board: &mut impl Board) -> Assignment {
     let mut buffer = [0; MAX_ASSIGNMENT_BYTES];
@@ -93,7 +93,7 @@ fn self_calibrate(
     config: &SelfCalibrationConfig,
     calibrator: &mut ImageCalibrator,
 ) -> Result<(), ()> {
-    // Borrowed in place: moved out, the instrument would be on the stack twice.
+    // The instrument is borrowed in place. If it were moved, it would be on the stack twice.
     match &mut power_up(board, link, config, calibrator) {
         Ok(instrument) => {
             begin(board, &config.axes, &config.motors);
@@ -121,7 +121,7 @@ fn power_up<'m>(
     Instrument::power_up(config.clone(), &restart, link, calibrator, &mut Devices::new(board))
 }
 
-/// Lets control and sampling begin.
+/// Starts control and sampling.
 #[inline(never)]
 fn begin(board: &mut impl Board, axes: &[AxisLimits; 2], motors: &[MotorAndLoad; 2]) {
     board.begin(Gimbal::new(axes, motors));

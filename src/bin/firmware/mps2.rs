@@ -1,17 +1,17 @@
-//! The boards of the emulator: QEMU's `mps2-an500`, a Cortex-M7 with double precision, and `mps2-an386`, a Cortex-M4F with
-//! single precision. Their memory and peripherals are the same.
+//! The boards of the emulator: QEMU's `mps2-an500`, a Cortex-M7 with double precision, and `mps2-an386`, a Cortex-M4F
+//! with single precision. Their memory and peripherals are the same.
 //!
-//! The devices and the pins are played by the host. The emulator's auto-reload timers run at half rate while the processor
-//! sleeps (QEMU 7.2). Control periods therefore come from a one-shot timer, armed anew in its handler against a
-//! free-running one.
+//! The host simulates the devices and the pins. The emulator's auto-reload timers run at half rate while the processor
+//! sleeps (QEMU 7.2). Therefore the control periods come from a one-shot timer. Its handler arms it again, by the time
+//! of a free-running timer.
 //!
 //! ```text
-//! control interrupt   priority 0x00   a period goes by at the host; encoders -> gimbal -> bridges
-//! IMU interrupt       priority 0x40   at the end of one in which the IMU measured or sent; IMU -> sample queue
+//! control interrupt   priority 0x00   the host simulates one period; encoders -> gimbal -> bridges
+//! IMU interrupt       priority 0x40   after a period in which the IMU measured or sent; IMU -> sample queue
 //! serial line         priority 0x80   bytes -> inbox
 //! SysTick             lowest          wakes the main loop, feeds the watchdog
 //! ```
-//! The IMU is an ADIS16495, or with the feature `kvh1750` a KVH 1750: a file each, with what its interrupt does.
+//! The IMU is an ADIS16495, or a KVH 1750 with the feature `kvh1750`. Each has a file with its interrupt handler.
 #![allow(unsafe_code)]
 
 #[cfg(not(feature = "kvh1750"))]
@@ -63,16 +63,16 @@ use rins_selfcal::link::Link;
 use semihosting::{File, exit};
 use wire::{TICKS_PER_S, input};
 
-/// Ticks to a control period: 1 kHz.
+/// Ticks of a control period: 1 kHz.
 const TICKS_PER_PERIOD: u32 = (TICKS_PER_S / 1_000_000) * PERIOD_US as u32;
-/// Depth of the sample queue plus one: 0.31 s at 200 Hz. The main loop is busy longest when it writes a record to the
-/// EEPROM, for 0.23 s; no more than 46 samples were seen to wait.
+/// Depth of the sample queue plus one: 0.31 s at 200 Hz. The main loop needs up to 0.23 s to write a record to the
+/// EEPROM. At most 46 samples were seen to wait.
 const QUEUE_LENGTH: usize = 64;
 
 const PERIOD_TIMER: Timer = Timer::at(0x4000_0000);
 const CLOCK_TIMER: Timer = Timer::at(0x4000_1000);
 
-/// The CMSDK watchdog, which counts down: its interrupt is the NMI, and at the next zero it resets.
+/// The CMSDK watchdog counts down. At zero it raises the NMI, and at the next zero it resets.
 const WATCHDOG_LOAD: Register = Register::at(0x4000_8000);
 const WATCHDOG_CONTROL: Register = Register::at(0x4000_8008);
 const WATCHDOG_CLEAR: Register = Register::at(0x4000_800c);
@@ -82,15 +82,16 @@ const WATCHDOG_UNLOCK: u32 = 0x1acc_e551;
 /// Interrupts of this board.
 #[derive(Clone, Copy, PartialEq)]
 enum Line {
-    /// A byte of the serial line.
+    /// A byte arrived on the serial line.
     Received = 0,
-    /// That of `PERIOD_TIMER`.
+    /// The interrupt of `PERIOD_TIMER`.
     Control = 8,
-    /// That of the IMU. Without a source of its own: the control interrupt, which hears of it from the host, sets it pending.
+    /// The interrupt of the IMU. It has no source in the machine: the control interrupt sets it pending when the host
+    /// reports that the IMU asks for it.
     Imu = 30,
 }
 
-// Safety: they are lines of this board.
+// Safety: the values are interrupt lines of this board.
 unsafe impl InterruptNumber for Line {
     fn number(self) -> u16 {
         self as u16
@@ -99,7 +100,8 @@ unsafe impl InterruptNumber for Line {
 
 // --------------------------------------------------------------------------------------------------------------- time
 
-/// Time at the last look, ticks. Looked at a thousand times a second, so that the 32-bit timer never wraps unseen.
+/// Time at the last call of [`ticks`], ticks. It is called a thousand times a second, so no wrap of the 32-bit timer is
+/// missed.
 static CLOCK: Mutex<Cell<u64>> = Mutex::new(Cell::new(0));
 
 fn timer_ticks() -> u32 {
@@ -128,25 +130,25 @@ defmt::timestamp!("{=u64:us}", uptime_us());
 type BoardBridge = Bridge<BridgePin, BridgePin, BridgePin, BridgePin>;
 type BoardControl = Control<Scalar, EncoderSpi, BoardBridge>;
 
-/// Filled once at power-up. See [`rins_selfcal::gimbal::control`] for who uses it.
+/// Filled once at power-up. [`rins_selfcal::gimbal::control`] lists its users.
 static CONTROL: Mutex<RefCell<Option<BoardControl>>> = Mutex::new(RefCell::new(None));
-/// Filled once at power-up, then used by the IMU's interrupt only, which takes it out while it does: the control interrupt
-/// may come into it.
+/// Filled once at power-up and then used by the IMU's interrupt only. The interrupt takes the IMU out while it runs,
+/// because the control interrupt may preempt it.
 static IMU: Mutex<Cell<Option<Imu>>> = Mutex::new(Cell::new(None));
 /// Written once at power-up.
 static BUS: Mutex<Cell<Option<PipeBus>>> = Mutex::new(Cell::new(None));
-/// Beginning of the next period on the free-running timer. Written at the start, then by the control interrupt only.
+/// Beginning of the next period on the free-running timer. Written at the start and then by the control interrupt only.
 static NEXT_PERIOD: AtomicU32 = AtomicU32::new(0);
-/// Periods so far, which are the clock of angles and samples: it does not depend on what the processor is doing. Written by
-/// the control interrupt.
+/// Number of periods so far. This is the clock of angles and samples, so they do not depend on the load of the
+/// processor. Written by the control interrupt.
 static PERIODS: AtomicU32 = AtomicU32::new(0);
-/// Periods that began after the next one's time, because the processor was busy. Written by the control interrupt.
+/// Number of periods that began late, because the processor was busy at their time. Written by the control interrupt.
 static LATE_PERIODS: AtomicU32 = AtomicU32::new(0);
-/// Period and ticks at which the IMU's interrupt was last asked for. Written by the control interrupt and, where it asks to
-/// come again, by that of the IMU, which reads it.
+/// Period and ticks at which the IMU's interrupt was last requested. Written by the control interrupt, and by the IMU's
+/// interrupt when it requests another call of itself. Read by the IMU's interrupt.
 static EDGE: [AtomicU32; 2] = [const { AtomicU32::new(0) }; 2];
-/// Longest times from a period's beginning, or from when the IMU's interrupt was asked for, until it runs, ticks. Each written
-/// by its interrupt.
+/// Longest delay of the control interrupt after the beginning of a period, and of the IMU's interrupt after its
+/// request, ticks. Each interrupt writes its own delay.
 static LATENCIES: [AtomicU32; 2] = [const { AtomicU32::new(0) }; 2];
 
 fn with_control<R>(act: impl FnOnce(&mut BoardControl) -> R) -> Option<R> {
@@ -170,7 +172,7 @@ fn start_periods(nvic: &mut NVIC) {
     PERIOD_TIMER.control.write(Timer::ENABLE | Timer::ENABLE_INTERRUPT);
     NEXT_PERIOD.store(timer_ticks(), Ordering::Relaxed);
     arm_next_period();
-    // Safety: everything the interrupts use is in place.
+    // Safety: all data of the interrupts is in place.
     unsafe {
         nvic.set_priority(Line::Control, 0x00);
         nvic.set_priority(Line::Imu, 0x40);
@@ -234,7 +236,7 @@ fn on_imu() {
     span.put_aside();
 }
 
-/// Every interrupt comes here; three are enabled.
+/// The handler of all interrupts. Three interrupts are enabled.
 #[cortex_m_rt::exception]
 unsafe fn DefaultHandler(number: i16) {
     const RECEIVED: i16 = Line::Received as i16;
@@ -248,20 +250,20 @@ unsafe fn DefaultHandler(number: i16) {
     }
 }
 
-/// Wakes the main loop where the IMU does not, and feeds the watchdog. An instrument that is switched off has
-/// nothing to watch.
+/// Wakes the main loop when the IMU does not, and feeds the watchdog. An instrument that is switched off is not
+/// watched.
 #[cortex_m_rt::exception]
 fn SysTick() {
     if POWERED.load(Ordering::Relaxed) { watchdog::check(uptime_us()) } else { Mps2::feed_watchdog() }
 }
 
-/// The watchdog was not fed.
+/// The watchdog was not fed in time.
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() -> ! {
     Mps2::stop(&FatalError::Unfed)
 }
 
-/// Lets [`SysTick`] come ten times a second.
+/// Starts [`SysTick`] at ten times a second.
 fn start_waking(systick: &mut SYST) {
     systick.set_clock_source(SystClkSource::Core);
     systick.set_reload(TICKS_PER_S / 10 - 1);
@@ -297,14 +299,14 @@ impl Mps2 {
             BUS.borrow(cs).set(Some(bus));
         });
         serial::start();
-        // Safety: no critical section rests on priorities.
+        // Safety: no critical section depends on priorities.
         unsafe { core.SCB.set_priority(SystemHandler::SysTick, 0xf0) };
         start_waking(&mut core.SYST);
         let parts = Parts { samples, store: CalibrationStore::new(eeprom()), restart };
         Some(Self { parts, nvic: core.NVIC, telemetry, idle_ticks: 0 })
     }
 
-    /// What the host's file `run` holds, in words.
+    /// Writes the host's file `run`, in words.
     fn report(&self, file: File, elapsed: u64, stack_used: usize) {
         let whole = [
             elapsed,
@@ -331,7 +333,7 @@ impl Board for Mps2 {
     type Spi = EncoderSpi;
     type Bridge = BoardBridge;
 
-    /// The main loop is busy longest when it writes a record to the EEPROM.
+    /// The main loop needs its longest time to write a record to the EEPROM.
     const DEADLINES_US: [Option<u32>; 3] = [Some(100_000), Some(20_000), Some(1_000_000)];
 
     fn start() -> Self {
@@ -367,7 +369,7 @@ impl Board for Mps2 {
     }
 
     fn show(&mut self, frame: &[u8]) {
-        // The host may have closed the pipe; the run goes on without.
+        // The host may have closed the pipe. The run continues without it.
         let _ = self.telemetry.write(frame);
     }
 
@@ -392,7 +394,7 @@ impl Board for Mps2 {
     }
 
     fn wait(&mut self) {
-        // An interrupt between look and sleep stays pending and ends the sleep.
+        // An interrupt between the check and the sleep stays pending and ends the sleep.
         critical_section::with(|_| {
             if self.parts.samples.is_empty() && self.powered() {
                 let start = ticks();
@@ -418,7 +420,7 @@ impl Board for Mps2 {
     fn start_watchdog() {
         WATCHDOG_LOCK.write(WATCHDOG_UNLOCK);
         WATCHDOG_LOAD.write(TICKS_PER_S);
-        // Interrupt, and reset.
+        // Enables the watchdog's interrupt and its reset.
         WATCHDOG_CONTROL.write(0b11);
     }
 
@@ -427,14 +429,14 @@ impl Board for Mps2 {
     }
 
     fn stop(stop: &FatalError) -> ! {
-        // Control would switch them on again.
+        // Without this, control would switch the motors on again.
         cortex_m::interrupt::disable();
         pipe_spi::motors_off();
         recorder::record(uptime_us(), Event::Stopped(stop.clone()));
-        // For the host, where it does not wait for the next start.
+        // The host reads the file if it does not start the board again.
         if let Some(file) = File::open(c"fault", File::WRITE) {
             let mut text = heapless::String::<128>::new();
-            // What does not fit is cut.
+            // A text that does not fit is cut.
             let _ = write!(text, "{stop}");
             file.write(text.as_bytes());
         }

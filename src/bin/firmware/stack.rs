@@ -1,4 +1,4 @@
-//! The stack: its limits, its guard, and how much of it was used.
+//! The stack: its limits, its guard, and how many bytes of it were used.
 #![allow(unsafe_code)]
 
 use core::ops::Range;
@@ -17,7 +17,7 @@ fn bottom() -> usize {
     (&raw const _stack_end).addr()
 }
 
-/// The address after its top.
+/// The address after the top of the stack.
 pub fn top() -> usize {
     (&raw const _stack_start).addr()
 }
@@ -27,19 +27,19 @@ pub fn bytes() -> usize {
     top() - bottom()
 }
 
-/// Addresses that nothing may use.
+/// The addresses of the guard, which no code may use.
 pub fn guarded() -> Range<usize> {
     bottom()..bottom() + GUARD_BYTES
 }
 
-/// Makes the lowest bytes of the stack inaccessible: an overflow is a fault, not silent damage.
+/// Makes the lowest bytes of the stack inaccessible, so that an overflow causes a fault and damages no memory.
 pub fn guard(mpu: &MPU) {
     const REGION_VALID: u32 = 1 << 4;
     const EXECUTE_NEVER: u32 = 1 << 28;
     const SIZE_256: u32 = 7 << 1;
     const ENABLE: u32 = 1;
     const DEFAULT_MAP: u32 = 1 << 2;
-    // Safety: takes away memory that nothing may use, and nothing else.
+    // Safety: the region forbids access only to the guard, which no code may use.
     unsafe {
         mpu.rbar.write(bottom() as u32 | REGION_VALID);
         mpu.rasr.write(EXECUTE_NEVER | SIZE_256 | ENABLE);
@@ -49,9 +49,9 @@ pub fn guard(mpu: &MPU) {
     cortex_m::asm::isb();
 }
 
-/// Most stack used since power-up, bytes: what is no longer as painted.
+/// Largest use of the stack since power-up, bytes. Words that were never used still have the paint value.
 pub fn used() -> usize {
-    // Safety: an address within the stack, which may be read.
+    // Safety: the address is within the stack, which may be read.
     let painted = |word: usize| unsafe { ptr::read_volatile(word as *const u32) } == cortex_m_rt::STACK_PAINT_VALUE;
     let mut word = guarded().end;
     while word < top() && painted(word) {

@@ -1,14 +1,15 @@
-//! The board NUCLEO-H743ZI2: an STM32H743ZI at 480 MHz, a Cortex-M7 with double precision. Pins: chapter `board` of the guide.
+//! The board NUCLEO-H743ZI2: an STM32H743ZI at 480 MHz, a Cortex-M7 with double precision. The chapter `board` of the
+//! guide lists the pins.
 //!
 //! ```text
 //! TIM6 control period   priority 1   encoders on SPI3 and SPI4 -> gimbal -> bridges on TIM1
 //! TIM2 data-ready       priority 2   ADIS16495 on SPI1 -> sample queue
-//! USART2                priority 2   the same of a KVH 1750, with the feature `kvh1750`
+//! USART2                priority 2   with the feature `kvh1750`: KVH 1750 -> sample queue
 //! USART3                priority 3   the serial line
 //! SysTick               lowest       wakes the main loop, feeds the watchdog
 //! ```
-//! Each IMU has a file, with what its interrupt does. The stack lies in the data TCM; both caches are on, and nothing but the
-//! processor touches memory.
+//! Each IMU has a file with its interrupt handler. The stack is in the data TCM. Both caches are on. Only the processor
+//! accesses memory (no DMA).
 #![allow(unsafe_code)]
 
 #[cfg(not(feature = "kvh1750"))]
@@ -66,20 +67,20 @@ use rins_selfcal::keep::medium;
 use rins_selfcal::keep::store::CalibrationStore;
 use rins_selfcal::link::Link;
 
-/// Depth of the sample queue plus one: 5 s at 200 Hz. Erasing a sector of the flash takes the main loop 4 s at most.
+/// Depth of the sample queue plus one: 5 s at 200 Hz. The main loop needs up to 4 s to erase a sector of the flash.
 const QUEUE_LENGTH: usize = 1024;
-/// Too long for the data TCM.
+// The queue is too large for the data TCM.
 #[unsafe(link_section = ".axi")]
 static mut QUEUE: MaybeUninit<SampleQueue<Scalar, QUEUE_LENGTH>> = MaybeUninit::uninit();
-/// Beyond what is heard.
+/// Above the audible range.
 const PWM_HZ: u32 = 20_000;
 
-/// The last two sectors of the flash's second bank. The program runs on from the first bank while one is erased.
+/// The last two sectors of the flash's second bank. The program runs on from the first bank while a sector is erased.
 const CALIBRATIONS: core::ops::Range<u32> = (2048 - 2 * 128) * 1024..2048 * 1024;
 type CalibrationFlash = medium::Flash<CheckedFlash>;
 
 type Bus = Spi<'static, Blocking, Master>;
-/// An encoder has no chip select.
+/// An encoder has no chip-select line.
 type EncoderSpi = ExclusiveDevice<Bus, NoPin, Delay>;
 
 // --------------------------------------------------------------------------------------------------------- interrupts
@@ -87,21 +88,21 @@ type EncoderSpi = ExclusiveDevice<Bus, NoPin, Delay>;
 type BoardBridge = Bridge<SimplePwmChannel<'static, TIM1>, Output<'static>, Output<'static>, Input<'static>>;
 type BoardControl = Control<Scalar, EncoderSpi, BoardBridge>;
 
-/// What control begins with.
+/// The devices that control needs at its start.
 type Devices = ([BissEncoder<EncoderSpi>; 2], [BoardBridge; 2], Peri<'static, TIM6>);
 
-/// Filled once at power-up. See [`rins_selfcal::gimbal::control`] for who uses it.
+/// Filled once at power-up. [`rins_selfcal::gimbal::control`] lists its users.
 static CONTROL: Mutex<RefCell<Option<BoardControl>>> = Mutex::new(RefCell::new(None));
 
 fn with_control<R>(act: impl FnOnce(&mut BoardControl) -> R) -> Option<R> {
     critical_section::with(|cs| Some(act(CONTROL.borrow(cs).try_borrow_mut().ok()?.as_mut()?)))
 }
 
-/// What the IMU's interrupt has. Filled once at power-up, then used by that interrupt only, which takes it out while it
-/// does: the control interrupt may come into it.
+/// The data of the IMU's interrupt. Filled once at power-up and then used by that interrupt only. The interrupt takes
+/// the data out while it runs, because the control interrupt may preempt it.
 type OfImu<T> = Mutex<Cell<Option<T>>>;
 
-/// The IMU's interrupt: `act` takes in what has come.
+/// The handler of the IMU's interrupt: `act` processes the new data.
 fn on_imu<T>(of_imu: &OfImu<T>, act: impl FnOnce(&mut T)) {
     let span = Span::start();
     if let Some(mut imu) = critical_section::with(|cs| of_imu.borrow(cs).take()) {
@@ -127,7 +128,7 @@ fn TIM6_DAC() {
     span.put_aside();
 }
 
-/// Wakes the main loop where the IMU does not, and feeds the watchdog.
+/// Wakes the main loop when the IMU does not, and feeds the watchdog.
 #[cortex_m_rt::exception]
 fn SysTick() {
     watchdog::check(clock::now_us());
@@ -138,7 +139,7 @@ fn SysTick() {
 /// The board.
 pub struct Stm32h743 {
     parts: Parts<CalibrationFlash>,
-    /// Encoders, bridges and the timer of the control periods, until control begins.
+    /// Encoders, bridges and the timer of the control periods. They are moved out when control begins.
     devices: Option<Devices>,
     imu: Imu,
     _serial: Uart<'static, Blocking>,
@@ -176,7 +177,7 @@ impl Stm32h743 {
         clock::start(p.TIM2);
         let restart = recorder::start(Some(reset_flags()));
 
-        // Safety: the core's peripherals are taken once, so nothing comes here twice.
+        // Safety: the peripherals can be taken only once, so this statement runs only once.
         let queue = unsafe { (&raw mut QUEUE).as_mut() }?.write(SampleQueue::new());
         let (producer, samples) = queue.split();
         #[cfg(not(feature = "kvh1750"))]
@@ -215,7 +216,7 @@ impl Stm32h743 {
     }
 }
 
-/// What the hardware knows of the last reset; forgotten, so that the next one is told from it.
+/// The cause of the last reset, from the hardware. The flags are cleared, so that they show only the next reset.
 fn reset_flags() -> Restart {
     let flags = pac::RCC.rsr().read();
     pac::RCC.rsr().modify(|flags| flags.set_rmvf(true));
@@ -227,7 +228,7 @@ fn reset_flags() -> Restart {
     }
 }
 
-/// Caches, stack guard, cycle counter, and a wake-up ten times a second.
+/// Starts caches, stack guard and cycle counter, and a wake-up ten times a second.
 fn start_core() -> Option<()> {
     let mut core = cortex_m::Peripherals::take()?;
     stack::guard(&core.MPU);
@@ -235,18 +236,18 @@ fn start_core() -> Option<()> {
     core.SCB.enable_dcache(&mut core.CPUID);
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
-    // An eighth of the core's clock, for a reload of 24 bits.
+    // An eighth of the core's clock, so that the reload value fits into 24 bits.
     core.SYST.set_clock_source(SystClkSource::External);
     core.SYST.set_reload(CORE_HZ / 8 / 10 - 1);
     core.SYST.clear_current();
-    // Safety: no critical section rests on priorities.
+    // Safety: no critical section depends on priorities.
     unsafe { core.SCB.set_priority(SystemHandler::SysTick, 0xf0) };
     core.SYST.enable_interrupt();
     core.SYST.enable_counter();
     Some(())
 }
 
-/// Pulses for the IMU, so many a second, high for so many thousandths of the time.
+/// Trigger pulses for the IMU: `hz` pulses a second, each high for `thousandths` thousandths of its period.
 fn pulses(timer: Peri<'static, TIM3>, pin: Peri<'static, PC6>, hz: u32, thousandths: u32) -> SimplePwm<'static, TIM3> {
     let pin = PwmPin::new(pin, OutputType::PushPull);
     let mut pwm = SimplePwm::new(timer, Some(pin), None, None, None, Hertz(hz), CountingMode::EdgeAlignedUp);
@@ -257,19 +258,19 @@ fn pulses(timer: Peri<'static, TIM3>, pin: Peri<'static, PC6>, hz: u32, thousand
 
 fn start_periods(_control_timer: Peri<'static, TIM6>) {
     embassy_stm32::rcc::enable_and_reset::<TIM6>();
-    // A microsecond each; an update event at the end of a period.
+    // One tick is 1 us. The update event ends a control period.
     pac::TIM6.psc().write_value((clock::TIMER_HZ / 1_000_000 - 1) as u16);
     pac::TIM6.arr().write(|reload| reload.set_arr(PERIOD_US as u16 - 1));
     pac::TIM6.egr().write(|event| event.set_ug(true));
     pac::TIM6.sr().write(|status| status.set_uif(false));
     pac::TIM6.dier().modify(|enabled| enabled.set_uie(true));
     interrupt::TIM6_DAC.set_priority(Priority::P1);
-    // Safety: everything the interrupt uses is in place.
+    // Safety: all data of the interrupt is in place.
     unsafe { interrupt::TIM6_DAC.enable() };
     pac::TIM6.cr1().modify(|control| control.set_cen(true));
 }
 
-/// Pulls PE13 and PE12, which enable the bridges.
+/// Sets PE13 and PE12 low, which disables both bridges.
 fn motors_off() {
     pac::GPIOE.bsrr().write(|bits| {
         bits.set_br(13, true);
@@ -282,7 +283,7 @@ impl Board for Stm32h743 {
     type Spi = EncoderSpi;
     type Bridge = BoardBridge;
 
-    /// The main loop is busy longest when it erases a sector.
+    /// The main loop needs its longest time to erase a sector.
     const DEADLINES_US: [Option<u32>; 3] = [Some(1_000_000), Some(20_000), Some(5_000_000)];
 
     fn start() -> Self {
@@ -314,7 +315,7 @@ impl Board for Stm32h743 {
         serial::transmit(|| link.transmit());
     }
 
-    /// The default: this board has no other.
+    /// Returns `None`, so that the default configuration is used: this board stores no configuration.
     fn configuration<'a>(&mut self, _buffer: &'a mut [u8]) -> Option<&'a [u8]> {
         None
     }
@@ -323,13 +324,13 @@ impl Board for Stm32h743 {
         clock::now_us()
     }
 
-    /// It is on while it runs.
+    /// Always true: the board runs only while it is powered.
     fn powered(&self) -> bool {
         true
     }
 
     fn wait(&mut self) {
-        // An interrupt between look and sleep stays pending and ends the sleep.
+        // An interrupt between the check and the sleep stays pending and ends the sleep.
         critical_section::with(|_| {
             if self.parts.samples.is_empty() {
                 cortex_m::asm::wfi();
@@ -338,7 +339,7 @@ impl Board for Stm32h743 {
     }
 
     fn finish(self, _status: Result<(), ()>) -> ! {
-        // Nothing is left to watch, and control would switch them on again.
+        // Nothing is left to do. Without this, control would switch the motors on again.
         cortex_m::interrupt::disable();
         motors_off();
         defmt::info!("motors off; stack used: {=usize} bytes of {=usize}", stack::used(), stack::bytes());
@@ -354,7 +355,7 @@ impl Board for Stm32h743 {
         DWT::cycle_count()
     }
 
-    /// The independent watchdog, on its own clock of 32 kHz: 1 s.
+    /// The independent watchdog. It has its own clock of 32 kHz and resets after 1 s.
     fn start_watchdog() {
         pac::IWDG1.kr().write(|w| w.set_key(Key::START));
         pac::IWDG1.kr().write(|w| w.set_key(Key::ENABLE));
@@ -368,7 +369,7 @@ impl Board for Stm32h743 {
     }
 
     fn stop(stop: &FatalError) -> ! {
-        // Control would switch them on again.
+        // Without this, control would switch the motors on again.
         cortex_m::interrupt::disable();
         motors_off();
         recorder::record(clock::now_us(), Event::Stopped(stop.clone()));

@@ -1,7 +1,7 @@
-//! The watchdog: fed by the waking interrupt, which makes sure first that everything else goes on.
+//! The watchdog. The waking interrupt feeds it after it has checked that every task still runs.
 //!
-//! A task that is overdue ends the program, as any fault does. Where not even the waking interrupt gets through, the
-//! watchdog itself bites.
+//! A task that is overdue stops the program, as a fault does. If even the waking interrupt does not run, the watchdog
+//! resets the processor.
 
 use crate::board::{Board, ThisBoard};
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -10,26 +10,26 @@ use rins_selfcal::base::restart::Task;
 use rins_selfcal::keep::liveness::Liveness;
 
 static LIVENESS: Liveness = Liveness::new(ThisBoard::DEADLINES_US);
-/// Set by the main loop's first turn: what comes before may take its time.
+/// Set by the first turn of the main loop. Power-up may take longer than a deadline.
 static STARTED: AtomicBool = AtomicBool::new(false);
 
-/// A task lives at this time, us. The main loop's first report starts the watch.
+/// Notes that a task runs at this time, us. The main loop's first report starts the check.
 pub fn report(task: Task, now_us: u64) {
     LIVENESS.report(task, now_us);
     if task == Task::Main && !STARTED.load(Ordering::Relaxed) {
-        // The others begin about now.
+        // The other tasks begin at about this time.
         Task::ALL.into_iter().for_each(|task| LIVENESS.report(task, now_us));
         ThisBoard::start_watchdog();
         STARTED.store(true, Ordering::Relaxed);
     }
 }
 
-/// The main loop lives, in the middle of something long.
+/// Notes that the main loop still runs, during a long operation.
 pub fn progress(now_us: u64) {
     LIVENESS.report(Task::Main, now_us);
 }
 
-/// What the waking interrupt does: ten times a second.
+/// The check of the waking interrupt, ten times a second.
 pub fn check(now_us: u64) {
     if !STARTED.load(Ordering::Relaxed) {
         return;

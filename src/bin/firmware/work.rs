@@ -1,22 +1,22 @@
-//! What the work takes: time by kind of work, without what is nobody's own.
+//! Measures the processor time that each kind of work takes, without the time of interrupts and transfers.
 
 use crate::board::{Board, ThisBoard};
 use core::cell::Cell;
 use core::sync::atomic::{AtomicU32, Ordering};
 use critical_section::Mutex;
 
-/// Ticks that are nobody's own work: transfers, telemetry, and interrupts, which may come into any other span. Written
-/// by interrupts and the main loop; spans nest, so each knows what came into it.
+/// Ticks that belong to no span's own work: transfers, telemetry, and interrupts, which may come during any span.
+/// Interrupts and the main loop write it. Spans nest, so each span subtracts what was added during it.
 static ASIDE: AtomicU32 = AtomicU32::new(0);
 
-/// Time from here on.
+/// A period of processor time that is being measured.
 pub struct Span {
     start: u32,
     aside: u32,
 }
 
 impl Span {
-    /// Begins now.
+    /// Begins a span now.
     pub fn start() -> Self {
         Self { start: ThisBoard::ticks(), aside: ASIDE.load(Ordering::Relaxed) }
     }
@@ -25,27 +25,27 @@ impl Span {
         ThisBoard::ticks().wrapping_sub(self.start)
     }
 
-    /// Ticks so far, without what is put aside.
+    /// Ticks since the start of the span, without those that belong to no span's own work.
     fn own_ticks(&self) -> u32 {
         critical_section::with(|_| self.ticks().wrapping_sub(ASIDE.load(Ordering::Relaxed).wrapping_sub(self.aside)))
     }
 
-    /// Puts all of it aside.
+    /// Ends the span and excludes its ticks from all spans around it.
     pub fn put_aside(self) {
         critical_section::with(|_| ASIDE.store(self.aside.wrapping_add(self.ticks()), Ordering::Relaxed));
     }
 }
 
-/// What a span was for. The order is that of the emulator's file `run`.
+/// The kinds of work. The order is that of the emulator's file `run`.
 #[derive(Clone, Copy)]
 pub enum Work {
     /// The control interrupt.
     Control,
     /// The IMU's interrupt.
     Acquire,
-    /// A sample while the axes stand.
+    /// A sample while the axes are at rest.
     Stop,
-    /// A sample while they turn.
+    /// A sample while the axes turn.
     Move,
     /// A sample that ends a segment.
     Segment,
@@ -57,23 +57,23 @@ pub enum Work {
     Other,
 }
 
-/// Kinds of work.
+/// Number of kinds of work.
 const WORKS: usize = Work::Other as usize + 1;
 
-/// Spans of one kind of work.
+/// The processor time of one kind of work.
 #[derive(Clone, Copy)]
 pub struct Load {
-    /// How many.
+    /// Number of spans.
     pub spans: u32,
-    /// All of them, ticks.
+    /// Sum of all spans, ticks.
     pub ticks: u64,
-    /// The longest, ticks.
+    /// The longest span, ticks.
     pub longest: u32,
 }
 
 static LOADS: Mutex<Cell<[Load; WORKS]>> = Mutex::new(Cell::new([Load { spans: 0, ticks: 0, longest: 0 }; WORKS]));
 
-/// Counts a span, which ends here.
+/// Ends a span and adds it to its kind of work.
 pub fn count(work: Work, span: &Span) {
     let ticks = span.own_ticks();
     critical_section::with(|cs| {
@@ -87,7 +87,7 @@ pub fn count(work: Work, span: &Span) {
     });
 }
 
-/// All work so far, in the order of [`Work`].
+/// The processor time of all kinds of work so far, in the order of [`Work`].
 pub fn loads() -> [Load; WORKS] {
     critical_section::with(|cs| LOADS.borrow(cs).get())
 }

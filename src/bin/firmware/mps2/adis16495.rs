@@ -1,4 +1,4 @@
-//! The IMU ADIS16495 on SPI: an interrupt at each data-ready edge.
+//! The IMU ADIS16495 on SPI, with an interrupt at each data-ready edge.
 
 use super::eeprom::Delay;
 use super::pipe_spi::{Chip, PipeBus, PipeSpi};
@@ -10,20 +10,20 @@ use rins_selfcal::acquisition::queue::SampleProducer;
 use rins_selfcal::drivers::adis16495::{Adis16495, Adis16495Settings};
 use rins_selfcal::gimbal::servo::PERIOD_US;
 
-/// What the IMU's interrupt has.
+/// The data of the IMU's interrupt.
 pub struct Imu(Acquisition<'static, Scalar, PipeSpi>);
 
 impl Imu {
-    /// Sets the IMU up; `None` if it does not answer.
+    /// Initializes the IMU; `None` if the IMU does not answer.
     pub fn start(bus: PipeBus, producer: SampleProducer<'static, Scalar>) -> Option<Self> {
         let imu = Adis16495::start(bus.device(Chip::Imu), &mut Delay, &Adis16495Settings::default()).ok()?;
         Some(Self(Acquisition::new(imu, producer)))
     }
 
-    /// Reads a sample into the queue; whether to come again without an edge: never.
+    /// Reads a sample into the queue. Returns false: the interrupt need not be called again without an edge.
     pub fn on_interrupt(&mut self) -> bool {
         let edge_us = u64::from(EDGE[0].load(Ordering::Relaxed)) * PERIOD_US;
-        // A sample that is lost has been counted.
+        // The queue counts a lost sample, so the result is not needed.
         let _ = self.0.on_data_ready(edge_us, view);
         false
     }

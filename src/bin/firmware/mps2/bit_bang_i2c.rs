@@ -7,7 +7,7 @@ use embedded_hal::i2c::{Error, ErrorKind, ErrorType, I2c, NoAcknowledgeSource, O
 /// Half a clock period at 400 kHz, ns.
 const HALF_PERIOD_NS: u32 = 1250;
 
-/// Fault of a transfer.
+/// The fault of a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
     /// The device did not acknowledge its address or a byte.
@@ -25,7 +25,7 @@ impl Error for Fault {
     }
 }
 
-/// The bus.
+/// The I2C bus.
 pub struct BitBangI2c<Scl, Sda, D> {
     scl: Scl,
     sda: Sda,
@@ -47,7 +47,7 @@ impl<Scl: OutputPin, Sda: OutputPin + InputPin, D: DelayNs> BitBangI2c<Scl, Sda,
         self.sda.set_state(high.into()).map_err(|_| Fault::Pin)
     }
 
-    /// Start or repeated start.
+    /// Sends a start or a repeated start.
     fn start(&mut self) -> Result<(), Fault> {
         self.data(true)?;
         self.clock(true)?;
@@ -93,7 +93,7 @@ impl<Scl: OutputPin, Sda: OutputPin + InputPin, D: DelayNs> BitBangI2c<Scl, Sda,
     }
 
     fn run(&mut self, address: u8, operations: &mut [Operation<'_>]) -> Result<(), Fault> {
-        // Operations of one direction in a row are one transfer.
+        // Consecutive operations in one direction form one transfer.
         let mut reading = None;
         let mut rest = operations.iter_mut().peekable();
         while let Some(operation) = rest.next() {

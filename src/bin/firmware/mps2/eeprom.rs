@@ -1,4 +1,4 @@
-//! The EEPROM on the bit-banged I2C.
+//! The EEPROM on the bit-banged I2C bus.
 
 use super::bit_bang_i2c::BitBangI2c;
 use super::register::Register;
@@ -12,7 +12,7 @@ use rins_selfcal::keep::medium;
 const I2C_SET: Register = Register::at(0x4002_a000);
 const I2C_CLEAR: Register = Register::at(0x4002_a004);
 
-/// Delays by counting instructions, of which the emulator executes one in 2 ns.
+/// Delays that count instructions. The emulator executes one instruction in 2 ns.
 pub struct Delay;
 
 impl DelayNs for Delay {
@@ -21,7 +21,8 @@ impl DelayNs for Delay {
     }
 }
 
-/// The time that a page takes to be written: a sign of life, since all pages take seconds.
+/// The delay for the write of a page. It reports that the main loop still runs, because all pages together take
+/// seconds.
 pub struct PageDelay;
 
 impl DelayNs for PageDelay {
@@ -31,7 +32,7 @@ impl DelayNs for PageDelay {
     }
 }
 
-/// A line of the bit-banged I2C: open drain, so both directions at once.
+/// A line of the bit-banged I2C bus. It is open-drain, so it is input and output at once.
 pub struct Line(u32);
 
 const SCL: Line = Line(1);

@@ -1,14 +1,15 @@
-//! The IMU KVH 1750 on a serial line: an interrupt for each byte, as of a UART.
+//! The IMU KVH 1750 on a serial line. As with a UART, each byte has its interrupt.
 //!
-//! The receiver, played by the host, keeps the bytes with the times at which they came. It is emptied by transfers, since one
-//! costs far more than what is in it:
+//! The host simulates the receiver, which stores the bytes with their times of arrival. One transfer fetches many
+//! bytes, because a transfer costs far more time than its bytes:
 //!
 //! ```text
-//! received  0      how many bytes follow
-//!           1-     three for each: its age at the end of the last control period, u16, us, low byte first, and the byte
+//! received  0      number of bytes that follow
+//!           1-     three for each received byte: its age at the end of the last control period, u16, us, low byte
+//!                  first, and then the byte itself
 //! ```
-//! The control periods are the clock here too: what a sample is stamped with, the middle of its interval, depends on when its
-//! bytes came, and not on when they were fetched or taken in.
+//! The control periods are the clock here too. The stamp of a sample, the middle of its interval, depends on the times
+//! when its bytes arrived. It does not depend on the times when they were fetched or processed.
 
 use super::pipe_spi::{Chip, PipeBus, PipeSpi};
 use super::wire::MAX_TRANSFER_BYTES;
@@ -19,38 +20,39 @@ use rins_selfcal::acquisition::Streaming;
 use rins_selfcal::acquisition::queue::SampleProducer;
 use rins_selfcal::drivers::kvh1750::{Kvh1750, Kvh1750Settings};
 
-/// Most bytes of the line to a transfer.
+/// Largest number of received bytes in one transfer.
 const MOST_BYTES: usize = (MAX_TRANSFER_BYTES - 1) / 3;
 
-/// What the IMU's interrupt has.
+/// The data of the IMU's interrupt.
 pub struct Imu {
     receiver: PipeSpi,
     fetched: [u8; 1 + 3 * MOST_BYTES],
-    /// How many of the fetched bytes have been taken in.
+    /// Number of fetched bytes that have been processed.
     taken: usize,
-    /// End of the control period at which the ages are counted, us.
+    /// End of the control period to which the ages refer, us.
     end_us: u64,
     streaming: Streaming<'static, Scalar>,
 }
 
 impl Imu {
-    /// The IMU sends by itself: nothing can fail here.
+    /// Always succeeds, because the IMU sends without a request.
     pub fn start(bus: PipeBus, producer: SampleProducer<'static, Scalar>) -> Option<Self> {
         let streaming = Streaming::new(Kvh1750::new(&Kvh1750Settings::default()), producer);
         let receiver = bus.device(Chip::Imu);
         Some(Self { receiver, fetched: [0; 1 + 3 * MOST_BYTES], taken: 0, end_us: 0, streaming })
     }
 
-    /// Takes in one byte; whether to come again, for the next.
+    /// Processes one byte. Returns whether the interrupt must be called again for the next byte.
     pub fn on_interrupt(&mut self) -> bool {
         if self.taken >= self.count() {
             self.fetch();
         }
         if let Some((byte, came_us)) = self.next() {
-            // A sample that is lost has been counted.
+            // The queue counts a lost sample, so the result is not needed.
             let _ = self.streaming.on_byte(byte, came_us, view);
         }
-        // A full transfer may have left some behind, and a period that has ended meanwhile has asked in vain.
+        // A full transfer may have left bytes at the host. If a period has ended meanwhile, its request of this
+        // interrupt was lost.
         self.taken < self.count() || self.count() == MOST_BYTES || now_us() != self.end_us
     }
 
@@ -68,7 +70,7 @@ impl Imu {
 
     fn fetch(&mut self) {
         self.taken = 0;
-        // No period ends between the look at the clock and that of the host.
+        // No period may end between the reading of the clock and the transfer.
         let done = critical_section::with(|_| {
             self.end_us = now_us();
             self.receiver.transfer_in_place(&mut self.fetched)

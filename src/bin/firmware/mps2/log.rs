@@ -1,4 +1,4 @@
-//! Logs of defmt to the host's log pipe, one write to a frame.
+//! Sends logs of defmt to the host's log pipe, with one write for each frame.
 #![allow(unsafe_code)]
 
 use super::semihosting::File;
@@ -28,7 +28,7 @@ impl Log {
 
 fn flush(file: Option<File>, buffer: &mut heapless::Vec<u8, 256>) {
     if let Some(file) = file {
-        // A log that cannot be written is lost, and nothing else.
+        // A failed write loses this log frame only.
         let _ = file.write(buffer);
     }
     buffer.clear();
@@ -36,7 +36,7 @@ fn flush(file: Option<File>, buffer: &mut heapless::Vec<u8, 256>) {
 
 struct LogCell(UnsafeCell<Log>);
 
-// Safety: touched between `acquire` and `release` only, which hold a critical section on the only core.
+// Safety: the cell is used between `acquire` and `release` only. They hold a critical section on the only core.
 unsafe impl Sync for LogCell {}
 
 static LOG: LogCell = LogCell(UnsafeCell::new(Log {
@@ -47,14 +47,14 @@ static LOG: LogCell = LogCell(UnsafeCell::new(Log {
     buffer: heapless::Vec::new(),
 }));
 
-/// Logs go to the host's log pipe, one write to a frame.
+/// Sends logs to the host's log pipe, with one write for each frame.
 #[defmt::global_logger]
 struct Logger;
 
-// Safety: a frame is one critical section; one inside another ends the program.
+// Safety: a frame is one critical section. A frame inside another frame stops the program.
 unsafe impl defmt::Logger for Logger {
     fn acquire() {
-        // Safety: released in `release`; the reference ends with this function.
+        // Safety: `release` restores the state; the reference ends with this function.
         let (restore, log) = unsafe { (critical_section::acquire(), &mut *LOG.0.get()) };
         if log.open {
             ThisBoard::stop(&FatalError::board("log inside a log"));
@@ -68,17 +68,17 @@ unsafe impl defmt::Logger for Logger {
     unsafe fn flush() {}
 
     unsafe fn release() {
-        // Safety: called after `acquire`, in its critical section.
+        // Safety: called after `acquire`, within its critical section.
         let log = unsafe { &mut *LOG.0.get() };
         log.put(|encoder, write| encoder.end_frame(write));
         flush(log.file, &mut log.buffer);
         log.open = false;
-        // Safety: the state that `acquire` was given.
+        // Safety: this is the state that `acquire` returned.
         unsafe { critical_section::release(log.restore) };
     }
 
     unsafe fn write(bytes: &[u8]) {
-        // Safety: called after `acquire`, in its critical section.
+        // Safety: called after `acquire`, within its critical section.
         let log = unsafe { &mut *LOG.0.get() };
         log.put(|encoder, write| encoder.write(bytes, write));
     }

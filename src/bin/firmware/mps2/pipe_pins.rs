@@ -1,8 +1,9 @@
-//! What the control interrupt has to do with the host, once a period: the pins of the motor bridges, and the encoders.
+//! The data that the control interrupt exchanges with the host once a period: the pins of the motor bridges, and the
+//! encoders.
 //!
-//! The outputs of a period are latched and go to the host when the next one begins, in one transfer with which the inputs and
-//! what the encoders have to say come back: a transfer costs far more than what is in it.
-//! [`PERIOD_BYTES`] says what is where.
+//! The outputs of a period are latched and sent to the host when the next period begins. The same transfer returns the
+//! inputs and the bytes of the encoders, because a transfer costs far more time than its bytes.
+//! [`PERIOD_BYTES`] describes the layout.
 
 use super::pipe_spi::{PipeBus, PipeFault};
 use super::wire::{DUTY_STEPS, PERIOD_BYTES, input, pin};
@@ -14,7 +15,7 @@ use embedded_hal::pwm::{self, SetDutyCycle};
 use embedded_hal::spi::{self, Operation, SpiDevice};
 use rins_selfcal::drivers::biss::CAPTURE_BYTES;
 
-/// The pins of a bridge that are outputs.
+/// The output pins of a bridge.
 #[derive(Clone, Copy)]
 struct Outputs {
     duty: u16,
@@ -25,10 +26,10 @@ struct Outputs {
 /// Written by the control interrupt, and once at power-up.
 static OUTPUTS: Mutex<Cell<[Outputs; 2]>> =
     Mutex::new(Cell::new([Outputs { duty: 0, forward: false, enabled: false }; 2]));
-/// What the host told last. Written by the control interrupt.
+/// The last bytes from the host. Written by the control interrupt.
 static RECEIVED: Mutex<Cell<[u8; PERIOD_BYTES]>> = Mutex::new(Cell::new([0xff; PERIOD_BYTES]));
 
-/// Lets a control period go by at the host; the inputs at its end, or `None` if the instrument is switched off.
+/// Lets the host simulate one control period. Returns the inputs at its end; `None` if the instrument is switched off.
 pub fn period(bus: PipeBus) -> Option<u8> {
     let [outer, inner] = critical_section::with(|cs| OUTPUTS.borrow(cs).get()).map(|outputs| {
         let [low, high] = outputs.duty.to_le_bytes();
@@ -44,9 +45,9 @@ pub fn period(bus: PipeBus) -> Option<u8> {
     on.then_some(inputs)
 }
 
-/// The line of an encoder: what it says is that of the period's beginning.
+/// The line of an encoder. Its bytes are those of the beginning of the period.
 pub struct EncoderSpi {
-    /// 0 outer, 1 inner.
+    /// 0 for the outer axis, 1 for the inner axis.
     pub axis: usize,
 }
 
@@ -68,7 +69,7 @@ impl SpiDevice for EncoderSpi {
     }
 }
 
-/// Which pin of a bridge.
+/// The pins of a bridge.
 #[derive(Clone, Copy)]
 enum Role {
     Pwm,
@@ -79,13 +80,13 @@ enum Role {
 
 /// A pin of a bridge.
 pub struct BridgePin {
-    /// 0 outer, 1 inner.
+    /// 0 for the outer axis, 1 for the inner axis.
     axis: usize,
     role: Role,
 }
 
 impl BridgePin {
-    /// PWM, direction, enable and fault line of the bridge of an axis (0 outer, 1 inner).
+    /// PWM, direction, enable and fault pin of the bridge of an axis (0 outer, 1 inner).
     pub fn all(axis: usize) -> [Self; 4] {
         [Role::Pwm, Role::Direction, Role::Enable, Role::Fault].map(|role| Self { axis, role })
     }

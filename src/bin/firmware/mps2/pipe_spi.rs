@@ -1,6 +1,6 @@
-//! SPI to devices that the host plays, behind named pipes opened by semihosting: a transaction is a request of chip
-//! number, length and bytes, answered by as many bytes. A semihosting call stops the virtual processor, so host and guest go in
-//! lock step.
+//! SPI to devices that the host simulates, through named pipes opened by semihosting. A request consists of chip
+//! number, length and bytes; the answer has the same number of bytes. A semihosting call stops the virtual processor,
+//! so host and guest run in lock step.
 
 use super::semihosting::File;
 use super::wire::{MAX_TRANSFER_BYTES, PERIOD_BYTES, chip, input};
@@ -40,7 +40,7 @@ pub struct PipeSpi {
 pub enum PipeFault {
     /// The host has closed the pipes.
     Closed,
-    /// More bytes than the bus takes.
+    /// The transfer is longer than [`MAX_TRANSFER_BYTES`].
     TooLong,
 }
 
@@ -58,7 +58,7 @@ impl SpiDevice for PipeSpi {
     fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), PipeFault> {
         let mut request = Request::new(self.chip);
         operations.iter().try_for_each(|operation| request.add(operation))?;
-        // Interrupts and the main loop share the bus.
+        // Interrupts and the main loop share the bus, so a transfer must not be interrupted.
         critical_section::with(|_| {
             let span = Span::start();
             let done = self.bus.exchange(&mut request);
@@ -73,15 +73,16 @@ impl SpiDevice for PipeSpi {
     }
 }
 
-/// Switches the motors off, without any memory of the bus: called from faults.
+/// Switches the motors off. Fault handlers call it, so it uses no memory of the bus.
 pub fn motors_off() {
     if let Some(requests) = File::open(c"requests", File::WRITE) {
-        // No bytes, no answer.
+        // The request has no bytes and no answer.
         requests.write(&[Chip::MotorsOff as u8, 0]);
     }
 }
 
-/// A transfer: the chip's number, the number of bytes, and the bytes, first as sent and then as received.
+/// A transfer: the chip's number, the number of bytes, and the bytes. The bytes are first those to send and then those
+/// received.
 struct Request {
     bytes: [u8; 2 + MAX_TRANSFER_BYTES],
     length: usize,
@@ -96,7 +97,7 @@ impl Request {
         Self { bytes, length: 0 }
     }
 
-    /// What the operation sends; zeros where it only reads.
+    /// Adds the bytes that the operation sends; zeros if it only reads.
     fn add(&mut self, operation: &Operation<'_, u8>) -> Result<(), PipeFault> {
         let (sent, length): (&[u8], usize) = match operation {
             Operation::Read(received) => (&[], received.len()),
@@ -121,7 +122,7 @@ impl Request {
     }
 }
 
-/// Gives an operation what came while it was on the bus; the rest.
+/// Gives an operation the bytes that were received during it. Returns the remaining bytes.
 fn give<'a>(answer: &'a [u8], operation: &mut Operation<'_, u8>) -> &'a [u8] {
     let length = match operation {
         Operation::Read(received) | Operation::TransferInPlace(received) => fill(received, answer),
@@ -150,7 +151,7 @@ impl PipeBus {
         PipeSpi { bus: self, chip }
     }
 
-    /// Lets a control period go by; whether the instrument is switched on.
+    /// Lets the host simulate one control period. Returns whether the instrument is switched on.
     pub fn period(self, frame: &mut [u8; PERIOD_BYTES]) -> bool {
         let done = self.device(Chip::Period).transfer_in_place(frame);
         let [inputs, ..] = *frame;

@@ -1,4 +1,4 @@
-//! Registers of the machine: the only place that reads and writes addresses.
+//! Registers of the machine. This is the only file that reads and writes addresses.
 #![allow(unsafe_code)]
 
 use core::ptr;
@@ -14,35 +14,35 @@ impl Register {
         Self(address)
     }
 
-    /// Its value.
+    /// The value of the register.
     pub fn read(self) -> u32 {
-        // Safety: an address of a peripheral; none of this machine's changes memory.
+        // Safety: the address belongs to a peripheral. No peripheral of this machine changes memory.
         unsafe { ptr::read_volatile(self.0 as *const u32) }
     }
 
-    /// Sets its value.
+    /// Sets the value of the register.
     pub fn write(self, value: u32) {
         // Safety: as above.
         unsafe { ptr::write_volatile(self.0 as *mut u32, value) }
     }
 }
 
-/// One of the CMSDK timers, which count down.
+/// A CMSDK timer. It counts down.
 pub struct Timer {
     /// Enables the timer and its interrupt.
     pub control: Register,
-    /// Its count.
+    /// The count.
     pub value: Register,
-    /// Where it counts on from after 0; with 0 it stops there.
+    /// The count continues from this value after 0. If the value is 0, the timer stops.
     pub reload: Register,
     /// Clears the interrupt.
     pub interrupt_clear: Register,
 }
 
 impl Timer {
-    /// Bit of `control`.
+    /// Bit of `control`: the timer runs.
     pub const ENABLE: u32 = 1;
-    /// Bit of `control`.
+    /// Bit of `control`: the timer raises its interrupt at 0.
     pub const ENABLE_INTERRUPT: u32 = 8;
 
     /// The timer at this address.

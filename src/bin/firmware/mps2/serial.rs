@@ -1,4 +1,4 @@
-//! The serial line: UART 0 of the machine, which the emulator connects to whatever it is told to.
+//! The serial line: UART 0 of the machine. An option of the emulator chooses what it is connected to.
 
 use super::register::Register;
 use crate::inbox;
@@ -9,20 +9,20 @@ const CONTROL: Register = Register::at(0x4000_4008);
 const INTERRUPT_CLEAR: Register = Register::at(0x4000_400c);
 const DIVIDER: Register = Register::at(0x4000_4010);
 
-/// Bits of `STATE`.
+/// Bit of `STATE`: the transmit buffer is full.
 const FULL_TO_SEND: u32 = 1;
 const RECEIVED: u32 = 2;
-/// Bits of `CONTROL`: both directions, and the interrupt of a byte that came in.
+/// Bits of `CONTROL`: enable both directions and the receive interrupt.
 const ENABLE: u32 = 0b1011;
 const INTERRUPT_RECEIVED: u32 = 2;
 
-/// Opens the line, at the highest speed there is: nothing of it takes time here.
+/// Opens the line at its highest speed. The emulator needs no time for a byte.
 pub fn start() {
     DIVIDER.write(16);
     CONTROL.write(ENABLE);
 }
 
-/// A byte has come in.
+/// Handles the interrupt of a received byte.
 pub fn on_received() {
     INTERRUPT_CLEAR.write(INTERRUPT_RECEIVED);
     while STATE.read() & RECEIVED != 0 {
@@ -30,7 +30,7 @@ pub fn on_received() {
     }
 }
 
-/// Sends what there is, as far as there is room.
+/// Sends bytes as far as there is room.
 pub fn transmit(mut next: impl FnMut() -> Option<u8>) {
     while STATE.read() & FULL_TO_SEND == 0
         && let Some(byte) = next()

@@ -1,4 +1,4 @@
-//! What the emulated board and the bench on the host agree on: constants alone. The host includes this file by its path.
+//! The constants that the emulated board and the host's bench share. The host includes this file by its path.
 
 use rins_selfcal::drivers::biss::CAPTURE_BYTES;
 
@@ -6,16 +6,16 @@ use rins_selfcal::drivers::biss::CAPTURE_BYTES;
 pub mod chip {
     /// The IMU, or the receiver of its serial line.
     pub const IMU: u8 = 0;
-    /// Not a chip, but a control period with all that the control interrupt exchanges: see [`super::PERIOD_BYTES`].
+    /// Not a chip: one control period, with all data that the control interrupt exchanges. See [`super::PERIOD_BYTES`].
     pub const PERIOD: u8 = 3;
-    /// The line that switches both bridges off until the next period. Nothing is transferred.
+    /// The line that switches both bridges off until the next period. The request has no bytes and no answer.
     pub const MOTORS_OFF: u8 = 4;
 }
 
-/// Longest transfer on SPI, bytes.
+/// Length of the longest SPI transfer, bytes.
 pub const MAX_TRANSFER_BYTES: usize = 96;
 
-/// Length of a period's transfer, bytes:
+/// Length of the transfer of a control period, bytes:
 ///
 /// ```text
 /// sent      0-5    duty of the outer bridge, u16, low byte first, and bits of `pin`; the same of the inner bridge
@@ -24,7 +24,7 @@ pub const MAX_TRANSFER_BYTES: usize = 96;
 /// ```
 pub const PERIOD_BYTES: usize = 1 + 2 * CAPTURE_BYTES;
 
-/// Duties of the PWM from 0 to 1: 20 kHz from a timer of 160 MHz.
+/// Number of steps of the PWM's duty from 0 to 1: 20 kHz from a timer of 160 MHz.
 pub const DUTY_STEPS: u16 = 8000;
 
 /// Bits of a bridge's pins.
@@ -39,11 +39,11 @@ pub mod pin {
 pub mod input {
     /// The instrument is switched on.
     pub const POWERED: u8 = 1;
-    /// The IMU asks for its interrupt: its data-ready line had an edge, or bytes came from it.
+    /// The IMU asks for its interrupt: its data-ready line had an edge, or it sent bytes.
     pub const IMU: u8 = 2;
-    /// The fault lines of the outer and the inner bridge, high if there is none.
+    /// The fault lines of the outer and the inner bridge. A line is high if its bridge has no fault.
     pub const FAULT: [u8; 2] = [4, 8];
 }
 
-/// Ticks of the board's clock in a second.
+/// Ticks of the board's clock per second.
 pub const TICKS_PER_S: u32 = 25_000_000;

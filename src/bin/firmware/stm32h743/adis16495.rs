@@ -1,5 +1,5 @@
-//! The IMU ADIS16495 on SPI1. TIM3 clocks its samples; the time of a data-ready edge is captured by TIM2, which is the clock: how
-//! long its interrupt has to wait does not matter.
+//! The IMU ADIS16495 on SPI1. TIM3 clocks its samples. TIM2, the board's clock, captures the time of each data-ready
+//! edge, so a delay of the interrupt does not change the time stamps.
 
 use super::clock::{self, Delay};
 use super::{Bus, OfImu, on_imu, pulses, spi_config, view};
@@ -24,7 +24,7 @@ type BoardAcquisition = Acquisition<'static, Scalar, ExclusiveDevice<Bus, Output
 
 static ACQUISITION: OfImu<BoardAcquisition> = Mutex::new(Cell::new(None));
 
-/// What the IMU is connected to.
+/// The peripherals and pins of the IMU.
 pub struct Wiring {
     pub timer: Peri<'static, TIM3>,
     pub clock: Peri<'static, PC6>,
@@ -36,14 +36,14 @@ pub struct Wiring {
     pub data_ready: Peri<'static, PB11>,
 }
 
-/// What must stay as it is while the IMU is used.
+/// Peripherals that must stay configured while the IMU is used.
 pub struct Imu {
     _clock: SimplePwm<'static, TIM3>,
     _data_ready: CapturePin<'static, TIM2, Ch4>,
 }
 
 impl Imu {
-    /// Sets the IMU up; `None` if it does not answer.
+    /// Initializes the IMU; `None` if the IMU does not answer.
     pub fn start(wiring: Wiring, producer: SampleProducer<'static, Scalar>) -> Option<Self> {
         let Wiring { timer, clock, bus, sclk, din, dout, select, data_ready } = wiring;
         let clock = pulses(timer, clock, 4000, 500);
@@ -54,23 +54,23 @@ impl Imu {
         Some(Self { _clock: clock, _data_ready: CapturePin::new(data_ready, Pull::Down) })
     }
 
-    /// Lets its interrupt come, whenever channel 4 captures the time of a rising edge.
+    /// Enables the interrupt, which comes when channel 4 captures the time of a rising edge.
     pub fn begin(&mut self) {
         pac::TIM2.ccmr_input(1).modify(|mode| mode.set_ccs(1, CcmrInputCcs::TI4));
         pac::TIM2.ccer().modify(|enabled| enabled.set_cce(3, true));
         pac::TIM2.dier().modify(|enabled| enabled.set_ccie(3, true));
         interrupt::TIM2.set_priority(Priority::P2);
-        // Safety: everything the interrupt uses is in place.
+        // Safety: all data of the interrupt is in place.
         unsafe { interrupt::TIM2.enable() };
     }
 }
 
-/// Time of the last captured edge, us, if there is a new one.
+/// Time of the last captured edge, us; `None` if there was no edge since the last call.
 fn captured_us() -> Option<u64> {
     if !pac::TIM2.sr().read().ccif(3) {
         return None;
     }
-    // Reading it clears the flag.
+    // The read clears the flag.
     let captured = pac::TIM2.ccr(3).read();
     let now = clock::now_us();
     Some(now.saturating_sub(u64::from((now as u32).wrapping_sub(captured))))
@@ -79,7 +79,7 @@ fn captured_us() -> Option<u64> {
 #[handler]
 fn TIM2() {
     on_imu(&ACQUISITION, |acquisition| {
-        // A sample that is lost has been counted.
+        // The queue counts a lost sample, so the result is not needed.
         let _ = captured_us().map(|edge_us| acquisition.on_data_ready(edge_us, view));
     });
 }

@@ -1,7 +1,8 @@
-//! The flash of the chip, as a memory that can say that it cannot read a word.
+//! The flash of the chip, as a memory that reports an error when it cannot read a word.
 //!
-//! A power cut in the middle of a write leaves words that the error correction of the flash cannot mend: reading one is a
-//! fault of the bus (RM0433, on its error correction). Here it is an error, which the store knows how to live with.
+//! A power cut during a write can leave words that the flash's error correction cannot correct. A read of such a word
+//! causes a bus fault (RM0433, error correction of the flash). Here the read returns an error, which the store can
+//! handle.
 #![allow(unsafe_code)]
 
 use super::clock;
@@ -14,9 +15,9 @@ use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashEr
 
 type ChipFlash = Flash<'static, flash::Blocking>;
 
-/// Bytes of a word of the flash, and of a line of the cache.
+/// Length of a flash word and of a cache line, bytes.
 const WORD: usize = 32;
-/// Number of the bank that keeps calibrations.
+/// Number of the flash bank that holds the calibrations.
 const BANK: usize = 1;
 /// Bit of CCR: handlers of the highest priorities ignore faults of the data bus.
 const IGNORE_BUS_FAULTS: u32 = 1 << 8;
@@ -24,12 +25,12 @@ const IGNORE_BUS_FAULTS: u32 = 1 << 8;
 /// Bits of SR that CCR clears: RM0433, FLASH_CCR.
 const CLEARABLE: u32 = 0x1fef_0000;
 
-/// Fault of the flash.
+/// A fault of the flash.
 #[derive(Clone, Copy, Debug)]
 pub enum FlashFault {
     /// A word cannot be read.
     Unreadable,
-    /// Something else.
+    /// Another fault, as the HAL reports it.
     Chip(flash::Error),
 }
 
@@ -80,33 +81,35 @@ impl NorFlash for CheckedFlash {
     }
 
     fn erase(&mut self, from: u32, to: u32) -> Result<(), FlashFault> {
-        // A sector takes up to 4 s.
+        // An erase of a sector takes up to 4 s.
         watchdog::progress(clock::now_us());
         forget_flags();
         self.0.blocking_erase(from, to).map_err(FlashFault::Chip)
     }
 }
 
-/// Clears what earlier reads and writes have left, a corrected bit for one: the HAL takes every flag for a failure of its own.
+/// Clears flags that earlier reads and writes have left, such as that of a corrected bit. The HAL would take every flag
+/// for a failure of its own operation.
 fn forget_flags() {
     let bank = pac::FLASH.bank(BANK);
     let flags = bank.sr().read().0;
-    // A flag of SR is cleared by the same bit of CCR: RM0433, FLASH_CCR.
+    // A bit of CCR clears the same flag of SR: RM0433, FLASH_CCR.
     bank.ccr().write(|clear| clear.0 = flags & CLEARABLE);
 }
 
-/// What was written or erased is not to be read from the cache.
+/// Removes written or erased words from the cache, so that the next read reads the flash.
 fn forget_cached(offset: u32, length: usize) {
     let address = flash::FLASH_BASE + offset as usize;
     let start = address & !(WORD - 1);
-    // Safety: the cache writes through to flash, so that nothing is lost with its lines.
+    // Safety: the cache writes through to the flash, so no data is lost with the invalidated lines.
     unsafe { cortex_m::Peripherals::steal().SCB.invalidate_dcache_by_address(start, address + length - start) };
 }
 
-/// Reads one word at most, for which every interrupt waits.
+/// Reads at most one word with bus faults ignored. All interrupts wait for it.
 fn without_bus_faults<R>(read: impl FnOnce() -> R) -> R {
     critical_section::with(|_| {
-        // Safety: nobody else changes the register while interrupts wait; faults are ignored between the two instructions.
+        // Safety: interrupts are off, so nothing else changes the register. Faults are ignored between the two writes
+        // only.
         unsafe {
             let control = &(*SCB::PTR).ccr;
             control.modify(|bits| bits | IGNORE_BUS_FAULTS);

@@ -1,4 +1,4 @@
-//! Clocks of the chip and time since power-up.
+//! The clocks of the chip, and the time since power-up.
 
 use core::cell::Cell;
 use critical_section::Mutex;
@@ -11,12 +11,12 @@ use embassy_stm32::rcc::{
 use embassy_stm32::time::Hertz;
 use embedded_hal::delay::DelayNs;
 
-/// Clock of the processor.
+/// Clock of the processor, Hz.
 pub const CORE_HZ: u32 = 480_000_000;
-/// Clock of the timers on APB1.
+/// Clock of the timers on APB1, Hz.
 pub const TIMER_HZ: u32 = 240_000_000;
 
-/// 8 MHz of the ST-LINK to 480 MHz for the processor, 240 MHz for the buses, 120 MHz for peripherals.
+/// From the ST-LINK's 8 MHz: 480 MHz for the processor, 240 MHz for the buses, 120 MHz for the peripherals.
 pub fn configuration() -> embassy_stm32::Config {
     let mut config = embassy_stm32::Config::default();
     let rcc = &mut config.rcc;
@@ -40,15 +40,16 @@ pub fn configuration() -> embassy_stm32::Config {
     config
 }
 
-/// Time at the last look, us. Looked at ten times a second at least, so that the 32-bit timer never wraps unseen.
+/// Time at the last call of [`now_us`], us. It is called at least ten times a second, so no wrap of the 32-bit timer is
+/// missed.
 static CLOCK: Mutex<Cell<u64>> = Mutex::new(Cell::new(0));
 
-/// Lets the timer count microseconds.
+/// Sets the timer to count microseconds.
 pub fn start(_timer: Peri<'static, TIM2>) {
     embassy_stm32::rcc::enable_and_reset::<TIM2>();
     pac::TIM2.psc().write_value((TIMER_HZ / 1_000_000 - 1) as u16);
     pac::TIM2.arr().write_value(u32::MAX);
-    // Takes the prescaler over.
+    // An update event makes the new prescaler effective.
     pac::TIM2.egr().write(|event| event.set_ug(true));
     pac::TIM2.cr1().modify(|control| control.set_cen(true));
 }
@@ -65,13 +66,13 @@ pub fn now_us() -> u64 {
 
 defmt::timestamp!("{=u64:us}", now_us());
 
-/// Delays by cycles of the processor.
+/// Delays that count cycles of the processor.
 #[derive(Clone, Copy)]
 pub struct Delay;
 
 impl DelayNs for Delay {
     fn delay_ns(&mut self, ns: u32) {
-        // In two parts, so that the product fits.
+        // In two parts, so that the products fit into 32 bits.
         cortex_m::asm::delay((ns / 1000).saturating_mul(CORE_HZ / 1_000_000));
         cortex_m::asm::delay((ns % 1000).saturating_mul(CORE_HZ / 1_000_000).div_ceil(1000));
     }

@@ -1,8 +1,9 @@
-//! The IMU KVH 1750 on USART2. TIM3 requests its outputs, 200 a second.
+//! The IMU KVH 1750 on USART2. TIM3 requests 200 messages a second.
 //!
-//! Neither the latency of the unit nor when a byte is read has a part in the stamps: a message has ended 0.6 ms after its
-//! request, so the last edge on MSYNC is the one that it answers. Control keeps the interrupt waiting for some 0.06 ms at most,
-//! nearly all of it to read the encoders: of 16 bytes that the port holds 6 come meanwhile.
+//! The time stamps depend neither on the latency of the unit nor on the time when a byte is read. A message ends 0.6 ms
+//! after its request, so it answers the last edge on MSYNC. The control interrupt delays this interrupt by at most
+//! about
+//! 0.06 ms, most of it to read the encoders. In that time 6 bytes arrive, and the port holds 16 bytes.
 
 use super::{OfImu, clock, on_imu, pulses, view};
 use crate::Scalar;
@@ -19,17 +20,17 @@ use rins_selfcal::acquisition::Streaming;
 use rins_selfcal::acquisition::queue::SampleProducer;
 use rins_selfcal::drivers::kvh1750::{Kvh1750, Kvh1750Settings};
 
-/// A request is high for 60 us of 5 ms.
+/// The request line is high for 60 us of each 5 ms.
 const REQUEST_THOUSANDTHS: u32 = 12;
-/// Within this time after it is asked the unit must send, us; it takes more than a second to start.
+/// The unit must send a message within this time after the first request, us. It needs more than a second to start.
 const START_US: u64 = 5_000_000;
 
-/// The IMU on its way to the queue; and from a request to the last bit of its message, us.
+/// The receiver of the IMU's bytes, and the time from a request to the last bit of its message, us.
 type Receiver = (Streaming<'static, Scalar>, u64);
 
 static RECEIVER: OfImu<Receiver> = Mutex::new(Cell::new(None));
 
-/// What the IMU is connected to.
+/// The peripherals and pins of the IMU.
 pub struct Wiring {
     pub timer: Peri<'static, TIM3>,
     pub request: Peri<'static, PC6>,
@@ -37,14 +38,14 @@ pub struct Wiring {
     pub rx: Peri<'static, PD6>,
 }
 
-/// What must stay as it is while the IMU is used.
+/// Peripherals that must stay configured while the IMU is used.
 pub struct Imu {
     _request: SimplePwm<'static, TIM3>,
     _port: UartRx<'static, Blocking>,
 }
 
 impl Imu {
-    /// Opens the port, and waits for a message; `None` if none comes.
+    /// Opens the port and waits for a message; `None` if no message arrives in time.
     pub fn start(wiring: Wiring, producer: SampleProducer<'static, Scalar>) -> Option<Self> {
         let Wiring { timer, request, port, rx } = wiring;
         let settings = Kvh1750Settings::default();
@@ -55,23 +56,23 @@ impl Imu {
         if !answers(&mut Kvh1750::new(&settings)) {
             return None;
         }
-        // A new one, which misses no message that is sent before the interrupt comes.
+        // A new receiver, so that it misses no message that is sent before the interrupt is enabled.
         let streaming = Streaming::new(Kvh1750::new(&settings), producer);
         critical_section::with(|cs| RECEIVER.borrow(cs).set(Some((streaming, settings.answer_us()))));
         Some(Self { _request: request, _port: port })
     }
 
-    /// Lets its interrupt come, for bytes from here on.
+    /// Enables the interrupt for all bytes from now on.
     pub fn begin(&mut self) {
         pac::USART2.rqr().write(|request| request.set_rxfrq(true));
         pac::USART2.cr1().modify(|control| control.set_rxneie(true));
         interrupt::USART2.set_priority(Priority::P2);
-        // Safety: everything the interrupt uses is in place.
+        // Safety: all data of the interrupt is in place.
         unsafe { interrupt::USART2.enable() };
     }
 }
 
-/// Whether a good message comes in time.
+/// Whether an intact message arrives in time.
 fn answers(imu: &mut Kvh1750) -> bool {
     let port = pac::USART2;
     let end_us = clock::now_us() + START_US;
@@ -86,7 +87,7 @@ fn answers(imu: &mut Kvh1750) -> bool {
     false
 }
 
-/// Time of the last request, us. TIM3 counts from its edge.
+/// Time of the last request, us. TIM3 counts from the edge of the request.
 fn requested_us() -> u64 {
     let (now_us, count) = critical_section::with(|_| (clock::now_us(), pac::TIM3.cnt().read().cnt()));
     let counts = u64::from(pac::TIM3.arr().read().arr()) + 1;
@@ -99,10 +100,10 @@ fn USART2() {
     let port = pac::USART2;
     on_imu(&RECEIVER, |(streaming, answer_us)| {
         while port.isr().read().rxne() {
-            // A sample that is lost has been counted.
+            // The queue counts a lost sample, so the result is not needed.
             let _ = streaming.on_byte(port.rdr().read().dr() as u8, requested_us() + *answer_us, view);
         }
     });
-    // The CRC finds that bytes are missing.
+    // The CRC of the message shows that bytes are missing.
     port.icr().write(|flags| flags.set_ore(true));
 }

@@ -1,5 +1,5 @@
-//! The serial line: USART3, which the ST-LINK shows as a serial port. Its interrupt moves bytes between the FIFOs of the
-//! chip and buffers; the main loop never waits.
+//! The serial line: USART3, which the ST-LINK connects to the host as a serial port. Its interrupt moves bytes between
+//! the FIFOs of the chip and the buffers. The main loop never waits.
 
 use crate::inbox;
 use core::cell::RefCell;
@@ -12,12 +12,12 @@ use embassy_stm32::{Peri, interrupt as handler, pac};
 use heapless::Deque;
 
 const BAUD: u32 = 921_600;
-/// Bytes on their way out: what goes over the line in 11 ms, twice the time from one turn of the main loop to the next.
+/// Size of the transmit buffer, bytes. The line sends this in 11 ms, twice the time between two turns of the main loop.
 const WAITING_BYTES: usize = 1024;
 
 static WAITING: Mutex<RefCell<Deque<u8, WAITING_BYTES>>> = Mutex::new(RefCell::new(Deque::new()));
 
-/// Opens the line, which stays open as long as the value lives.
+/// Opens the line. It stays open as long as the returned value exists.
 pub fn start(
     port: Peri<'static, USART3>,
     rx: Peri<'static, PD9>,
@@ -28,7 +28,7 @@ pub fn start(
     let uart = Uart::new_blocking(port, rx, tx, config).ok()?;
     pac::USART3.cr1().modify(|control| control.set_rxneie(true));
     interrupt::USART3.set_priority(Priority::P3);
-    // Safety: what the interrupt uses is in place.
+    // Safety: all data of the interrupt is in place.
     unsafe { interrupt::USART3.enable() };
     Some(uart)
 }
@@ -40,7 +40,7 @@ fn USART3() {
         inbox::put(port.rdr().read().dr() as u8);
     }
     if port.isr().read().ore() {
-        // How many is not known: one at least.
+        // The number of lost bytes is not known; it is at least one.
         port.icr().write(|flags| flags.set_ore(true));
         inbox::count_lost(1);
     }
@@ -56,7 +56,7 @@ fn USART3() {
     });
 }
 
-/// Sends what there is, as far as there is room. Interrupts wait for one byte at most.
+/// Fills the transmit buffer as far as there is room. Interrupts are delayed by one byte at most.
 pub fn transmit(mut next: impl FnMut() -> Option<u8>) {
     let put = |byte| critical_section::with(|cs| WAITING.borrow(cs).try_borrow_mut().ok()?.push_back(byte).ok());
     let is_full =
@@ -65,6 +65,6 @@ pub fn transmit(mut next: impl FnMut() -> Option<u8>) {
         && let Some(byte) = next()
         && put(byte).is_some()
     {}
-    // Where there is nothing to send, the interrupt finds that out.
+    // If there is nothing to send, the interrupt switches itself off.
     critical_section::with(|_| pac::USART3.cr1().modify(|control| control.set_txeie(true)));
 }
