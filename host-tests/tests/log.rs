@@ -293,7 +293,7 @@ fn wrong_schemes_are_named() {
     let many = vec![leg; 49].join(",");
     assert_eq!(
         refused("many.toml", &format!("first_stop_s = 5\nlegs = [{many}]\n")),
-        "many.toml:2: legs: 49 legs, at most 48 fit"
+        "many.toml:2: legs: 49 legs, at most 48 are allowed"
     );
     assert!(refused("stop.toml", &format!("legs = [{leg}]\n")).contains("missing field `first_stop_s`"));
 }

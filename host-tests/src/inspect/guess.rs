@@ -262,7 +262,10 @@ impl Roles {
         match unit_of(units, factor, si, interval_s) {
             Some(unit) => {
                 if let Some(hinted) = hinted().filter(|hinted| hinted.si != unit.si) {
-                    remarks.push(format!("{name}: the column names say {}, but the values fit {}", hinted.name, unit.name));
+                    remarks.push(format!(
+                        "{name}: the column names say {}, but the values fit {}",
+                        hinted.name, unit.name
+                    ));
                 }
                 (unit, None)
             }
@@ -311,8 +314,7 @@ impl Roles {
             }
             if let Some(axis) = self.encoders.iter().position(|(series, _)| *series == index) {
                 let counting = &self.encoders[axis].1;
-                let turn =
-                    counting.counts_per_turn.map_or_else(String::new, |counts| format!(", {counts} per turn"));
+                let turn = counting.counts_per_turn.map_or_else(String::new, |counts| format!(", {counts} per turn"));
                 let reversed = if counting.reversed { ", reversed" } else { "" };
                 let zero = if counting.zero == 0.0 { String::new() } else { format!(", zero at {}", counting.zero) };
                 return format!("{} encoder, {}{turn}{reversed}{zero}", AXIS_NAMES[axis], counting.unit);

@@ -245,8 +245,7 @@ impl Request<'_> {
             ));
         }
         if found.observed.is_some() && found.encoders.is_none() {
-            remarks
-                .push("the segments do not show the encoder repeatability: the configured value is kept".into());
+            remarks.push("the segments do not show the encoder repeatability: the configured value is kept".into());
         }
         remarks
     }
