@@ -1,4 +1,4 @@
-//! A whole instrument at the end of a line that brings commands, damaged commands and commands with wrong numbers.
+//! A complete instrument that receives commands, damaged commands and commands with wrong numbers over a line.
 
 use super::samples;
 use super::{bytes_of, stable_bytes};
@@ -45,7 +45,7 @@ pub struct LinkCommands {
 }
 
 impl LinkCommands {
-    /// Damage to these.
+    /// Makes streams from the sample commands.
     pub fn new() -> Self {
         let samples = samples::all();
         let unlock = reference::frame(PROTOCOL_VERSION, b'C', 1, &bytes_of(&Command::Unlock(UNLOCK_WORD)));
@@ -80,8 +80,8 @@ impl Target for LinkCommands {
         Claim::Nothing
     }
 
-    /// Every whole frame is answered under its number. The configuration stays good, and without an unlock what it was, as
-    /// does the memory.
+    /// Every complete frame is answered under its number. The configuration stays valid. Without an unlock the
+    /// configuration and the memory stay the same.
     fn judge(&self, input: &[u8]) -> Outcome {
         CALIBRATOR.with_borrow_mut(|calibrator| serve(input, calibrator))
     }
@@ -124,7 +124,7 @@ fn serve(input: &[u8], calibrator: &mut Memories) -> Outcome {
     }
 }
 
-/// A board that has a memory and a serial line, and a gimbal that does not answer.
+/// A board with a memory, a serial line, and a gimbal that does not answer.
 #[derive(Default)]
 struct Board {
     now_us: u64,
