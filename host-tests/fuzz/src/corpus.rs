@@ -76,7 +76,7 @@ fn folder(target: &dyn Target) -> PathBuf {
     Path::new(CORPUS).join(target.name())
 }
 
-/// What a folder holds; nothing if there is no folder.
+/// The paths in a folder. Empty if the folder does not exist.
 fn entries(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten();
     entries.map(|entry| entry.expect("an entry").path()).collect()

@@ -32,7 +32,7 @@ pub fn all() -> Vec<Box<dyn Target>> {
 
 /// A value as bytes, for comparison.
 fn bytes_of(value: &impl Serialize) -> Vec<u8> {
-    postcard::to_stdvec(value).expect("it has an encoding")
+    postcard::to_stdvec(value).expect("every value can be encoded")
 }
 
 /// As [`bytes_of`], for a decoded value. Checks that the value is the same after another encoding and decoding.

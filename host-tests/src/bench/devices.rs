@@ -278,7 +278,7 @@ impl<P: Plant> Bench<P> {
             let [low, high, pins] = *pins;
             axis.bridge.set(u16::from_le_bytes([low, high]), pins & pin::DIRECTION != 0, pins & pin::ENABLE != 0);
         }
-        let (inputs, captures) = frame.split_first_mut().expect("its length is known");
+        let (inputs, captures) = frame.split_first_mut().expect("a frame with the inputs byte");
         *inputs = self.inputs();
         for (chip, capture) in
             [Chip::OuterEncoder, Chip::InnerEncoder].into_iter().zip(captures.chunks_mut(CAPTURE_BYTES))

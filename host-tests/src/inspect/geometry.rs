@@ -23,9 +23,9 @@ const EQUAL: f64 = 0.01;
 /// Travel of an axis, rad. Less travel is no calibration. More travel than some turns shows that the unit is wrong.
 const TRAVEL_RAD: [f64; 2] = [0.3, 200.0];
 /// An axis is at rest between two points if it turns by less than this, rad.
-const STANDING_RAD: f64 = 3e-4;
+const REST_RAD: f64 = 3e-4;
 /// Least fraction of the time for which an axis of a calibration is at rest.
-const STANDING_PART: f64 = 0.1;
+const REST_PART: f64 = 0.1;
 /// A component is excited if it varies by at least this fraction of the most excited component.
 const EXCITED: f64 = 0.02;
 /// A first angle larger than this, rad, suggests that the encoder's zero is not at angle zero.
@@ -131,16 +131,14 @@ fn countings(series: &ColumnSketch) -> Vec<Counting> {
         .chain(decimal)
         .map(|counts| Counting { counts_per_turn: Some(counts), ..plain(("counts", TAU / counts)) });
     let all = units.into_iter().chain(counts.filter(|_| series.whole));
-    all.filter(|counting| stands_and_moves(series, counting))
-        .flat_map(|counting| with_zeros(series, counting))
-        .collect()
+    all.filter(|counting| stops_and_moves(series, counting)).flat_map(|counting| with_zeros(series, counting)).collect()
 }
 
-fn stands_and_moves(series: &ColumnSketch, counting: &Counting) -> bool {
+fn stops_and_moves(series: &ColumnSketch, counting: &Counting) -> bool {
     let steps = turns(series, counting.rad);
-    let standing = steps.iter().filter(|step| step.abs() < STANDING_RAD).count();
+    let at_rest = steps.iter().filter(|step| step.abs() < REST_RAD).count();
     let travel = series.span() * counting.rad;
-    (TRAVEL_RAD[0]..TRAVEL_RAD[1]).contains(&travel) && standing as f64 > STANDING_PART * steps.len() as f64
+    (TRAVEL_RAD[0]..TRAVEL_RAD[1]).contains(&travel) && at_rest as f64 > REST_PART * steps.len() as f64
 }
 
 fn with_zeros(series: &ColumnSketch, counting: Counting) -> Vec<Counting> {

@@ -226,7 +226,7 @@ impl Request<'_> {
         let expected = self.unit.site().gravity_m_s2();
         if let Some(seen) = found.sampling.gravity_m_s2.filter(|seen| (seen / expected - 1.0).abs() > GRAVITY_OFF) {
             remarks.push(format!(
-                "the accelerometers show {seen:.4} m/s^2 at rest, the site has {expected:.4}: check unit, scale and site"
+                "the accelerometers show {seen:.4} m/s^2 at rest, the site has {expected:.4}: check unit, scale, site"
             ));
         }
         for channel in &found.channels {

@@ -1,4 +1,4 @@
-//! Logs: rows of time, rates, forces and angles, whatever the file.
+//! Logs: rows of time, rates, forces and angles in several file formats.
 //!
 //! ```text
 //! mapping, unit_names -> layout -> text | matrix | parquet -> rows of numbers -> convert -> reader -> readings

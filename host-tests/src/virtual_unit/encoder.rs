@@ -7,7 +7,7 @@
 //! are functions of the true angle.
 //!
 //! ```text
-//! standing --(an axis has left its place)--> turning --(blend is over, and rates negligible for REST_S)--> standing
+//! at rest --(an axis leaves its angle)--> turning --(move is over, and rates negligible for REST_S)--> at rest
 //! ```
 
 use rand_distr::{Distribution, StandardNormal};
@@ -54,7 +54,7 @@ impl Harmonic {
 }
 
 enum Phase {
-    Standing {
+    AtRest {
         /// Turn of each axis since it was at rest, rad.
         left_rad: [f64; 2],
         /// Samples since the axes were at rest.
@@ -65,7 +65,7 @@ enum Phase {
 }
 
 impl Phase {
-    const STANDING: Self = Self::Standing { left_rad: [0.0; 2], elapsed: 0 };
+    const AT_REST: Self = Self::AtRest { left_rad: [0.0; 2], elapsed: 0 };
 }
 
 /// The random errors of both encoders.
@@ -91,7 +91,7 @@ impl EncoderErrors {
             sigma_rad,
             sigma_bridge_rad,
             durations_s: vec![DEFAULT_MOVE_S],
-            phase: Phase::STANDING,
+            phase: Phase::AT_REST,
             from_rad: [0.0; 2],
             to_rad: [0.0; 2],
             bridge_rad: [0.0; 2],
@@ -112,12 +112,12 @@ impl EncoderErrors {
     pub fn step(&mut self, rates_rad_s: [f64; 2]) {
         let turning = rates_rad_s.map(|rate| rate.abs() > REST_RAD_S);
         let any = turning[0] || turning[1];
-        if let Phase::Standing { left_rad, elapsed } = self.phase {
+        if let Phase::AtRest { left_rad, elapsed } = self.phase {
             let left_rad = [0, 1].map(|axis: usize| left_rad[axis] + rates_rad_s[axis] / self.rate_hz);
             if left_rad.iter().any(|way| way.abs() > MOVED_RAD) {
                 self.start_move(elapsed);
             } else {
-                self.phase = if any { Phase::Standing { left_rad, elapsed: elapsed + 1 } } else { Phase::STANDING };
+                self.phase = if any { Phase::AtRest { left_rad, elapsed: elapsed + 1 } } else { Phase::AT_REST };
             }
         }
         if let Phase::Turning { elapsed, duration, quiet } = self.phase {
@@ -126,7 +126,7 @@ impl EncoderErrors {
             self.phase = Phase::Turning { elapsed, duration, quiet };
             if elapsed >= duration && f64::from(quiet) >= REST_S * self.rate_hz {
                 self.from_rad = self.to_rad;
-                self.phase = Phase::STANDING;
+                self.phase = Phase::AT_REST;
             }
         }
     }

@@ -3,7 +3,7 @@
 //! ```text
 //! winding   L i' = u V - R i - K w              shorted u = 0; open i = 0
 //! load      J w' = K i - b w - c (a - a0) - friction + disturbance
-//! friction  F sign(w) while it turns; at rest whatever holds it, up to the breakaway torque
+//! friction  F sign(w) while the axis turns; at rest the torque that holds the axis, up to the breakaway torque
 //! ```
 //! A step is far shorter than the control period and the time constant of the winding. The winding's step is exact for
 //! a constant rate. The load's step is an Euler step. The duties of the bridge and the angles of the encoder are

@@ -35,7 +35,7 @@ pub struct VirtualRins {
     rates_rad_s: [f64; 2],
     commanded_rad_s: [f64; 2],
     /// Readings of the sensors at the angles at which the axes are at rest.
-    standing: Option<Sensed<Drift>>,
+    at_rest: Option<Sensed<Drift>>,
 }
 
 impl VirtualRins {
@@ -77,7 +77,7 @@ impl VirtualRins {
             read_rad: [0.0; 2],
             rates_rad_s: [0.0; 2],
             commanded_rad_s: [0.0; 2],
-            standing: None,
+            at_rest: None,
         }
     }
 
@@ -146,11 +146,11 @@ impl VirtualRins {
     /// Mean readings of the sensors over a motion, without noise. The middle of the motion is at `middle_s`.
     pub(super) fn feel(&mut self, motion: &Motion, middle_s: f64) -> Sensed<Vec3> {
         if motion.from_rad_s != [0.0; 2] || motion.to_rad_s != [0.0; 2] {
-            self.standing = None;
+            self.at_rest = None;
             return self.truth.mean_over(motion, middle_s);
         }
-        let standing = self.standing.get_or_insert_with(|| self.truth.at_rest(motion.angles_rad));
-        Sensed { force_a: standing.force_a.at(middle_s), omega_g: standing.omega_g.at(middle_s) }
+        let at_rest = self.at_rest.get_or_insert_with(|| self.truth.at_rest(motion.angles_rad));
+        Sensed { force_a: at_rest.force_a.at(middle_s), omega_g: at_rest.omega_g.at(middle_s) }
     }
 
     /// Completes the reading of an interval with noise. The angles are set by the caller.

@@ -76,7 +76,7 @@ impl Target for Burst {
             count: content[14],
         };
         assert_eq!(decoded, Ok(expected));
-        let words: [u16; WORDS] = content.try_into().expect("as many");
+        let words: [u16; WORDS] = content.try_into().expect("WORDS words");
         Outcome::accepted(if words[0] == 0 { "burst" } else { "burst-with-flags" }, words)
     }
 }

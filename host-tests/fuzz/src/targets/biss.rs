@@ -142,7 +142,7 @@ impl ErrorType for Line<'_> {
 
 impl SpiDevice for Line<'_> {
     fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
-        let capture = self.0.next().expect("one to each read");
+        let capture = self.0.next().expect("a capture for each read");
         exchange(operations, |bytes| bytes.copy_from_slice(capture));
         Ok(())
     }

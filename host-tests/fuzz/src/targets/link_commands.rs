@@ -23,7 +23,7 @@ use rins_selfcal::run::calibrator::Calibrator;
 use std::cell::RefCell;
 
 /// An instrument at rest and level.
-const STANDING: Reading = Reading {
+const AT_REST: Reading = Reading {
     time_us: 0,
     omega_g: [0.0; 3],
     force_a: [0.0, 0.0, 9.8],
@@ -92,12 +92,12 @@ fn serve(input: &[u8], calibrator: &mut Memories) -> Outcome {
     let memory = Memory { stored: Some(samples::record(1)), ..Memory::default() };
     let mut board = Board { memory, ..Board::default() };
     let mut link = Link::new();
-    let mut instrument =
-        Instrument::power_up(config.clone(), &Restart::PowerOn, &mut link, calibrator, &mut board).expect("it is good");
+    let mut instrument = Instrument::power_up(config.clone(), &Restart::PowerOn, &mut link, calibrator, &mut board)
+        .expect("a valid configuration");
     for (index, byte) in input.iter().enumerate() {
         board.now_us = 1000 * index as u64;
         if index == 0 || *byte == 0 {
-            board.sample = Some(raw_sample(&Reading { time_us: 5000 * (1 + index as u64), ..STANDING }));
+            board.sample = Some(raw_sample(&Reading { time_us: 5000 * (1 + index as u64), ..AT_REST }));
         }
         board.received = Some(*byte);
         instrument.turn(&mut board);

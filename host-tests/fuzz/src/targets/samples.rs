@@ -85,7 +85,8 @@ fn messages() -> Vec<(u8, Vec<u8>)> {
         messages.push(kept(message));
         off.set(matches!(message, Message::Corrected { .. }));
     };
-    in_process::<f64, BASIC_STATES, _>(&Assignment::SelfCalibrate(config), None, &bench, note).expect("it runs");
+    in_process::<f64, BASIC_STATES, _>(&Assignment::SelfCalibrate(config), None, &bench, note)
+        .expect("a valid assignment");
     messages.push(kept(&Message::Refused(ConfigError::Travel { leg: 3, axis: 1 })));
     messages
 }

@@ -38,7 +38,7 @@ impl Target for Records {
         input.extend(source.pick(&self.0));
         match source.below(4) {
             0 => {
-                let (sequence, record) = decode(&slot(input)).expect("it is good");
+                let (sequence, record) = decode(&slot(input)).expect("a good record");
                 Claim::Value(digest((sequence, stable_bytes(&record))))
             }
             1 => {

@@ -66,7 +66,7 @@ impl Target for Recovery {
         let bytes = self.damaged(input);
         let newest = newest(&bytes);
         let mut store = CalibrationStore::new(Eeprom(VirtualEeprom::new(bytes)));
-        let loaded = store.load().expect("it answers");
+        let loaded = store.load().expect("the memory answers");
         let outcome = match loaded {
             Loaded::Found { record, damage } => {
                 assert_eq!(Some(bytes_of(&record)), newest.as_ref().map(bytes_of));
@@ -91,7 +91,7 @@ fn save_on(mut store: CalibrationStore<Eeprom<VirtualEeprom>>, newest: Option<&S
         Err(StoreError::Newer(_)) => newest,
         Err(error) => panic!("{error:?}"),
     };
-    let found = match CalibrationStore::new(store.release()).load().expect("it answers") {
+    let found = match CalibrationStore::new(store.release()).load().expect("the memory answers") {
         Loaded::Found { record, .. } => Some(record),
         Loaded::Empty | Loaded::Corrupt { .. } => None,
     };

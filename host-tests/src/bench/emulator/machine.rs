@@ -304,12 +304,12 @@ impl Host {
         loop {
             let mut busy = false;
             // The next request comes within microseconds, so polling is faster than sleeping.
-            for look in 1..=LOOKS {
+            for poll in 1..=POLLS {
                 if self.serve_requests(bench)? {
                     busy = true;
                     break;
                 }
-                if look % LOOKS_PER_YIELD == 0 {
+                if poll % POLLS_PER_YIELD == 0 {
                     std::thread::yield_now();
                 }
             }
@@ -380,9 +380,9 @@ impl Host {
 
 /// Number of polls for a request before the host sleeps, some tenths of a millisecond. Measured on two cores: a
 /// transfer takes 48 us without polling and 14 us with polling.
-const LOOKS: u32 = 1000;
+const POLLS: u32 = 1000;
 /// Number of polls before the host yields the processor. Yielding keeps two runs on two cores from starving each other.
-const LOOKS_PER_YIELD: u32 = 8;
+const POLLS_PER_YIELD: u32 = 8;
 
 /// Reads the available bytes without waiting. Returns zero if no bytes have come yet or the pipe has ended.
 fn read_some(pipe: &mut File, bytes: &mut [u8]) -> Result<usize> {
