@@ -1,7 +1,7 @@
 //! The program `rins` from outside: what it accepts, what it refuses and how, and whether its numbers are right.
 //!
-//! Bounds of errors are 4.5 standard deviations: one of 28 parameters is beyond by chance in 2 of 10 000 runs. Seeds are
-//! fixed.
+//! Bounds of errors are 4.5 standard deviations: one of 28 parameters is beyond by chance in 2 of 10 000 runs. Seeds
+//! are fixed.
 
 use host_tests::base::quantity::values;
 use host_tests::log::{LogReader, LogWriter};
@@ -200,12 +200,15 @@ fn wrong_logs_are_refused_by_file_line_and_column() {
     let message = replay_refused(&log_with_row("text.csv", row));
     assert_eq!(message, "text.csv:5: column gyro_z_rad_s: \"abc\" is not a number");
     let message = replay_refused(&log_with_row("short.csv", "0.025,0,0,0,0,0"));
-    assert_eq!(message, "short.csv:5: 6 fields, the header has 9; column accel_z_m_s2 is the first missing");
+    assert_eq!(
+        message,
+        "short.csv:5: the row has 6 fields, the header has 9; the first missing column is accel_z_m_s2"
+    );
     let message = replay_refused(&log_with_row("nan.csv", "0.025,0,0,0,0,NaN,9.8,0,0"));
     assert_eq!(message, "nan.csv:5: column accel_y_m_s2: NaN is not finite");
     let message = replay_refused(&log_with_row("back.csv", "0.001,0,0,0,0,0,9.8,0,0"));
     assert_eq!(message, "back.csv:5: column time_s: time goes back from 20000 to 1000 us");
-    assert_eq!(replay_refused(&log("empty.csv", "")), "empty.csv:1: the file is empty, expected a header row");
+    assert_eq!(replay_refused(&log("empty.csv", "")), "empty.csv:1: the file is empty; a header row is required");
     let message = replay_refused(&log("header.csv", &format!("{HEADER}\n")));
     assert_eq!(message, "header.csv:2: no samples after the header row");
     let message = replay_refused(&log("single.csv", &format!("{HEADER}\n0,0,0,0,0,0,9.8,0,0\n")));
@@ -474,8 +477,9 @@ fn an_imu_of_another_make_finds_the_same_errors() {
         let [first, second] = [parameter, &second["parameters"][name]].map(|p| p["value"].as_f64().unwrap());
         (first - second).abs() / parameter["sigma"].as_f64().unwrap()
     });
-    // A message comes a control period after the interval's end, and with it a younger status of the gimbal: a stop may begin
-    // or end a sample sooner. Of 1000 samples that moves the mean by a sigma of 0.045 of its own; 4.5 times that: 7e-6 by chance.
+    // A message comes a control period after the interval's end, and with it a younger status of the gimbal: a stop may
+    // begin or end a sample sooner. Of 1000 samples that moves the mean by a sigma of 0.045 of its own; 4.5 times that:
+    // 7e-6 by chance.
     let most = off.fold(0.0, f64::max);
     assert!(most > 0.0 && most < 0.2, "{most}");
 }

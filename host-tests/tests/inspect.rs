@@ -1,4 +1,5 @@
-//! `rins inspect`: what it says of logs whose columns, units and stamps are others', and that the mapping it proposes works.
+//! `rins inspect`: what it says of logs whose columns, units and stamps are others', and that the mapping it proposes
+//! works.
 
 use host_tests::calibration::virtual_run::VirtualRun;
 use host_tests::files::unit_file::Noise;
@@ -65,8 +66,8 @@ fn worst_error(result: &Value, truth: &Value) -> f64 {
     normalized.fold(0.0, f64::max)
 }
 
-/// Milliseconds, deg/h, mg, a reversed outer encoder in degrees with its zero at 90, an inner one in counts; both wrapped;
-/// axes in another order, decimal commas, a line above the header, a counter, words, gaps and repeated rows.
+/// Milliseconds, deg/h, mg, a reversed outer encoder in degrees with its zero at 90, an inner one in counts; both
+/// wrapped; axes in another order, decimal commas, a line above the header, a counter, words, gaps and repeated rows.
 fn foreign_log(run: &VirtualRun) -> (String, usize) {
     let mut text = String::from("Messung 7\nNr;Stempel;a;b;c;d;e;f;A;B;Zustand\n");
     let (mut rows, mut missing) = (0, 0);
@@ -104,7 +105,8 @@ fn the_mapping_that_is_proposed_for_a_foreign_log_works() {
     assert_eq!(seen["sampling"]["rows"], rows);
     assert_eq!((&seen["sampling"]["gaps"], &seen["sampling"]["missing"]), (&json!(2), &json!(17)));
     assert_eq!(seen["sampling"]["repeated"], 1);
-    // 714 samples are before the first one after the gap, one of them is there twice, and two lines are above.
+    // 714 samples come before the first sample after the gap, one of them is repeated, and two lines come before them
+    // all.
     assert_eq!(seen["sampling"]["longest_gap"]["line"], 704);
     assert!((seen["sampling"]["rate_hz"].as_f64().unwrap() - 200.0).abs() < 1e-9);
     let mapping = &seen["mapping"];
@@ -190,18 +192,18 @@ fn a_log_at_rest_is_told_by_names_and_one_that_breaks_off_says_where() {
     assert!(stdout.contains("rest.csv: 6000 rows, "), "{stdout}");
     assert!(stderr.contains("rest.csv:6002: column t [ms]: time goes back from "), "{stderr}");
     fs::write(&log, lines[..3].join("\n")).unwrap();
-    assert!(run(1, &["inspect", &log])[1].contains("rest.csv: only 2 rows"));
+    assert!(run(1, &["inspect", &log])[1].contains("rest.csv: the log has only 2 rows, fewer than 16"));
     // Nothing to tell columns by.
     let nameless: String = text.lines().skip(1).map(|line| format!("{line}\n")).collect();
     fs::write(&log, nameless).unwrap();
     let [_, stderr] = run(1, &["inspect", &log]);
     assert!(
-        stderr.contains("rest.csv: the columns do not show what they are, and none is named as gyro x"),
+        stderr.contains("rest.csv: the motion does not show what the columns are, and no column is named as gyro x"),
         "{stderr}"
     );
     fs::write(&log, "a,b\n1,2\n").unwrap();
     let [_, stderr] = run(1, &["inspect", &log]);
-    assert!(stderr.contains("rest.csv: no line of 8 numbers or more"), "{stderr}");
+    assert!(stderr.contains("rest.csv: none of the first 200 lines has 8 or more numbers"), "{stderr}");
 }
 
 #[test]

@@ -92,14 +92,11 @@ fn wrong_headers_are_named() {
     let lacking = header().replace("gyro_y_rad_s,", "");
     assert_eq!(refused("lacking.csv", lacking.as_bytes()), "lacking.csv:1: column gyro_y_rad_s is missing");
     let twice = header() + ",time_s";
-    assert_eq!(
-        refused("twice.csv", twice.as_bytes()),
-        "twice.csv:1: column time_s is there twice, as columns 1 and 10"
-    );
-    assert_eq!(refused("empty.csv", b""), "empty.csv:1: the file is empty, expected a header row");
+    assert_eq!(refused("twice.csv", twice.as_bytes()), "twice.csv:1: column time_s appears twice, as columns 1 and 10");
+    assert_eq!(refused("empty.csv", b""), "empty.csv:1: the file is empty; a header row is required");
     assert_eq!(refused("header.csv", header().as_bytes()), "header.csv:2: no samples after the header row");
-    assert_eq!(refused("latin.csv", b"time_s,\xe9\n0,0\n"), "latin.csv:1: column 2: not UTF-8");
-    assert!(refused("binary.csv", &[0xff; 100]).starts_with("binary.csv:1: column 1: not UTF-8"));
+    assert_eq!(refused("latin.csv", b"time_s,\xe9\n0,0\n"), "latin.csv:1: column 2: the text is not UTF-8");
+    assert!(refused("binary.csv", &[0xff; 100]).starts_with("binary.csv:1: column 1: the text is not UTF-8"));
 }
 
 #[test]
@@ -115,11 +112,11 @@ fn wrong_rows_are_named() {
     assert_eq!(refused("blank.csv", "0.01,1,,3,4,5,6,7,8"), "blank.csv:4: column gyro_y_rad_s: \"\" is not a number");
     assert_eq!(
         refused("short.csv", "0.01,1,2,3,4,5"),
-        "short.csv:4: 6 fields, the header has 9; column accel_z_m_s2 is the first missing"
+        "short.csv:4: the row has 6 fields, the header has 9; the first missing column is accel_z_m_s2"
     );
     assert_eq!(
         refused("long.csv", "0.01,1,2,3,4,5,6,7,8,9"),
-        "long.csv:4: 10 fields, the header has 9; column 10 is the first too many"
+        "long.csv:4: the row has 10 fields, the header has 9; the first extra column is 10"
     );
     assert_eq!(refused("nan.csv", "0.01,1,2,3,NaN,5,6,7,8"), "nan.csv:4: column accel_x_m_s2: NaN is not finite");
     assert_eq!(refused("inf.csv", "0.01,1,2,3,4,5,6,-inf,8"), "inf.csv:4: column outer_rad: -inf is not finite");
@@ -129,7 +126,7 @@ fn wrong_rows_are_named() {
     );
     assert_eq!(
         refused("early.csv", &format!("-1{ROW}")),
-        "early.csv:4: column time_s: -1 is not between 0 and 3200000000"
+        "early.csv:4: column time_s: the time -1 is not between 0 and 3200000000"
     );
 }
 
@@ -137,7 +134,7 @@ fn wrong_rows_are_named() {
 fn bytes_that_are_not_utf8_are_named() {
     let mut content = format!("{}\n0.000{ROW}\n0.005,", header()).into_bytes();
     content.extend_from_slice(b"1\xff,2,3,4,5,6,7,8\n");
-    assert_eq!(refused("bytes.csv", &content), "bytes.csv:3: column gyro_x_rad_s: not UTF-8");
+    assert_eq!(refused("bytes.csv", &content), "bytes.csv:3: column gyro_x_rad_s: the text is not UTF-8");
 }
 
 #[test]
@@ -296,7 +293,7 @@ fn wrong_schemes_are_named() {
     let many = vec![leg; 49].join(",");
     assert_eq!(
         refused("many.toml", &format!("first_stop_s = 5\nlegs = [{many}]\n")),
-        "many.toml:2: legs: 49 legs, at most 48 fit"
+        "many.toml:2: legs: 49 legs, at most 48 are allowed"
     );
     assert!(refused("stop.toml", &format!("legs = [{leg}]\n")).contains("missing field `first_stop_s`"));
 }

@@ -252,18 +252,21 @@ fn wrong_mappings_are_named() {
         refused("[accel]\naxes = [\"x\", \"y\", \"-y\"]\n"),
         "any.csv.toml:2: axes: must be x, y and z in some order, each with or without \"-\""
     );
-    assert_eq!(refused("[outer]\nunit = \"counts\"\n"), "any.csv.toml:2: unit: counts need counts_per_turn");
+    assert_eq!(refused("[outer]\nunit = \"counts\"\n"), "any.csv.toml:2: unit: \"counts\" needs counts_per_turn");
     assert_eq!(
         refused("[inner]\nunit = \"deg\"\ncounts_per_turn = 4096.0\n"),
-        "any.csv.toml:3: counts_per_turn: goes with unit \"counts\", not \"deg\""
+        "any.csv.toml:3: counts_per_turn: is for the unit \"counts\" only, not for \"deg\""
     );
     assert_eq!(refused("[gyro]\nscale = 0.0\n"), "any.csv.toml:2: scale: must be finite and not zero");
     assert_eq!(refused("[time]\nrate_hz = 0.1\n"), "any.csv.toml:2: rate_hz: must be between 1 and 100000");
     assert_eq!(refused("[text]\ndelimiter = \"|\"\n"), "any.csv.toml:2: delimiter: must be \",\", \";\" or \"tab\"");
-    assert_eq!(refused("[text]\ndecimal_comma = true\n"), "any.csv.toml:1: delimiter: \",\", and decimal_comma = true");
+    assert_eq!(
+        refused("[text]\ndecimal_comma = true\n"),
+        "any.csv.toml:1: delimiter: must not be \",\" while decimal_comma = true"
+    );
     assert_eq!(
         refused("[text]\nheader = false\n[time]\ncolumn = \"t\"\n"),
-        "any.csv.toml:4: column: \"t\": the log has no names of columns, only numbers from 1"
+        "any.csv.toml:4: column: \"t\": the log has no column names; give the number of the column, from 1"
     );
     assert_eq!(
         refused("[outer]\ncolumn = \"a\"\n[inner]\ncolumn = \"a\"\n"),
@@ -272,7 +275,7 @@ fn wrong_mappings_are_named() {
     assert!(refused("[inner]\ncolumn = 0\n").contains("any.csv.toml:2: column: columns are counted from 1"));
     assert_eq!(
         refused("format = \"f64\"\n[matrix]\ncolumns = 8\n"),
-        "any.csv.toml:1: column: 9: the matrix has 8 columns"
+        "any.csv.toml:1: column: 9 is too large: the matrix has 8 columns"
     );
 }
 
@@ -284,16 +287,20 @@ fn wrong_rows_of_mapped_logs_are_named() {
                    [gyro]\ncolumns = [2, 3, 4]\n[accel]\ncolumns = [5, 6, 7]\n[outer]\ncolumn = 8\n[inner]\ncolumn = 9\n";
     assert_eq!(refused(&log, mapping), "nameless.csv:4: column 3: \"x\" is not a number");
     std::fs::write(&log, format!("#\n0{row},8\n5{row}\n")).unwrap();
-    assert_eq!(refused(&log, mapping), "nameless.csv:3: 8 fields, the first row has 9; column 9 is the first missing");
+    assert_eq!(
+        refused(&log, mapping),
+        "nameless.csv:3: the row has 8 fields, the first row has 9; the first missing column is 9"
+    );
     std::fs::write(&log, format!("#\n0{row},8\n-5{row},8\n")).unwrap();
-    assert_eq!(refused(&log, mapping), "nameless.csv:3: column 1: -0.005 is not between 0 and 3200000000 s");
+    assert_eq!(refused(&log, mapping), "nameless.csv:3: column 1: the time -0.005 is not between 0 and 3200000000 s");
     std::fs::write(&log, "#\n0;1;2\n").unwrap();
     assert_eq!(refused(&log, mapping), "nameless.csv:2: the columns are separated by ';', not ','");
     std::fs::write(&log, format!("#\n7{row},8\n")).unwrap();
     let increments = mapping.replace("[accel]", "unit = \"arcsec\"\n[accel]");
     assert_eq!(
         refused(&log, &increments),
-        "nameless.csv:2: column 1: a single time, so no sample interval to divide increments by; give rate_hz in the mapping"
+        "nameless.csv:2: column 1: the log has no two different times, so the sample interval is unknown; \
+        give rate_hz in the mapping"
     );
     let arcsec = read(&log, &increments.replace("unit = \"ms\"", "unit = \"ms\"\nrate_hz = 100.0"));
     assert!((arcsec[0].omega_g[0] - 100.0 * ARCSEC).abs() < 1e-15);
@@ -320,13 +327,13 @@ fn what_is_damaged_is_named_where_it_is() {
     let log = written("damaged.csv", with(4998, "40.0,0,1e300,0,0,0,9.8,0,0"));
     assert_eq!(
         refused(&log, ""),
-        "damaged.csv:5000: column gyro_y_rad_s: 1e300 rad/s is beyond anything that can be measured"
+        "damaged.csv:5000: column gyro_y_rad_s: 1e300 rad/s is outside the range of any sensor"
     );
     let swapped = "[accel]\naxes = [\"z\", \"x\", \"y\"]\n";
     std::fs::write(&log, with(4998, "40.0,0,0,0,0,-2e15,9.8,0,0")).unwrap();
     assert_eq!(
         refused(&log, swapped),
-        "damaged.csv:5000: column accel_y_m_s2: -2e15 m/s^2 is beyond anything that can be measured"
+        "damaged.csv:5000: column accel_y_m_s2: -2e15 m/s^2 is outside the range of any sensor"
     );
     std::fs::write(&log, with(2, "2.01,\"0,0,0,0,0,9.8,0,0")).unwrap();
     assert_eq!(refused(&log, ""), "damaged.csv:4: a quote (\") is not closed");

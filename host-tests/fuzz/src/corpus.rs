@@ -8,7 +8,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 const CORPUS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/corpus");
-/// Random inputs searched for an outcome, in moments of `cargo test`.
+/// Number of random inputs searched for an outcome, as a multiple of the inputs of `cargo test`.
 const MOMENTS: u64 = 5;
 
 /// Judges all files. The result has one line for each file that breaks a promise or has another outcome than its name
@@ -31,8 +31,8 @@ fn of_target(target: &dyn Target) -> Vec<String> {
     broken.collect()
 }
 
-/// Replaces each file that no longer has the outcome of its name by the shortest of many random inputs with that outcome,
-/// and adds the outcomes without a file.
+/// Replaces each file that no longer has the outcome of its name by the shortest of many random inputs with that
+/// outcome, and adds the outcomes without a file.
 pub fn renew(target: &dyn Target) {
     if !target.has_corpus() {
         return;
@@ -76,7 +76,7 @@ fn folder(target: &dyn Target) -> PathBuf {
     Path::new(CORPUS).join(target.name())
 }
 
-/// What a folder holds; nothing if there is no folder.
+/// The paths in a folder. Empty if the folder does not exist.
 fn entries(folder: &Path) -> Vec<PathBuf> {
     let entries = fs::read_dir(folder).into_iter().flatten();
     entries.map(|entry| entry.expect("an entry").path()).collect()

@@ -1,11 +1,11 @@
-//! The two readings of the bytes of the fuzzer, and the promises.
+//! The two ways to use the fuzzer's bytes, and the check of a target's promises.
 
 use crate::source::Source;
 use crate::target::{Claim, Outcome, Target};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Judges bytes as an input, and the input that is made by the decisions in the bytes. The second is deep in the decoder
-/// at once, as its CRC is right.
+/// Judges the bytes as an input, and then the input that is made by the decisions in the bytes. The second input has a
+/// right CRC, so it reaches the inner parts of the decoder at once.
 ///
 /// # Errors
 /// The text of [`judge`].
@@ -15,7 +15,7 @@ pub fn both_readings(target: &dyn Target, bytes: &[u8]) -> Result<(), String> {
     judge(target, &input, claim).map(|_| ())
 }
 
-/// The input that is made by the decisions in these bytes, and what must become of it.
+/// The input that is made by the decisions in these bytes, and the required outcome.
 pub fn made(target: &dyn Target, bytes: &[u8]) -> (Vec<u8>, Claim) {
     let mut input = Vec::new();
     let claim = target.make(&mut Source::new(bytes), &mut input);

@@ -1,8 +1,8 @@
 //! Fuzz targets for the decoders of link, drivers, assignment and store.
 //!
-//! Each target is a test of its own name. `cargo test` judges the corpus and a moment of random inputs, which are the same
-//! at every run. `cargo bolero test` searches for new inputs, guided by code coverage, until an input breaks a promise or
-//! somebody stops the search. The search needs `cargo install cargo-bolero` and `g++`:
+//! Each target is a test with the name of the target. `cargo test` judges the corpus and some random inputs, which are
+//! the same in every run. `cargo bolero test` searches for new inputs, guided by code coverage, until an input breaks a
+//! promise or the user stops the search. The search needs `cargo install cargo-bolero` and `g++`:
 //!
 //! ```text
 //! cargo bolero test link_frames --package fuzz --sanitizer NONE -T 60s \
@@ -14,13 +14,14 @@
 //!
 //! ```text
 //! source     decisions and damage, from the bytes of the fuzzer
-//! target     what a fuzz target is; `targets` has one file for each
-//! reference  frames and CRCs by another way than the decoders'
-//! judge      the two readings of the bytes of the fuzzer, and the promises
+//! target     the trait of a fuzz target; `targets` has one file for each target
+//! reference  frames and CRCs, computed independently of the decoders
+//! judge      the two ways to use the fuzzer's bytes, and the check of the promises
 //! moment     the random inputs of `cargo test`
 //! corpus     the inputs kept in files
 //! ```
-//! Every target knows by another way than the decoder what is right: from `reference`, or from how the input was made.
+//! Every target knows the right result independently of the decoder: from `reference`, or from the way in which the
+//! input was made.
 
 mod corpus;
 mod judge;
@@ -42,7 +43,7 @@ use targets::link_payloads::LinkPayloads;
 use targets::store_records::Records;
 use targets::store_recovery::Recovery;
 
-/// Judges the inputs of the fuzzer, or, in `cargo test`, those of a moment. cargo-bolero finds the test by `check`.
+/// Judges the inputs of the fuzzer, or the random inputs of `cargo test`. cargo-bolero finds the test by `check`.
 macro_rules! fuzz {
     ($target:expr) => {{
         #[cfg(fuzzing)]

@@ -1,10 +1,10 @@
-//! What is right, by another way than the decoders': frames of the link, CRCs.
+//! Reference results, computed independently of the decoders: frames of the link, CRCs.
 
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
 use rins_selfcal::link::{MAX_PAYLOAD_BYTES, PROTOCOL_VERSION};
 
 static CRC_32: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISO_HDLC);
-/// Of a frame: version, kind, number and CRC.
+/// Bytes of a frame around the payload: version, kind, number and CRC.
 const OVERHEAD_BYTES: usize = 8;
 
 /// CRC-32/ISO-HDLC.
@@ -12,14 +12,14 @@ pub fn crc_32(bytes: &[u8]) -> u32 {
     CRC_32.checksum(bytes)
 }
 
-/// What a frame of the link brings.
+/// Content of a frame of the link.
 #[derive(Clone, Debug, PartialEq, Hash)]
 pub enum Found {
     /// Kind, number and payload.
     Frame(u8, u16, Vec<u8>),
-    /// Damage.
+    /// A damaged frame.
     Corrupt,
-    /// A frame of this other version.
+    /// A frame of another version, with that version.
     Version(u8),
 }
 
@@ -34,7 +34,8 @@ pub fn frame(version: u8, kind: u8, number: u16, payload: &[u8]) -> Vec<u8> {
     frame
 }
 
-/// COBS: each run of bytes other than zero goes with its length before it, in parts of 254 at most.
+/// COBS encoding. Each run of bytes other than zero is preceded by its length. Runs are split into parts of at most
+/// 254.
 fn stuffed(content: &[u8]) -> Vec<u8> {
     let mut bytes = Vec::new();
     for mut run in content.split(|byte| *byte == 0) {
@@ -49,7 +50,7 @@ fn stuffed(content: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// The inverse; `None` where a run is longer than what is left.
+/// COBS decoding. `None` if a run is longer than the rest of the bytes.
 fn unstuffed(mut bytes: &[u8]) -> Option<Vec<u8>> {
     let mut content = Vec::new();
     while let Some((length, rest)) = bytes.split_first() {
@@ -63,7 +64,7 @@ fn unstuffed(mut bytes: &[u8]) -> Option<Vec<u8>> {
     Some(content)
 }
 
-/// What a stream brings: one thing for each run of bytes that a zero byte ends.
+/// Content of a stream: one result for each run of bytes that a zero byte ends.
 pub fn stream(bytes: &[u8]) -> Vec<Found> {
     let ended = bytes.iter().rposition(|byte| *byte == 0).map_or(&[][..], |end| &bytes[..end]);
     ended.split(|byte| *byte == 0).filter(|run| !run.is_empty()).map(found).collect()

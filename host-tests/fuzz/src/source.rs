@@ -1,16 +1,16 @@
 //! Decisions, noise and damage, from the bytes of the fuzzer.
 
-/// Bytes at which decoders turn: ends of ranges, zero bytes of frames, what a BiSS, ADIS or KVH frame begins with.
+/// Bytes at which decoders branch: ends of ranges, zero bytes of frames, first bytes of BiSS, ADIS and KVH frames.
 const TURNS: [u8; 12] = [0x00, 0x01, 0x02, 0x7f, 0x80, 0xfe, 0xff, 0xa5, 0x81, 0x55, 0xfd, 0x40];
-/// Numbers at which checks turn.
+/// Numbers at which checks branch.
 const NUMBERS: [f64; 8] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, -1.0, 5e-324, f64::MAX, 1e-9];
 
-/// Decisions. When the bytes have ended, every further decision is the first possible one.
+/// A source of decisions. After the last byte every decision is the first possible decision.
 pub struct Source<'b>(&'b [u8]);
 
 impl<'b> Source<'b> {
-    /// Decisions that come from these bytes, in order. A change of one byte changes few decisions, so that a fuzzer can
-    /// keep what it has reached.
+    /// Decisions from these bytes, in order. A change of one byte changes few decisions, so that a fuzzer keeps most of
+    /// the path that it has reached.
     pub fn new(bytes: &'b [u8]) -> Self {
         Self(bytes)
     }
@@ -45,7 +45,7 @@ impl<'b> Source<'b> {
         &all[self.below(all.len())]
     }
 
-    /// Any byte, half of the time one at which decoders turn.
+    /// Any byte. Half of the bytes are bytes at which decoders branch.
     pub fn byte(&mut self) -> u8 {
         if self.one_in(2) { *self.pick(&TURNS) } else { u8::from_le_bytes(self.next()) }
     }
@@ -55,7 +55,7 @@ impl<'b> Source<'b> {
         (0..self.below(bound)).map(|_| self.byte()).collect()
     }
 
-    /// Inverts `count` different bits. There are at least as many.
+    /// Inverts `count` different bits. The bytes must have at least `count` bits.
     pub fn flip(&mut self, bytes: &mut [u8], count: usize) {
         let mut flipped = Vec::with_capacity(count);
         while flipped.len() < count {
@@ -68,7 +68,7 @@ impl<'b> Source<'b> {
         }
     }
 
-    /// Does one to three things to bytes that a line, a memory or an enemy could.
+    /// Damages bytes in one to three ways in which a line, a memory or an attacker could.
     pub fn damage(&mut self, bytes: &mut Vec<u8>) {
         for _ in 0..=self.below(3) {
             self.damage_once(bytes);

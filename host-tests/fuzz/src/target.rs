@@ -3,40 +3,41 @@
 use crate::source::Source;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// What must become of an input, by the way it was made. Values are told by [`digest`].
+/// Required outcome of an input, known from the way in which the input was made. Values are compared by their
+/// [`digest`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Claim {
-    /// Whatever it is.
+    /// Every outcome is allowed.
     Nothing,
-    /// It is refused.
+    /// The input is refused.
     Refused,
-    /// It is accepted as this value.
+    /// The input is accepted as this value.
     Value(u64),
-    /// It is refused, or accepted as this value.
+    /// The input is refused, or accepted as this value.
     NotOther(u64),
 }
 
-/// What became of an input.
+/// Outcome of an input.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Outcome {
-    /// In words, also the name of a file.
+    /// The outcome in words. It is also the name of a file in the corpus.
     pub name: &'static str,
-    /// Digest of what was accepted.
+    /// Digest of the accepted value.
     pub value: Option<u64>,
 }
 
 impl Outcome {
-    /// Accepted as this value.
+    /// An input that was accepted as this value.
     pub fn accepted(name: &'static str, value: impl Hash) -> Self {
         Self { name, value: Some(digest(value)) }
     }
 
-    /// Refused for this reason.
+    /// An input that was refused for this reason.
     pub fn refused(name: &'static str) -> Self {
         Self { name, value: None }
     }
 
-    /// Whether a claim holds.
+    /// Whether the outcome fulfils a claim.
     pub fn fulfils(&self, claim: Claim) -> bool {
         match claim {
             Claim::Nothing => true,
@@ -47,29 +48,29 @@ impl Outcome {
     }
 }
 
-/// A number that tells values apart.
+/// A number that differs for different values.
 pub fn digest(value: impl Hash) -> u64 {
     let mut hasher = DefaultHasher::new();
     value.hash(&mut hasher);
     hasher.finish()
 }
 
-/// A decoder, how inputs for it are made, and what it promises of every input.
+/// A decoder, the way in which its inputs are made, and its promises for every input.
 pub trait Target {
-    /// Its name, and that of its folder in the corpus.
+    /// Name of the target and of its folder in the corpus.
     fn name(&self) -> &'static str;
 
-    /// The number of random inputs in `cargo test`: a second of work at most.
+    /// The number of random inputs in `cargo test`, for at most a second of work.
     fn moment(&self) -> u64;
 
-    /// Whether inputs are kept in files. They are not where every change of a configuration changes the format.
+    /// Whether inputs are kept in files. They are not kept if every change of a configuration changes the format.
     fn has_corpus(&self) -> bool {
         true
     }
 
-    /// Makes an input in the empty `input`, by the decisions of `source`.
+    /// Makes an input in the empty `input` by the decisions of `source`.
     fn make(&self, source: &mut Source, input: &mut Vec<u8>) -> Claim;
 
-    /// Decodes an input; panics where a promise is broken.
+    /// Decodes an input. Panics if a promise is broken.
     fn judge(&self, input: &[u8]) -> Outcome;
 }

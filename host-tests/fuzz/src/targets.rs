@@ -15,7 +15,7 @@ use crate::target::Target;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-/// All of them.
+/// All targets.
 pub fn all() -> Vec<Box<dyn Target>> {
     vec![
         Box::new(link_frames::LinkFrames::new()),
@@ -30,15 +30,15 @@ pub fn all() -> Vec<Box<dyn Target>> {
     ]
 }
 
-/// A value as bytes, by which it is told from others.
+/// A value as bytes, for comparison.
 fn bytes_of(value: &impl Serialize) -> Vec<u8> {
-    postcard::to_stdvec(value).expect("it has an encoding")
+    postcard::to_stdvec(value).expect("every value can be encoded")
 }
 
-/// As [`bytes_of`], of something that was decoded: encoded and decoded again it is the same.
+/// As [`bytes_of`], for a decoded value. Checks that the value is the same after another encoding and decoding.
 fn stable_bytes<T: Serialize + DeserializeOwned>(value: &T) -> Vec<u8> {
     let bytes = bytes_of(value);
     let again: T = postcard::from_bytes(&bytes).expect("what was decoded can be encoded and decoded");
-    assert_eq!(bytes_of(&again), bytes, "encoded and decoded again it is another");
+    assert_eq!(bytes_of(&again), bytes, "the value differs after another encoding and decoding");
     bytes
 }

@@ -1,11 +1,12 @@
-//! Programs of the system that the project needs: installed where that is allowed, else named with the command that does it.
+//! Programs of the system that the project needs. A missing program is installed where that is allowed. Otherwise the
+//! error names the program and the command that installs it.
 
 use anyhow::{Result, ensure};
 use std::env;
 use std::fs::File;
 use std::process::{Command, Stdio};
 
-/// Looks for a program, and installs the package that brings it where that is allowed.
+/// Looks for a program. If it is missing, installs its package where that is allowed.
 ///
 /// # Errors
 /// One line with the command that installs it.
@@ -14,7 +15,7 @@ pub fn ensure_installed(program: &str, package: &str) -> Result<()> {
     if is_there() {
         return Ok(());
     }
-    // One installation at a time, whichever process asks.
+    // Only one process installs at a time.
     let lock = File::create(env::temp_dir().join("rins-selfcal-install.lock"))?;
     lock.lock()?;
     let install = format!("apt-get update && apt-get install -y {package}");

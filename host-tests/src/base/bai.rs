@@ -1,5 +1,5 @@
-//! Numbers that Bai et al. publish (Sensors 2019, 19(18), 4005), arcsec, in the order of the parameters: the twelve that
-//! the method is for.
+//! Numbers that Bai et al. publish (Sensors 2019, 19(18), 4005), arcsec: the twelve installation errors, in the order
+//! of the parameters.
 
 use rins_selfcal::model::error_model::INSTALLATION_STATES;
 
@@ -8,13 +8,13 @@ pub type Twelve = [f64; INSTALLATION_STATES];
 
 /// Table 1: the errors of the simulated unit.
 pub const TABLE_1: Twelve = [16.0, 16.0, 16.0, 16.0, 16.0, 16.0, 10.0, 10.0, 10.0, 100.0, 100.0, 100.0];
-/// Table 1: by how much the estimates of one run are off.
+/// Table 1: errors of the estimates of one run.
 pub const TABLE_1_ERRORS: Twelve = [0.389, 0.575, 0.474, 0.488, 0.544, 0.406, 0.255, 0.164, 0.119, 0.145, 0.042, 0.067];
-/// Table 3: the laboratory unit, as a reference calibration has it.
+/// Table 3: the errors of the laboratory unit by a reference calibration.
 pub const TABLE_3: Twelve =
     [-233.615, -195.180, -79.467, 39.603, -421.075, -84.660, 31.373, -36.911, -31.490, -13.828, 111.383, -247.518];
-/// Table 3: by how much the self-calibration differs from the reference.
+/// Table 3: self-calibration less reference.
 pub const TABLE_3_DIFFERENCES: Twelve =
     [0.540, 1.054, 0.573, 0.698, 2.294, 0.559, 0.538, 1.610, 1.884, 0.299, 1.422, 1.502];
-/// Time after which Figure 6 is said to show full rank, s.
+/// Time after which Figure 6 shows full rank according to the paper, s.
 pub const FULL_RANK_S: f64 = 0.2;

@@ -1,4 +1,4 @@
-//! What every room may use: parameters in report units, the numbers of the paper, and programs of the system.
+//! Shared by all rooms: parameters in report units, the numbers of the paper, and programs of the system.
 
 pub mod apt;
 pub mod bai;

@@ -1,22 +1,22 @@
-//! Parameters in report units: headings within a turn, errors against a truth, numbers with as many digits as they are
-//! worth.
+//! Parameters in report units: headings within a turn, errors against a truth, numbers with as many digits as their
+//! sigma justifies.
 
 use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS, ParameterInfo};
 use rins_selfcal::model::options::{OPTIONAL_INFO, OPTIONAL_STATES};
 
-/// The parameters and, after them, the optional states.
+/// Number of the parameters and the optional states. The optional states come last.
 pub const STATES: usize = PARAMETERS + OPTIONAL_STATES;
 
-/// The only parameter that is an angle of any size.
+/// The heading is the only parameter that may be an angle of any size.
 pub use rins_selfcal::model::error_model::block::HEADING;
 
-/// Larger numbers are in scientific notation.
+/// Larger numbers are printed in scientific notation.
 const HUGE: f64 = 1e6;
 
 /// Significant digits of a sigma.
 const SIGMA_DIGITS: i32 = 3;
 
-/// Names and units of all states, by number.
+/// Names and units of all states, in the order of the states.
 pub fn states() -> impl Iterator<Item = &'static ParameterInfo> + Clone {
     PARAMETER_INFO.iter().chain(&OPTIONAL_INFO)
 }
@@ -48,7 +48,7 @@ pub fn error(index: usize, estimate: f64, truth: f64) -> f64 {
     if index == HEADING { within_turn_deg(error + 180.0) - 180.0 } else { error }
 }
 
-/// As [`error`], of all.
+/// [`error`] of all parameters.
 pub fn errors(estimate: &InstrumentErrors<f64>, truth: &InstrumentErrors<f64>) -> [f64; PARAMETERS] {
     let (estimate, truth) = (values(estimate), values(truth));
     std::array::from_fn(|index| error(index, estimate[index], truth[index]))
@@ -57,11 +57,11 @@ pub fn errors(estimate: &InstrumentErrors<f64>, truth: &InstrumentErrors<f64>) -
 /// An angle in 0 to 360 deg, 360 not included.
 fn within_turn_deg(angle_deg: f64) -> f64 {
     let rest = angle_deg.rem_euclid(360.0);
-    // A tiny negative angle is rounded to a full turn.
+    // `rem_euclid` rounds a tiny negative angle to a full turn.
     if rest < 360.0 { rest } else { 0.0 }
 }
 
-/// Decimals that show a sigma with three significant digits; none where it is zero or no number.
+/// Decimals that show a sigma with three significant digits. Zero decimals if the sigma is zero or not a number.
 pub fn decimals(sigma: f64) -> usize {
     if !sigma.is_normal() {
         return 0;
@@ -70,12 +70,12 @@ pub fn decimals(sigma: f64) -> usize {
     (SIGMA_DIGITS - 1 - leading).clamp(0, 12) as usize
 }
 
-/// `value` with as many decimals as show `sigma` well.
+/// `value` with the decimals that show `sigma` with three significant digits.
 pub fn rounded(value: f64, sigma: f64) -> String {
     fixed(value, decimals(sigma))
 }
 
-/// `value` with so many decimals, or in scientific notation where it is huge.
+/// `value` with this number of decimals, or in scientific notation if it is huge.
 pub fn fixed(value: f64, decimals: usize) -> String {
     if value.abs() < HUGE { format!("{value:.decimals$}") } else { format!("{value:.3e}") }
 }

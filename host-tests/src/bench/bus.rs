@@ -2,7 +2,7 @@
 
 use super::wire::chip;
 
-/// One chip.
+/// A chip on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Chip {
     /// The IMU, or the receiver of its serial line.
@@ -11,10 +11,10 @@ pub enum Chip {
     OuterEncoder,
     /// Encoder of the inner axis.
     InnerEncoder,
-    /// Not a chip, but a control period with all that the emulated control interrupt exchanges, in one transfer: see
+    /// Not a chip: a control period, with all data that the emulated control interrupt exchanges in one transfer. See
     /// [`PERIOD_BYTES`](super::wire::PERIOD_BYTES).
     Period,
-    /// The line that switches both bridges off until the next period. Nothing is transferred.
+    /// Not a chip: the line that switches both bridges off until the next period. No bytes are transferred.
     MotorsOff,
 }
 
@@ -30,5 +30,5 @@ impl Chip {
     }
 }
 
-/// Spoils the bytes of a transfer, after the chip has answered, or those of a message of the IMU.
+/// Damages the bytes of a transfer after the chip has answered, or the bytes of a message of the IMU.
 pub type Damage = Box<dyn FnMut(Chip, &mut [u8])>;

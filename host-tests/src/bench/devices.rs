@@ -1,7 +1,8 @@
-//! The instrument's devices around a [`Plant`]: an IMU, two BiSS-C encoders of 26 bits and two motor bridges, and what may fail
-//! of them.
+//! The instrument's devices around a [`Plant`]: an IMU, two BiSS-C encoders of 26 bits and two motor bridges, with
+//! faults of encoders and bridges.
 //!
-//! Time goes by in control periods. The IMU samples as often as the plant does, whatever its decimation has been set to.
+//! Time advances in control periods. The IMU samples as often as the plant does. The decimation that is set in the IMU
+//! has no effect.
 
 use super::bus::{Chip, Damage};
 use super::chips::biss::BissChip;
@@ -28,32 +29,32 @@ use std::cell::RefCell;
 use std::convert::Infallible;
 use std::rc::Rc;
 
-/// What fails of an encoder or a bridge.
+/// A fault of an encoder, a bridge or a motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Trouble {
     /// The encoder does not answer.
     EncoderSilent,
-    /// Every so many frames of the encoder one is damaged.
+    /// One frame of the encoder in this number is damaged.
     EncoderCrc(u32),
     /// The encoder reports an error.
     EncoderAlarm,
-    /// The encoder repeats its last angle, in good frames.
+    /// The encoder repeats its last angle in good frames.
     EncoderFrozen,
-    /// The encoder is off by this much, deg.
+    /// The encoder's angle has this error, deg.
     EncoderSlip(f64),
     /// The encoder counts the other way.
     EncoderReversed,
-    /// The bridge gives this part of its duty.
+    /// The bridge gives this fraction of its duty.
     Weak(f64),
     /// The motor turns the other way.
     MotorReversed,
-    /// The bridge keeps its last duty, while it is not switched off.
+    /// The bridge keeps its last duty until it is switched off.
     BridgeStuck,
-    /// The bridge gives all it has, whatever it is told, while it is not switched off.
+    /// The bridge gives full duty whatever is commanded, until it is switched off.
     BridgeFull,
-    /// The bridge finds too much current.
+    /// The bridge reports an overcurrent.
     Overcurrent,
-    /// The bridge is dead and does not say so.
+    /// The bridge gives no output and reports no fault.
     BridgeDead,
 }
 
@@ -62,9 +63,9 @@ struct AxisChips {
     encoder: BissChip,
     bridge: BridgeChip,
     trouble: Option<Trouble>,
-    /// What the encoder sees, rad.
+    /// Angle at the encoder, rad.
     seen_rad: f64,
-    /// Where it froze, rad.
+    /// Angle at which the encoder froze, rad.
     frozen_rad: f64,
     frames: u32,
     output: Output,
@@ -106,7 +107,7 @@ impl AxisChips {
         }
     }
 
-    /// What the winding gets in the period to come.
+    /// Output to the winding in the next period.
     fn drive(&mut self) -> Output {
         self.bridge.overcurrent |= self.trouble == Some(Trouble::Overcurrent) && self.bridge.enabled;
         let told = self.bridge.output();
@@ -136,12 +137,12 @@ pub struct Bench<P> {
 }
 
 impl<P: Plant> Bench<P> {
-    /// The bench around `plant`, with an ADIS16495; the bridges are off.
+    /// The bench around `plant`, with an ADIS16495 and the bridges off.
     pub fn new(plant: P) -> Self {
         Self::with_imu(plant, Imu::Adis16495)
     }
 
-    /// The same with this IMU.
+    /// The bench around `plant`, with this IMU and the bridges off.
     pub fn with_imu(plant: P, imu: Imu) -> Self {
         Self {
             plant,
@@ -155,22 +156,22 @@ impl<P: Plant> Bench<P> {
         }
     }
 
-    /// Lets `damage` spoil all measurements from here on; setting up the IMU is left alone.
+    /// Applies `damage` to all measurements from now on. The transfers that set up the IMU are not damaged.
     pub fn damage(&mut self, damage: impl FnMut(Chip, &mut [u8]) + 'static) {
         self.damage = Some(Box::new(damage));
     }
 
-    /// How often the motors were switched off beside the control.
+    /// Number of times that the motors were switched off by the line that bypasses the control.
     pub fn switched_off(&self) -> u32 {
         self.switched_off
     }
 
-    /// Lets something fail of an axis, or mends it.
+    /// Sets the fault of an axis. `None` repairs the axis.
     pub fn set_trouble(&mut self, axis: usize, trouble: Option<Trouble>) {
         self.axes[axis].set_trouble(trouble);
     }
 
-    /// Samples the IMU has given.
+    /// Number of samples that the IMU has given.
     pub fn samples(&self) -> u32 {
         self.samples
     }
@@ -180,27 +181,27 @@ impl<P: Plant> Bench<P> {
         self.periods * PERIOD_US
     }
 
-    /// What the windings of the outer and the inner motor got in the last period.
+    /// Outputs to the windings of the outer and the inner motor in the last period.
     pub fn outputs(&self) -> [Output; 2] {
         self.axes.each_ref().map(|axis| axis.output)
     }
 
-    /// Times that a direction changed while its PWM was on.
+    /// Number of times that a direction changed while its PWM was on.
     pub fn hard_turns(&self) -> u32 {
         self.axes.iter().map(|axis| axis.bridge.hard_turns).sum()
     }
 
-    /// Which IMU it has.
+    /// The IMU of the bench.
     pub fn imu(&self) -> Imu {
         self.imu.kind()
     }
 
-    /// Lets a gyro of the IMU fail.
+    /// Makes a gyro of the IMU fail.
     pub fn fail_gyro(&mut self) {
         self.imu.fail_gyro();
     }
 
-    /// Lets those bytes get lost on the serial line of the IMU for whose number, counted from 0, `loses` is true.
+    /// Loses bytes on the serial line of the IMU. A byte is lost if `loses` is true for its number, counted from 0.
     ///
     /// # Panics
     /// The IMU has no serial line.
@@ -223,7 +224,7 @@ impl<P: Plant> Bench<P> {
         self.plant
     }
 
-    /// Lets a control period go by; whether the instrument is still switched on.
+    /// Advances by a control period. Returns whether the instrument is still switched on.
     pub fn period(&mut self) -> bool {
         let outputs = self.axes.each_mut().map(AxisChips::drive);
         let Some(Tick { encoders_rad, reading }) = self.plant.advance(outputs) else { return false };
@@ -244,13 +245,14 @@ impl<P: Plant> Bench<P> {
         self.data_ready
     }
 
-    /// The next byte that has come over the serial line of the IMU, if it has one.
+    /// The next byte that has come over the serial line of the IMU. `None` if no byte waits or the IMU has no serial
+    /// line.
     pub fn receive(&mut self) -> Option<Received> {
         let now_us = self.now_us();
         self.imu.line_mut()?.receive(now_us)
     }
 
-    /// One transfer: `frame` holds what the master sends, and after it what the chip does.
+    /// One transfer. `frame` holds the bytes of the master before the call and the bytes of the chip after it.
     pub fn transfer(&mut self, chip: Chip, frame: &mut [u8]) {
         let is_spared = chip == Chip::Imu && frame.len() != BURST_BYTES;
         match chip {
@@ -276,7 +278,7 @@ impl<P: Plant> Bench<P> {
             let [low, high, pins] = *pins;
             axis.bridge.set(u16::from_le_bytes([low, high]), pins & pin::DIRECTION != 0, pins & pin::ENABLE != 0);
         }
-        let (inputs, captures) = frame.split_first_mut().expect("its length is known");
+        let (inputs, captures) = frame.split_first_mut().expect("a frame with the inputs byte");
         *inputs = self.inputs();
         for (chip, capture) in
             [Chip::OuterEncoder, Chip::InnerEncoder].into_iter().zip(captures.chunks_mut(CAPTURE_BYTES))
@@ -300,7 +302,7 @@ impl<P: Plant> Bench<P> {
 /// A bench that several drivers share.
 pub type SharedBench<P> = Rc<RefCell<Bench<P>>>;
 
-/// One chip of a shared bench as a driver sees it.
+/// The SPI bus to one chip of a shared bench, for a driver.
 pub struct BenchSpi<P> {
     bench: SharedBench<P>,
     chip: Chip,
@@ -324,7 +326,7 @@ impl<P: Plant> SpiDevice for BenchSpi<P> {
     }
 }
 
-/// Which pin of a bridge.
+/// A pin of a bridge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Role {
     Pwm,
@@ -395,23 +397,23 @@ impl<P: Plant> InputPin for BenchPin<P> {
     }
 }
 
-/// Nothing on the bench takes time.
+/// A delay that takes no time on the bench.
 struct NoDelay;
 
 impl DelayNs for NoDelay {
     fn delay_ns(&mut self, _ns: u32) {}
 }
 
-/// What the IMU's interrupt has on the board, for the IMU that the bench has.
+/// The data of the IMU's interrupt on the board, for the IMU of the bench.
 pub enum BenchImu<'q, T: Real, P> {
-    /// Of an ADIS16495.
+    /// The acquisition of an ADIS16495.
     Adis16495(BenchAcquisition<'q, T, P>),
-    /// Of a KVH 1750.
+    /// The acquisition of a KVH 1750.
     Kvh1750(Streaming<'q, T>),
 }
 
 impl<'q, T: Real, P: Plant> BenchImu<'q, T, P> {
-    /// On a bench whose plant samples `rate_hz` times a second.
+    /// The acquisition on a bench whose plant samples `rate_hz` times a second.
     pub fn new(bench: &SharedBench<P>, rate_hz: f64, producer: SampleProducer<'q, T>) -> Self {
         let imu = bench.borrow().imu();
         match imu {
@@ -423,10 +425,10 @@ impl<'q, T: Real, P: Plant> BenchImu<'q, T, P> {
         }
     }
 
-    /// What the interrupt does at the end of a control period.
+    /// Does the work of the interrupt at the end of a control period.
     pub fn on_period(&mut self, bench: &SharedBench<P>, view_at: impl Fn(u64) -> GimbalView) {
         let (now_us, data_ready) = (bench.borrow().now_us(), bench.borrow().data_ready());
-        // Samples that are lost have been counted.
+        // A lost sample needs no action here, because the acquisition counts lost samples.
         match self {
             Self::Adis16495(acquisition) => {
                 let _ = data_ready.then(|| acquisition.on_data_ready(now_us, view_at));
@@ -440,11 +442,11 @@ impl<'q, T: Real, P: Plant> BenchImu<'q, T, P> {
     }
 }
 
-/// The acquisition of a bench: what the data-ready interrupt runs on the board.
+/// The acquisition of a bench. On the board the data-ready interrupt runs it.
 pub type BenchAcquisition<'q, T, P> = Acquisition<'q, T, BenchSpi<P>>;
 /// A bridge of a bench.
 pub type BenchBridge<P> = Bridge<BenchPin<P>, BenchPin<P>, BenchPin<P>, BenchPin<P>>;
-/// The control of a bench: what the control interrupt runs on the board.
+/// The control of a bench. On the board the control interrupt runs it.
 pub type BenchControl<T, P> = Control<T, BenchSpi<P>, BenchBridge<P>>;
 
 /// The acquisition of a bench whose plant samples `rate_hz` times a second.
@@ -463,7 +465,7 @@ pub fn acquisition<'q, T: Real, P: Plant>(
     Acquisition::new(imu, producer)
 }
 
-/// The control of a bench, put together as on the board.
+/// The control of a bench, assembled as on the board.
 pub fn control<T: Real, P: Plant>(bench: &SharedBench<P>, gimbal: Gimbal<T>) -> BenchControl<T, P> {
     let encoder = |chip| BissEncoder::new(BenchSpi::new(bench, chip), Resolution::Bits26, Mounting::STRAIGHT);
     let pin = |axis, role| BenchPin { bench: Rc::clone(bench), axis, role };

@@ -6,20 +6,20 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Where the RAM begins, see `regions.x` of the boards.
+/// Start address of the RAM, see `regions.x` of the boards.
 const RAM: u64 = 0x2000_0000;
 
-/// What an image takes, bytes.
+/// Memory of an image, bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Sizes {
-    /// Code, constants and first values of variables.
+    /// Flash for code, constants and initial values of variables.
     pub flash: u64,
-    /// Variables.
+    /// RAM for variables.
     pub static_ram: u64,
-    /// Room for the stack.
+    /// RAM left for the stack.
     pub stack_room: u64,
-    /// Most of it that a calibration uses; `None` where no emulator plays the board.
+    /// Largest use of the stack in a calibration. `None` if no emulator supports the board.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stack_used: Option<u64>,
 }
@@ -27,14 +27,14 @@ pub struct Sizes {
 /// Sizes by the name of the image.
 pub type SizesByImage = BTreeMap<String, Sizes>;
 
-/// What a size may differ by, either way, as a part of it: compilers differ in what they inline and in what they
-/// keep on the stack at once, hardly in how they lay out variables. What is smaller is to be taken over too, or it could
-/// grow again unseen.
+/// Tolerance of each size, up and down, as a fraction. Compilers differ in inlining and in the use of the stack, and
+/// hardly in the layout of variables. A smaller size must be written to the data file too, because otherwise the size
+/// could grow again unnoticed.
 const TOLERANCES: [(&str, f64); 4] =
     [("flash", 0.05), ("static RAM", 0.01), ("room for the stack", 0.0), ("stack used", 0.05)];
 
 impl Sizes {
-    /// Sizes of what is loaded: initialized variables take both kinds of memory.
+    /// Sizes of the loaded sections. Initialized variables take both flash and RAM.
     pub fn of(file: &object::File<'_>) -> Self {
         let in_ram = |segment: &object::Segment<'_, '_>| segment.address() >= RAM;
         let symbol =
@@ -51,7 +51,7 @@ impl Sizes {
         [Some(self.flash), Some(self.static_ram), Some(self.stack_room), self.stack_used]
     }
 
-    /// What differs from what it was before by more than the tolerance, a line for each size.
+    /// A line for each size that differs from the earlier size by more than the tolerance.
     fn differences(&self, name: &str, before: &Self) -> Vec<String> {
         let pairs = before.figures().into_iter().zip(self.figures()).zip(TOLERANCES);
         let differing = pairs.filter(|((before, now), (_, tolerance))| match (before, now) {
@@ -76,7 +76,7 @@ pub fn data_file() -> PathBuf {
 /// Reads the data file.
 ///
 /// # Errors
-/// It cannot be read, or is not one.
+/// The file cannot be read or is not a data file.
 pub fn read(path: &Path) -> Result<SizesByImage> {
     let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
     toml::from_str(&text).with_context(|| path.display().to_string())
@@ -85,14 +85,14 @@ pub fn read(path: &Path) -> Result<SizesByImage> {
 /// Writes the data file.
 ///
 /// # Errors
-/// It cannot be written.
+/// The file cannot be written.
 pub fn write(path: &Path, sizes: &SizesByImage) -> Result<()> {
     let head =
         "# What the firmware's images take, bytes. Written and compared by `firmware-report`, see CONTRIBUTING.md.\n\n";
     std::fs::write(path, head.to_owned() + &toml::to_string(sizes)?).with_context(|| path.display().to_string())
 }
 
-/// What differs between the data file and the images, a line for each; images that only one of them has as well.
+/// A line for each difference between the data file and the images. An image that only one of them has is a difference.
 pub fn differences(before: &SizesByImage, now: &SizesByImage) -> Vec<String> {
     let gone = before.keys().filter(|name| !now.contains_key(*name)).map(|name| format!("{name}: no such image"));
     let compared = now.iter().flat_map(|(name, sizes)| match before.get(name) {

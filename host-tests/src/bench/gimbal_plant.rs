@@ -1,4 +1,4 @@
-//! The core's gimbal control, its drivers included, on two simulated motors, a millisecond at a time.
+//! The core's gimbal control and its drivers on two simulated motors, in steps of a millisecond.
 
 use super::devices::{Bench, BenchControl, SharedBench, Trouble, control};
 use crate::virtual_unit::motor::{Mechanics, Motor};
@@ -29,7 +29,7 @@ pub struct GimbalPlant<T: Real> {
 }
 
 impl<T: Real> GimbalPlant<T> {
-    /// At rest at these angles of (outer, inner), rad. The control takes the motors for `assumed`.
+    /// Axes at rest at these angles of (outer, inner), rad. The control assumes the motor data `assumed`.
     pub fn new(
         limits: &[AxisLimits; 2],
         assumed: &[MotorAndLoad; 2],
@@ -42,12 +42,12 @@ impl<T: Real> GimbalPlant<T> {
         Self { bench, control }
     }
 
-    /// Lets something fail of an axis' encoder or bridge, or mends it.
+    /// Sets the fault of an axis' encoder or bridge. `None` repairs the axis.
     pub fn set_trouble(&mut self, axis: usize, trouble: Option<Trouble>) {
         self.bench.borrow_mut().set_trouble(axis, trouble);
     }
 
-    /// Does something to the motor of an axis.
+    /// Changes the motor of an axis.
     pub fn with_motor(&mut self, axis: usize, change: impl FnOnce(&mut Motor)) {
         change(&mut self.bench.borrow_mut().plant_mut().0[axis]);
     }
@@ -57,7 +57,7 @@ impl<T: Real> GimbalPlant<T> {
         self.control.command(command, self.control.status().time_us);
     }
 
-    /// As the control has it.
+    /// Status of the gimbal as the control reports it.
     pub fn status(&self) -> GimbalStatus {
         self.control.status()
     }
@@ -72,12 +72,12 @@ impl<T: Real> GimbalPlant<T> {
         self.bench.borrow().plant().0.each_ref().map(Motor::rate_rad_s)
     }
 
-    /// Times that a direction changed while its PWM was on.
+    /// Number of times that a direction changed while its PWM was on.
     pub fn hard_turns(&self) -> u32 {
         self.bench.borrow().hard_turns()
     }
 
-    /// One control period more.
+    /// Advances by a control period.
     pub fn period(&mut self) {
         self.bench.borrow_mut().period();
         let now_us = self.bench.borrow().now_us();

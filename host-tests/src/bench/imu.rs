@@ -1,4 +1,4 @@
-//! The IMU of a bench, and what of it comes over a serial line.
+//! The IMU of a bench and its serial line.
 
 use super::bus::{Chip, Damage};
 use super::chips::adis16495::{Adis16495Chip, Model, flag};
@@ -7,10 +7,10 @@ use crate::virtual_unit::plant::Reading;
 use std::collections::VecDeque;
 use std::fmt;
 
-/// What a KVH 1750 reads where the plant has no temperature, deg C, as an ADIS16495 does.
+/// Temperature that a KVH 1750 reports if the plant has none, deg C. It is the same as for an ADIS16495.
 const ROOM_C: f64 = 25.0;
 
-/// Which IMU.
+/// Type of IMU.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Imu {
     /// An ADIS16495-1 on SPI, with data-ready.
@@ -29,7 +29,7 @@ impl fmt::Display for Imu {
     }
 }
 
-/// The IMU itself.
+/// The simulated IMU.
 pub(super) enum ImuChip {
     Adis16495(Box<Adis16495Chip>),
     Kvh1750(Kvh1750Chip, SerialLine),
@@ -50,7 +50,7 @@ impl ImuChip {
         }
     }
 
-    /// Measures, at the end of an interval; of a message `damage` may spoil the bytes.
+    /// Measures at the end of an interval. `damage` may change the bytes of a message.
     pub(super) fn sample(&mut self, reading: &Reading, now_us: u64, damage: Option<&mut Damage>) {
         let Reading { omega_g, force_a, temperature_c, .. } = *reading;
         match self {
@@ -69,7 +69,7 @@ impl ImuChip {
         }
     }
 
-    /// One transfer: with the ADIS16495, or with the receiver of the serial line.
+    /// One transfer with the ADIS16495 or with the receiver of the serial line.
     pub(super) fn transfer(&mut self, frame: &mut [u8], now_us: u64) {
         match self {
             Self::Adis16495(chip) => chip.transfer(frame),
@@ -77,7 +77,7 @@ impl ImuChip {
         }
     }
 
-    /// The x gyro fails its test.
+    /// Makes the x gyro fail its test.
     pub(super) fn fail_gyro(&mut self) {
         match self {
             Self::Adis16495(chip) => chip.fail_sensors(1),
@@ -85,7 +85,7 @@ impl ImuChip {
         }
     }
 
-    /// The serial line, where there is one.
+    /// The serial line, if the IMU has one.
     pub(super) fn line_mut(&mut self) -> Option<&mut SerialLine> {
         match self {
             Self::Adis16495(_) => None,
@@ -94,15 +94,15 @@ impl ImuChip {
     }
 }
 
-/// A byte, and the time at which it came, us.
+/// A byte and its time of arrival, us.
 pub type Received = (u8, u64);
 
-/// Bytes on their way over a line and in its receiver.
+/// Bytes on a serial line and in its receiver.
 #[derive(Default)]
 pub(super) struct SerialLine {
     bytes: VecDeque<Received>,
     sent: u64,
-    /// Whether the byte of this number, counted from 0, gets lost.
+    /// Whether the byte with this number, counted from 0, is lost.
     pub(super) loses: Option<Box<dyn FnMut(u64) -> bool>>,
 }
 
@@ -117,17 +117,18 @@ impl SerialLine {
         }
     }
 
-    /// Whether there is a byte by now.
+    /// Whether a byte has come.
     pub(super) fn waits(&self, now_us: u64) -> bool {
         self.bytes.front().is_some_and(|(_, came_us)| *came_us <= now_us)
     }
 
-    /// The next byte by now.
+    /// The next byte that has come.
     pub(super) fn receive(&mut self, now_us: u64) -> Option<Received> {
         if self.waits(now_us) { self.bytes.pop_front() } else { None }
     }
 
-    /// What the emulated receiver gives: how many bytes, and for each its age, u16, us, low byte first, and itself.
+    /// Fills the frame of the emulated receiver: the number of bytes, and for each byte its age (u16, us, low byte
+    /// first) and its value.
     fn empty_into(&mut self, frame: &mut [u8], now_us: u64) {
         let Some((count, places)) = frame.split_first_mut() else { return };
         *count = 0;

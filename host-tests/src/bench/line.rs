@@ -1,19 +1,19 @@
-//! The instrument's end of a serial line in this process.
+//! The instrument's end of a serial line, in this process.
 
 use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 
-/// A serial line as the instrument sees it.
+/// The instrument's side of a serial line.
 pub trait Line {
-    /// The next byte that came in.
+    /// The next received byte.
     fn receive(&mut self) -> Option<u8>;
 
-    /// Sends what `next` gives, as far as there is room now.
+    /// Sends the bytes from `next` as long as the line has room.
     fn transmit(&mut self, next: &mut dyn FnMut() -> Option<u8>);
 }
 
-/// Nothing is connected.
+/// A line to which nothing is connected.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Unconnected;
 
@@ -27,8 +27,8 @@ impl Line for Unconnected {
     }
 }
 
-/// One end of a pseudo-terminal, which does not block when it is read. Sending waits for the reader, so that an instrument
-/// whose time is faster than the world's loses nothing.
+/// One end of a pseudo-terminal. Reading does not block. Sending waits for the reader, so that an instrument that runs
+/// faster than real time loses no bytes.
 #[derive(Debug)]
 pub struct Terminal {
     file: File,

@@ -1,5 +1,5 @@
-//! Virtual EEPROM and NOR flash: they insist on the rules of the hardware, and can lose power at any byte, word or erase,
-//! keep cells that do not change, and have words that cannot be read.
+//! Virtual EEPROM and NOR flash. They enforce the rules of the hardware. They can lose power at any byte, word or
+//! erase, and can have cells that do not change and words that cannot be read.
 
 use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
@@ -9,34 +9,35 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use std::ops::Range;
 
-/// How power leaves what is being written or erased.
+/// State of the bytes that were being written or erased when the power was cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Torn {
-    /// As it was.
+    /// The old content.
     Untouched,
-    /// As it was to be.
+    /// The new content.
     Done,
-    /// The first half is done: of the bytes, or of the bits of a byte.
+    /// The first half is new: of the bytes, or of the bits of a single byte.
     Half,
     /// Random bits.
     Random,
-    /// The page that an EEPROM programs at once is random; of a flash, the words cannot be read, for their error correction.
+    /// In an EEPROM the whole page that is programmed at once is random. In a flash the words cannot be read, because
+    /// their error correction fails.
     Lost,
 }
 
 impl Torn {
-    /// Every way.
+    /// All states.
     pub const ALL: [Self; 5] = [Self::Untouched, Self::Done, Self::Half, Self::Random, Self::Lost];
 }
 
 /// Fault of a virtual memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MemoryFault {
-    /// There is no power.
+    /// The power is off.
     PowerOff,
     /// A word cannot be read.
     Unreadable,
-    /// Outside the memory, or not aligned.
+    /// An access outside the memory or not aligned.
     Misuse(NorFlashErrorKind),
 }
 
@@ -49,7 +50,7 @@ impl NorFlashError for MemoryFault {
     }
 }
 
-/// Power, which may be cut in a step: a byte or word written, or a sector erased.
+/// Power supply that can be cut in a step. A step writes a byte or word, or erases a sector.
 #[derive(Clone, Debug)]
 pub struct Power {
     steps: usize,
@@ -59,7 +60,7 @@ pub struct Power {
 }
 
 impl Power {
-    /// On.
+    /// Power that is on.
     fn new() -> Self {
         Self { steps: 0, cut: None, off: false, random: Xoshiro256PlusPlus::seed_from_u64(1) }
     }
@@ -69,14 +70,14 @@ impl Power {
         self.steps
     }
 
-    /// Power-up, and a cut in the step after so many.
+    /// Powers up, and cuts the power in the step after this number of steps.
     pub fn cut_after(&mut self, steps: usize, torn: Torn) {
         self.on();
         self.cut = Some((steps, torn));
         self.random = Xoshiro256PlusPlus::seed_from_u64(steps as u64);
     }
 
-    /// Power-up, without another cut.
+    /// Powers up without a later cut.
     pub fn on(&mut self) {
         (self.steps, self.cut, self.off) = (0, None, false);
     }
@@ -85,7 +86,7 @@ impl Power {
         if self.off { Err(MemoryFault::PowerOff) } else { Ok(()) }
     }
 
-    /// How this step is left, if it is the last one.
+    /// Counts a step. Returns the state in which the step is left if the power is cut in it.
     fn step(&mut self) -> Result<Option<Torn>, MemoryFault> {
         self.check()?;
         let torn = self.cut.filter(|(at, _)| *at == self.steps).map(|(_, torn)| torn);
@@ -95,10 +96,10 @@ impl Power {
     }
 }
 
-/// Bytes that keep their value: address and value.
+/// Addresses and values of the bytes that do not change.
 pub type Stuck = Vec<(usize, u8)>;
 
-/// An EEPROM with pages of 32 bytes, written byte by byte; power is cut at a byte.
+/// An EEPROM with pages of 32 bytes that is written byte by byte. The power can be cut at a byte.
 #[derive(Clone, Debug)]
 pub struct VirtualEeprom {
     /// Its content.
@@ -113,12 +114,12 @@ impl VirtualEeprom {
     /// Size of a page, bytes.
     pub const PAGE_BYTES: usize = 32;
 
-    /// With this content.
+    /// An EEPROM with this content.
     pub fn new(bytes: Vec<u8>) -> Self {
         Self { bytes, power: Power::new(), stuck: Vec::new() }
     }
 
-    /// As from the factory.
+    /// A blank memory, as delivered.
     pub fn blank(length: usize) -> Self {
         Self::new(vec![0xff; length])
     }
@@ -173,8 +174,8 @@ impl Storage for VirtualEeprom {
     }
 }
 
-/// A NOR flash with words of `WORD` bytes in sectors of `SECTOR` bytes. A word is written once after each erase of its
-/// sector; whoever breaks the rule ends the test.
+/// A NOR flash with words of `WORD` bytes in sectors of `SECTOR` bytes. A word may be written once after each erase of
+/// its sector. Code that breaks this rule panics and so fails the test.
 #[derive(Clone, Debug)]
 pub struct VirtualFlash<const WORD: usize, const SECTOR: usize> {
     /// Its content.
@@ -183,14 +184,14 @@ pub struct VirtualFlash<const WORD: usize, const SECTOR: usize> {
     pub power: Power,
     /// Bytes that do not change.
     pub stuck: Stuck,
-    /// Erases so far.
+    /// Number of erases.
     pub erases: usize,
     written: Vec<bool>,
     unreadable: Vec<bool>,
 }
 
 impl<const WORD: usize, const SECTOR: usize> VirtualFlash<WORD, SECTOR> {
-    /// As from the factory.
+    /// A blank memory, as delivered.
     pub fn blank(sectors: usize) -> Self {
         let (length, words) = (sectors * SECTOR, sectors * SECTOR / WORD);
         Self {
@@ -212,7 +213,7 @@ impl<const WORD: usize, const SECTOR: usize> VirtualFlash<WORD, SECTOR> {
         bytes.start / WORD..bytes.end / WORD
     }
 
-    /// Leaves a range between what it is and what it was to be. Words that then read as blank can be written.
+    /// Leaves a range in a state between the old and the new content. Words that then read as blank can be written.
     fn tear(&mut self, range: Range<usize>, wanted: &[u8], torn: Torn) {
         let words = Self::words(&range);
         let done = match torn {

@@ -1,4 +1,5 @@
-//! The instrument's devices, and all that runs on them: the core in this process, or the firmware in the emulator.
+//! The instrument's simulated devices, and the programs that run on them: the core in this process, or the firmware in
+//! the emulator.
 
 mod bus;
 pub mod chips;

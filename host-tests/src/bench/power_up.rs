@@ -1,5 +1,5 @@
-//! Power-up of an instrument on the bench: in this process, or as the firmware image in the emulator. Both run the same
-//! drivers, the same queue and the same [`Instrument`], and tell the same messages.
+//! Power-up of an instrument on the bench, in this process or as the firmware image in the emulator. Both run the same
+//! drivers, the same queue and the same [`Instrument`], and send the same messages.
 
 use super::devices::{Bench, BenchControl, BenchImu, SharedBench, control};
 use super::emulator::image::Image;
@@ -34,11 +34,11 @@ use std::cell::{Cell, RefCell};
 use std::path::Path;
 use std::rc::Rc;
 
-/// Depth of the queue: here every sample is taken at once.
+/// Depth of the queue. In this process every sample is taken immediately.
 const QUEUE: usize = 4;
 
-/// Runs an instrument until its plant is exhausted. `stored` is the calibration in store at power-up; returns the one
-/// that the run stored.
+/// Runs an instrument until its plant is exhausted. `stored` is the stored calibration at power-up. Returns the
+/// calibration that the run stored.
 ///
 /// # Errors
 /// The configuration is refused.
@@ -62,12 +62,12 @@ pub fn in_process<T: Real, const STATES: usize, P: Plant>(
     }
 }
 
-/// Hears what an instrument says.
+/// Receives the output of an instrument.
 pub trait Listener<T: Real> {
     /// Takes a message.
     fn message(&mut self, message: &Message);
 
-    /// Takes a sample of the IMU, as it comes out of the queue.
+    /// Takes a raw sample of the IMU from the queue.
     fn raw(&mut self, _sample: &RawSample<T>) {}
 
     /// Takes a corrected sample.
@@ -83,9 +83,9 @@ impl<T: Real, F: FnMut(&Message)> Listener<T> for F {
 /// The memory of an instrument in this process.
 #[derive(Clone, Debug, Default)]
 pub struct Memory {
-    /// The calibration in store.
+    /// The stored calibration.
     pub stored: Option<StoredCalibration>,
-    /// Whether the run has stored one.
+    /// Whether the run has stored a calibration.
     pub saved: bool,
     /// All results, rejected ones included, oldest first.
     pub history: Vec<StoredCalibration>,
@@ -121,8 +121,8 @@ impl Archive for Memory {
     }
 }
 
-/// As [`in_process`], at the end of a serial line, which brings commands and takes messages. `memory` is what the
-/// instrument keeps from one power-up to the next.
+/// As [`in_process`], with a serial line for commands and messages. `memory` is the memory that the instrument keeps
+/// from one power-up to the next.
 ///
 /// # Errors
 /// The configuration is refused.
@@ -191,7 +191,7 @@ impl<'a, T: Real, P: Plant, L, N> VirtualBoard<'a, T, P, L, N> {
         Self { bench, interrupts: Interrupts::new(bench, rate_hz, gimbal, producer), samples, memory, line, listener }
     }
 
-    /// Lets a control period go by; whether the instrument is still switched on.
+    /// Advances by a control period. Returns whether the instrument is still switched on.
     fn period(&mut self) -> bool {
         self.interrupts.period(self.bench)
     }
@@ -264,20 +264,20 @@ impl<T: Real, P, L: Line, N> SerialLine for VirtualBoard<'_, T, P, L, N> {
     }
 }
 
-/// What the interrupts of a board have.
+/// The data of a board's interrupts.
 pub struct Interrupts<'q, T: Real, P> {
     imu: BenchImu<'q, T, P>,
-    /// What the control interrupt has, for the main loop.
+    /// The data of the control interrupt, which the main loop reads too.
     pub control: BenchControl<T, P>,
 }
 
 impl<'q, T: Real, P: Plant> Interrupts<'q, T, P> {
-    /// On a bench whose plant samples `rate_hz` times a second.
+    /// The interrupts of a bench whose plant samples `rate_hz` times a second.
     pub fn new(bench: &SharedBench<P>, rate_hz: f64, gimbal: Gimbal<T>, producer: SampleProducer<'q, T>) -> Self {
         Self { imu: BenchImu::new(bench, rate_hz, producer), control: control(bench, gimbal) }
     }
 
-    /// Lets a control period go by; whether the instrument is still switched on.
+    /// Advances by a control period. Returns whether the instrument is still switched on.
     pub fn period(&mut self, bench: &SharedBench<P>) -> bool {
         if !bench.borrow_mut().period() {
             return false;
@@ -289,10 +289,11 @@ impl<'q, T: Real, P: Plant> Interrupts<'q, T, P> {
     }
 }
 
-/// Runs an instrument as the firmware `image` in the emulator; `eeprom` is its store from boot to boot.
+/// Runs an instrument as the firmware `image` in the emulator. `eeprom` is the file of its store, which is kept from
+/// boot to boot.
 ///
 /// # Errors
-/// The emulator is missing or the firmware failed; one line says how.
+/// The emulator is missing or the firmware failed. The error is one line.
 pub fn in_emulator<P: Plant>(
     assignment: &Assignment,
     image: &Image,
@@ -307,14 +308,14 @@ pub fn in_emulator<P: Plant>(
     run(&setup, bench, on_log, on_message)
 }
 
-/// A plant with a switch: turned off, it does not go on.
+/// A plant with a power switch. When it is off, the plant does not advance.
 pub struct Switched<P> {
     plant: P,
     off: Rc<Cell<bool>>,
 }
 
 impl<P> Switched<P> {
-    /// The plant, switched on, and its switch.
+    /// The plant, switched on, and its power switch.
     pub fn new(plant: P) -> (Self, Rc<Cell<bool>>) {
         let off = Rc::new(Cell::new(false));
         (Self { plant, off: Rc::clone(&off) }, off)
@@ -337,7 +338,7 @@ pub fn share<P>(bench: Bench<P>) -> SharedBench<P> {
     Rc::new(RefCell::new(bench))
 }
 
-/// Digest of all messages of a run: two runs with the same digest agree in every bit of every result.
+/// Digest of all messages of a run. Two runs with the same digest agree in every bit of every result.
 #[derive(Clone)]
 pub struct MessageDigest(crc::Digest<'static, u64, crc::Table<16>>);
 
@@ -350,7 +351,7 @@ impl Default for MessageDigest {
 }
 
 impl MessageDigest {
-    /// Takes in a message.
+    /// Adds a message to the digest.
     pub fn add(&mut self, message: &Message) {
         let bytes = postcard::to_stdvec(message).expect("messages serialize");
         self.0.update(&bytes);

@@ -1,4 +1,4 @@
-//! The servo on a motor: step, ramp, move and hold, and the figures by which servos are judged.
+//! The servo on a simulated motor: step, ramp, move and hold, and the figures that measure its quality.
 
 use crate::virtual_unit::motor::{Mechanics, Motor};
 use rins_selfcal::base::angle::{rad_to_ticks, ticks_to_rad};
@@ -7,7 +7,7 @@ use rins_selfcal::base::profile::{MotionLimits, Point, Profile};
 use rins_selfcal::base::units::{ARCSEC, DEG};
 use rins_selfcal::gimbal::servo::{Drive, MotorAndLoad, PERIOD_S, Servo, Setpoint};
 
-/// The limits of the moves: 20 deg/s with ramps of a second, 1000 deg/s^3.
+/// The usual limits of moves: 20 deg/s with ramps of a second, and a jerk of 1000 deg/s^3.
 pub fn usual_limits() -> MotionLimits {
     MotionLimits::with_mean_acceleration(20.0 * DEG, 20.0 * DEG, 1000.0 * DEG).expect("jerk enough")
 }
@@ -19,12 +19,12 @@ pub struct ServoBench<T> {
     ticks: i64,
 }
 
-/// One control period.
+/// Values of one control period.
 #[derive(Clone, Copy, Debug)]
 pub struct Trace {
-    /// Time of its beginning, s.
+    /// Start of the period, s.
     pub time_s: f64,
-    /// True angle less the wanted one, rad.
+    /// True angle less the wanted angle, rad.
     pub error_rad: f64,
     /// True rate, rad/s.
     pub rate_rad_s: f64,
@@ -33,12 +33,12 @@ pub struct Trace {
 }
 
 impl<T: Real> ServoBench<T> {
-    /// A motor at angle zero, and a servo that takes it for `assumed`.
+    /// A motor at rest at angle zero, and a servo that assumes the motor data `assumed`.
     pub fn new(assumed: &MotorAndLoad, mechanics: Mechanics) -> Self {
         Self { servo: Servo::new(assumed), motor: Motor::new(mechanics, 0.0), ticks: 0 }
     }
 
-    /// Follows what is wanted at each time for `duration_s`.
+    /// Follows the wanted motion for `duration_s`.
     pub fn follow(&mut self, duration_s: f64, wanted: impl Fn(f64) -> Point<T>) -> Vec<Trace> {
         let periods = (duration_s / PERIOD_S).round() as u32;
         (0..periods).map(|period| self.period(f64::from(period) * PERIOD_S, &wanted)).collect()
@@ -62,7 +62,7 @@ impl<T: Real> ServoBench<T> {
         trace
     }
 
-    /// Moves over `way_deg` and stands there for `rest_s`.
+    /// Turns by `way_deg` and stays at rest for `rest_s`.
     pub fn move_by(&mut self, way_deg: f64, rest_s: f64) -> (f64, Vec<Trace>) {
         let from_rad = ticks_to_rad::<f64>(self.ticks);
         let profile = Profile::<T>::new(T::rounded(way_deg * DEG), &usual_limits());
@@ -78,20 +78,20 @@ impl<T: Real> ServoBench<T> {
 /// Figures of a move.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MoveFigures {
-    /// Largest distance from the profile on the way, arcsec.
+    /// Largest deviation from the profile during the move, arcsec.
     pub following_arcsec: f64,
-    /// Farthest beyond the target, arcsec.
+    /// Largest angle beyond the target, arcsec.
     pub overshoot_arcsec: f64,
-    /// From the profile's end until within 2 arcsec for good, s.
+    /// Time from the end of the profile until the error stays within 2 arcsec, s.
     pub settling_s: f64,
-    /// RMS distance from the target from 0.5 s after the end on, arcsec.
+    /// RMS deviation from the target, from 0.5 s after the end of the profile on, arcsec.
     pub hold_rms_arcsec: f64,
     /// Highest duty.
     pub duty: f64,
 }
 
 impl MoveFigures {
-    /// Of a trace of a move over `way_deg` that should have ended at `end_s`.
+    /// Figures of the trace of a move by `way_deg` whose profile ends at `end_s`.
     pub fn new(way_deg: f64, end_s: f64, trace: &[Trace]) -> Self {
         let (moving, resting) = trace.split_at(trace.partition_point(|at| at.time_s < end_s));
         let largest = |part: &[Trace], of: &dyn Fn(&Trace) -> f64| part.iter().map(of).fold(0.0, f64::max);
@@ -107,7 +107,7 @@ impl MoveFigures {
         }
     }
 
-    /// The worse of both, figure by figure.
+    /// The worse value of both for each figure.
     #[must_use]
     pub fn worse(&self, other: &Self) -> Self {
         Self {

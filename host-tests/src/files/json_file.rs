@@ -1,4 +1,4 @@
-//! JSON files, with errors of one line that name file, line and key.
+//! JSON files. An error is one line that names file, line and key.
 
 use anyhow::Context;
 use serde::Serialize;
@@ -13,7 +13,7 @@ pub enum JsonFileError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The operating system's error.
         cause: std::io::Error,
     },
     /// The contents are wrong.
@@ -23,7 +23,7 @@ pub enum JsonFileError {
         path: PathBuf,
         /// Line, from 1.
         line: usize,
-        /// What is wrong; names the key.
+        /// What is wrong. The text names the key.
         message: String,
     },
 }

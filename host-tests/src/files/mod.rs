@@ -1,4 +1,4 @@
-//! Files that a user writes and that say what a unit, its site, its errors or a scheme is.
+//! Files that a user writes to describe a unit, its site, its errors or a scheme.
 
 pub mod json_file;
 pub mod scheme_file;

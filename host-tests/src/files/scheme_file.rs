@@ -21,7 +21,8 @@ use rins_selfcal::scheme::{Leg, MAX_LEGS, MAX_NAME_BYTES, Scheme, SchemeError};
 use std::path::Path;
 use table::{LegTable, SchemeTable};
 
-/// The library's scheme of this name, or else in this file; `stop_s` and `periods` take the place of the scheme's own.
+/// The library's scheme of this name, or else the scheme in the file of this name. `stop_s` and `periods` replace the
+/// scheme's own values.
 ///
 /// # Errors
 /// One line that names the file and, for its contents, line and key.
@@ -50,7 +51,8 @@ pub fn read_scheme(path: &Path) -> Result<Scheme, TomlFileError> {
     let file = TomlFile::read(path)?;
     let table: SchemeTable = file.parse()?;
     if table.legs.len() > MAX_LEGS {
-        return Err(file.wrong_value("", "legs", &format!("{} legs, at most {MAX_LEGS} fit", table.legs.len())));
+        let what = format!("{} legs, at most {MAX_LEGS} are allowed", table.legs.len());
+        return Err(file.wrong_value("", "legs", &what));
     }
     let scheme = from_table(&table, path)
         .ok_or_else(|| file.wrong_value("", "name", &format!("longer than {MAX_NAME_BYTES} bytes")))?;
@@ -98,7 +100,8 @@ fn leg_rad(leg: &LegTable) -> Leg {
     Leg { outer_rad: leg.outer_deg * DEG, inner_rad: leg.inner_deg * DEG, stop_s: leg.stop_s }
 }
 
-/// Without the last digits, which come from the way through radians and sums; no negative zero.
+/// Rounds off the last digits, which are rounding errors of the conversion to radians and of sums. Negative zero
+/// becomes zero.
 fn rounded(value: f64) -> f64 {
     (value * 1e9).round() / 1e9 + 0.0
 }

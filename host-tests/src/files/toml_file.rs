@@ -1,4 +1,4 @@
-//! TOML files, with errors of one line that name file, line and key.
+//! TOML files. An error is one line that names file, line and key.
 
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
@@ -11,13 +11,13 @@ pub enum TomlFileError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The operating system's error.
         cause: std::io::Error,
     },
-    /// A name that is neither built in nor a file.
+    /// The name is neither built in nor a file.
     #[error("unknown '{name}'; known: {known}, or a file")]
     Name {
-        /// What was asked for.
+        /// The requested name.
         name: String,
         /// The built-in names.
         known: &'static str,
@@ -29,12 +29,12 @@ pub enum TomlFileError {
         path: PathBuf,
         /// Line, from 1.
         line: usize,
-        /// What is wrong; names the key.
+        /// What is wrong. The text names the key.
         message: String,
     },
 }
 
-/// The text of a TOML file, kept to say where a wrong value stands.
+/// The text of a TOML file. It is kept so that an error can name the line of a wrong value.
 pub struct TomlFile {
     path: PathBuf,
     text: String,
@@ -50,7 +50,7 @@ impl TomlFile {
         Ok(Self { path: path.into(), text })
     }
 
-    /// A text that is no file; errors give its name in place of a path.
+    /// A text that does not come from a file. Errors give `name` in place of a path.
     pub fn of_text(name: &str, text: &str) -> Self {
         Self { path: name.into(), text: text.into() }
     }
@@ -58,7 +58,7 @@ impl TomlFile {
     /// The contents as a value.
     ///
     /// # Errors
-    /// Syntax, an unknown key or a value of the wrong type.
+    /// The syntax is wrong, a key is unknown, or a value has the wrong type.
     pub fn parse<T: DeserializeOwned>(&self) -> Result<T, TomlFileError> {
         toml::from_str(&self.text).map_err(|error| {
             let at = error.span().map_or(0, |span| span.start.min(self.text.len()));
@@ -71,7 +71,8 @@ impl TomlFile {
         })
     }
 
-    /// The error that the value of `key` in the table `[table]` (empty: before any table) is wrong.
+    /// The error for a wrong value of `key` in the table `[table]`. An empty `table` means the keys before the first
+    /// table.
     pub fn wrong_value(&self, table: &str, key: &str, what: &str) -> TomlFileError {
         let mut current = "";
         let mut found = 1;
@@ -86,8 +87,8 @@ impl TomlFile {
         self.content(found, format!("{key}: {what}"))
     }
 
-    /// The first line from this one on that sets `key`; this one where none does. Errors of a whole table stand at its
-    /// first line.
+    /// The first line from `line` on that sets `key`. It is `line` itself if no line sets the key, so that errors of a
+    /// whole table are reported at the first line of the table.
     fn line_of(&self, line: usize, key: &str) -> usize {
         let lines = line..=self.text.lines().count();
         lines.into_iter().find(|line| self.key_on(*line) == Some(key)).unwrap_or(line)

@@ -1,4 +1,4 @@
-//! The true parameters of an instrument by name and in report units, and the file that carries them, TRUTH.json.
+//! The true parameters of an instrument by name and in report units, and their file TRUTH.json.
 
 use super::json_file::{self, JsonFileError, write_json};
 use crate::base::quantity::parameter;
@@ -10,19 +10,19 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::fmt;
 use std::path::Path;
 
-/// Some or all of the 28 parameters in report units, a map from name to value in files. An unknown or repeated name is an
-/// error.
+/// Some or all of the 28 parameters in report units. In files they are a map from name to value. An unknown or repeated
+/// name is an error.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ParameterTable(pub [Option<f64>; PARAMETERS]);
 
 impl ParameterTable {
-    /// SI to report units.
+    /// Converts SI to report units.
     pub fn from_errors(errors: &InstrumentErrors<f64>) -> Self {
         let x = errors.to_vector();
         Self(std::array::from_fn(|index| Some(x[index] / PARAMETER_INFO[index].unit_si)))
     }
 
-    /// Report units to SI; what is left out is zero.
+    /// Converts report units to SI. Parameters that are left out are zero.
     pub fn to_errors(&self) -> InstrumentErrors<f64> {
         let x: [f64; PARAMETERS] =
             std::array::from_fn(|index| self.0[index].unwrap_or(0.0) * PARAMETER_INFO[index].unit_si);
@@ -80,16 +80,16 @@ impl<'de> Visitor<'de> for TableVisitor {
     }
 }
 
-/// What TRUTH.json says.
+/// Contents of TRUTH.json.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Truth {
     /// The units in words.
     #[serde(default)]
     pub units: String,
-    /// True parameters, report units, as far as they are known.
+    /// The known true parameters, report units.
     pub parameters: ParameterTable,
-    /// Sigmas an exact estimator reaches on the log, report units.
+    /// Sigmas that an exact estimator reaches on the log, report units.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reachable_sigma: Option<ParameterTable>,
 }

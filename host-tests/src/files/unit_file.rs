@@ -1,4 +1,4 @@
-//! What the user says about a unit and its site: UNIT.toml.
+//! The user's description of a unit and its site: UNIT.toml.
 //!
 //! ```toml
 //! [site]
@@ -11,7 +11,7 @@
 //! encoder_repeatability_arcsec = 0.5     # per stop and axis
 //! rate_reference_arcsec_sqrt_s = 0.0     # walk of the angle reading while turning
 //! [sampling]
-//! rate_hz = 200.0                        # default: what the log's time stamps say, 200 for a virtual unit
+//! rate_hz = 200.0                        # default: from the log's time stamps; 200 for a virtual unit
 //! [initial]
 //! heading_deg = 137.0                    # known heading; default: unknown
 //! heading_sigma_deg = 1.0                # its sigma; default 1
@@ -35,7 +35,7 @@ pub struct Noise {
     pub gyro_arw_deg_sqrt_h: f64,
     /// Encoder error per stop and axis, arcsec. Default 0.5.
     pub encoder_repeatability_arcsec: f64,
-    /// Walk of the encoder angle while its axis turns, zero again at the stop, arcsec/sqrt(s). Default 0.
+    /// Random walk of the encoder angle while its axis turns, arcsec/sqrt(s). It is zero again at the stop. Default 0.
     pub rate_reference_arcsec_sqrt_s: f64,
 }
 
@@ -83,7 +83,8 @@ impl Noise {
         }
     }
 
-    /// Bai's simulation: per sample at 200 Hz 30 ug, 0.2 arcsec/s, and 0.7 arcsec/s of the rate reference; 0.5 arcsec.
+    /// Bai's simulation. A sample at 200 Hz has a noise of 30 ug, 0.2 arcsec/s, and 0.7 arcsec/s of the rate reference.
+    /// The encoder error is 0.5 arcsec.
     pub fn bai() -> Self {
         let sqrt_rate = 200.0_f64.sqrt();
         Self {
@@ -104,7 +105,7 @@ impl Noise {
         self.gyro_arw_deg_sqrt_h * DEG_SQRT_H * rate_hz.sqrt()
     }
 
-    /// What the core must know of it, SI.
+    /// The noise in the form that the core needs, SI.
     pub fn psd(&self) -> rins_selfcal::segment::white_noise::Noise {
         rins_selfcal::segment::white_noise::Noise {
             accel_psd_sqrt: self.accel_vrw_ug_sqrt_hz * MICRO_G,
@@ -119,12 +120,15 @@ impl Noise {
         self.encoder_repeatability_arcsec * ARCSEC
     }
 
-    /// Sigma of the step of a turning axis' angle reading from sample to sample, rad.
+    /// Sigma of the random walk of the angle reading from sample to sample while the axis turns, rad.
     pub fn sigma_reference_rad(&self, rate_hz: f64) -> f64 {
         self.rate_reference_arcsec_sqrt_s * ARCSEC / rate_hz.sqrt()
     }
 
-    /// Checks that every number is finite and not negative; else the key and what is wrong with it.
+    /// Checks that every number is finite and not negative.
+    ///
+    /// # Errors
+    /// The key and what is wrong with its value.
     pub(crate) fn check(&self) -> Result<(), (&'static str, &'static str)> {
         let values = [
             ("accel_vrw_ug_sqrt_hz", self.accel_vrw_ug_sqrt_hz),
@@ -163,7 +167,7 @@ impl Default for SiteTable {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SamplingTable {
-    /// Sample rate, Hz; where absent, from the log's time stamps.
+    /// Sample rate, Hz. If absent, it comes from the log's time stamps.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rate_hz: Option<f64>,
 }
@@ -172,10 +176,10 @@ pub struct SamplingTable {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct InitialTable {
-    /// Bearing of the b-frame's y axis, clockwise from north, deg; unknown where absent.
+    /// Bearing of the b-frame's y axis, clockwise from north, deg. Unknown if absent.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub heading_deg: Option<f64>,
-    /// Sigma of `heading_deg`, deg; of no meaning without it.
+    /// Sigma of `heading_deg`, deg. Not used without `heading_deg`.
     pub heading_sigma_deg: f64,
 }
 
@@ -189,9 +193,9 @@ impl Default for InitialTable {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct UnitConfig {
-    /// Where the unit stands.
+    /// Site of the unit.
     pub site: SiteTable,
-    /// Its noise.
+    /// Noise of its sensors and encoders.
     pub noise: Noise,
     /// Its sampling.
     pub sampling: SamplingTable,
@@ -199,14 +203,14 @@ pub struct UnitConfig {
     pub initial: InitialTable,
 }
 
-/// Where the numbers of a unit come from: the keys that its file gives, if there is one.
+/// Origin of the numbers of a unit: the keys that its file gives, if it has a file.
 #[derive(Clone, Debug, Default)]
 pub struct Origin {
     file: Option<(PathBuf, toml::Table)>,
 }
 
 impl Origin {
-    /// Of these keys of a table: the file, or "default", or both.
+    /// The origin of these keys of a table: the file, "default", or both.
     fn of(&self, table: &str, keys: &[&str]) -> String {
         let Some((path, tables)) = &self.file else { return "default".into() };
         let given = |key: &str| tables.get(table).is_some_and(|table| table.get(key).is_some());
@@ -220,7 +224,7 @@ impl Origin {
 }
 
 impl UnitConfig {
-    /// As [`UnitConfig::read`], and what of it the file gives.
+    /// As [`UnitConfig::read`], with the keys that the file gives.
     ///
     /// # Errors
     /// One line that names file, line and key.
@@ -229,7 +233,7 @@ impl UnitConfig {
         Ok((Self::read(path)?, Origin { file: Some((path.into(), keys)) }))
     }
 
-    /// Site, noise and, where it is known, heading in words, a line each with its origin.
+    /// Site, noise and the heading if it is known, in words, each on a line with its origin.
     pub fn described(&self, origin: &Origin) -> String {
         let SiteTable { latitude_deg, height_m, gravity_m_s2 } = self.site;
         let source = if gravity_m_s2.is_some() { "measured" } else { "WGS-84" };
@@ -270,7 +274,7 @@ impl UnitConfig {
         }
     }
 
-    /// The first wrong number: table, key, what is wrong.
+    /// Finds the first wrong number: table, key, and what is wrong.
     fn check(&self) -> Result<(), (&'static str, &'static str, &'static str)> {
         let inside = |value: f64, low: f64, high: f64| (low..=high).contains(&value);
         if !inside(self.site.latitude_deg, -90.0, 90.0) {

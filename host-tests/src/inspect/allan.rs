@@ -3,28 +3,28 @@
 //! ```text
 //! sigma^2(m T) = sum over k of (x[k + 2m] - 2 x[k + m] + x[k])^2 / (2 (m T)^2 K)         x: integral of the channel
 //! ```
-//! K counts the terms of all stops together; none reaches from one stop into another, or over a gap.
+//! K counts the terms of all stops together. No term reaches from one stop into another stop or over a gap.
 
 use serde::Serialize;
 use std::collections::VecDeque;
 
-/// Most octaves of the averaging time: 65536 samples, whose memory is some megabytes.
+/// Octaves of the averaging time. The longest averages 65536 samples and needs some megabytes of memory.
 const OCTAVES: u32 = 17;
-/// Where white noise is read off the curve, s: longer than most vibration, shorter than most wandering of biases.
+/// Averaging times from which white noise is taken, s: longer than most vibration, shorter than most bias drift.
 const WHITE_S: [f64; 2] = [0.1, 1.01];
-/// Degrees of freedom that a point of the curve needs to be shown.
+/// Fewest degrees of freedom of a point that is part of the curve.
 const LEAST_FREEDOM: f64 = 4.0;
 /// Flicker noise of size B has a deviation of B sqrt(2 ln 2 / pi) at its flattest. (IEEE Std 952)
 const FLICKER: f64 = 0.664;
 
-/// A point of the curve, SI.
+/// A point of the Allan curve, SI.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct AllanPoint {
     /// Averaging time, s.
     pub tau_s: f64,
     /// Allan deviation.
     pub deviation: f64,
-    /// Its own standard deviation, as part of it, if the noise is white.
+    /// Standard deviation of the Allan deviation for white noise, as a fraction of the Allan deviation.
     pub scatter: f64,
 }
 
@@ -35,24 +35,24 @@ struct Octave<const CHANNELS: usize> {
     terms: u64,
 }
 
-/// Collects samples of stops.
+/// Collects the samples of stops.
 pub struct AllanDeviation<const CHANNELS: usize> {
     interval_s: f64,
     octaves: Vec<Octave<CHANNELS>>,
-    /// Integrals, the latest last.
+    /// Integrals of the channels, the newest last.
     integrals: VecDeque<[f64; CHANNELS]>,
-    /// What is taken off all samples of a stop, so that integrals stay small.
+    /// First sample of the stop. It is subtracted from all samples of the stop, so that the integrals stay small.
     first: [f64; CHANNELS],
 }
 
 impl<const CHANNELS: usize> AllanDeviation<CHANNELS> {
-    /// Of samples that come at this interval.
+    /// Starts with no samples. The samples come at this interval.
     pub fn new(interval_s: f64) -> Self {
         let none = Octave { squares: [0.0; CHANNELS], terms: 0 };
         Self { interval_s, octaves: vec![none; OCTAVES as usize], integrals: VecDeque::new(), first: [0.0; CHANNELS] }
     }
 
-    /// Another stop begins, or there was a gap.
+    /// Starts new integrals, at the next stop or after a gap.
     pub fn restart(&mut self) {
         self.integrals.clear();
     }
@@ -87,12 +87,12 @@ impl<const CHANNELS: usize> AllanDeviation<CHANNELS> {
         }
     }
 
-    /// The curve of a channel: the points that enough independent terms carry.
+    /// The curve of a channel: the points with enough degrees of freedom.
     pub fn curve(&self, channel: usize) -> Vec<AllanPoint> {
         let point = |(exponent, octave): (u32, &Octave<CHANNELS>)| {
             let samples = f64::from(exponent).exp2();
             let tau_s = samples * self.interval_s;
-            // Of white noise, for all stops as if they were one. (NIST SP 1065, table 5)
+            // Degrees of freedom for white noise, with all stops taken as one series. (NIST SP 1065, table 5)
             let all = octave.terms as f64 + 2.0 * samples;
             let freedom = (1.5 * (all - 1.0) / samples - 2.0 * (all - 2.0) / all) * 4.0 * samples * samples
                 / (4.0 * samples * samples + 5.0);
@@ -104,20 +104,20 @@ impl<const CHANNELS: usize> AllanDeviation<CHANNELS> {
     }
 }
 
-/// What a curve says of white noise and of what is beyond it.
+/// White noise of a curve, and the noise in excess of it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct NoiseFigures {
-    /// Density of the white noise: deviation at 1 s.
+    /// Density of the white noise: its deviation at 1 s.
     pub white: f64,
-    /// Flicker noise as large as the curve's lowest point.
+    /// Bias instability: the size of the flicker noise with the deviation of the curve's lowest point.
     pub instability: f64,
-    /// Deviation at the longest averaging time over that of white noise alone.
+    /// Deviation at the longest averaging time divided by the deviation of white noise alone.
     pub excess: f64,
-    /// That time, s.
+    /// Longest averaging time, s.
     pub longest_s: f64,
 }
 
-/// Reads a curve; `None` where it is too short.
+/// The figures of a curve. `None` if the curve is too short.
 pub fn figures(curve: &[AllanPoint]) -> Option<NoiseFigures> {
     let white = |point: &&AllanPoint| (WHITE_S[0]..WHITE_S[1]).contains(&point.tau_s);
     let weight = |point: &AllanPoint| point.scatter.powi(-2);
@@ -161,7 +161,8 @@ mod tests {
             }
         }
         let found = figures(&allan.curve(0)).unwrap();
-        // 0.02 sqrt(5 ms) = 0.001414; 200 s of noise give 0.1 s with 3000 degrees of freedom: 1.3 %, and four of that.
+        // 0.02 sqrt(5 ms) = 0.001414. 200 s of noise give 3000 degrees of freedom at 0.1 s: 1.3 %. The test allows four
+        // sigma.
         assert!((found.white / 0.001_414_2 - 1.0).abs() < 0.05, "{found:?}");
         assert!((0.4..1.9).contains(&found.excess), "{found:?}");
     }
@@ -175,7 +176,7 @@ mod tests {
             bias += 0.01 * step;
             allan.add([bias + noise]);
         }
-        // White 0.1 and a walk of 0.1 sqrt(tau / 3): equal at 1.7 s.
+        // White noise of 0.1 and a random walk of 0.1 sqrt(tau / 3) are equal at 1.7 s.
         let found = figures(&allan.curve(0)).unwrap();
         assert!(found.excess > 5.0 && (found.white / 0.1 - 1.0).abs() < 0.3, "{found:?}");
     }

@@ -1,32 +1,34 @@
-//! Which columns are encoders, gyros and accelerometers, and in which units: what they show while the axes turn.
+//! Recognizes encoders, gyros and accelerometers, and their units, by the values of the columns while the axes turn.
 //!
-//! A perfect unit on a level base that turns by (outer, inner) shows, in the rotation frame r,
+//! A perfect unit on a level base measures at the gimbal angles (outer, inner) = (o, i), in the rotation frame r,
 //! ```text
 //! rotation  (cos i do, -sin i do, di)        up  (sin i sin o, cos i sin o, cos o)
 //! ```
 //! Installation errors of a degree and tilts of some degrees hardly change the correlation of a channel with its
-//! component. So all pairs of columns are tried as encoders, in all units; the pair counts whose worst component finds a
-//! column that correlates best. Factor and sign of each channel follow by regression.
+//! component. So all pairs of columns are tried as encoders, in all units. Each component takes the column with which
+//! it correlates best. The pair wins whose worst component has the highest correlation. Factor and sign of each channel
+//! follow by regression.
 
 use super::sketch::{ColumnSketch, Sketch};
 use crate::log::Unit;
 use rins_selfcal::base::units::{ARCSEC, DEG};
 use std::f64::consts::TAU;
 
-/// Components of rotation and up.
+/// Number of components of rotation and up.
 pub const COMPONENTS: usize = 6;
-/// Correlation of every channel below which the columns are not what they are taken for.
+/// Least correlation that every channel must reach for the columns to be recognized.
 const RECOGNIZED: f64 = 0.95;
-/// Correlations this near each other are equal: errors of a real unit.
+/// Correlations that differ by less than this are equal. The errors of a real unit make such differences.
 const EQUAL: f64 = 0.01;
-/// Travel of an axis, rad: less is no calibration, and more than some turns another unit.
+/// Travel of an axis, rad. Less travel is no calibration. More travel than some turns shows that the unit is wrong.
 const TRAVEL_RAD: [f64; 2] = [0.3, 200.0];
-/// An axis stands if it turns by less from point to point, rad; it does for part of the time.
-const STANDING_RAD: f64 = 3e-4;
-const STANDING_PART: f64 = 0.1;
-/// A component is excited if it varies by this part of the most excited one.
+/// An axis is at rest between two points if it turns by less than this, rad.
+const REST_RAD: f64 = 3e-4;
+/// Least fraction of the time for which an axis of a calibration is at rest.
+const REST_PART: f64 = 0.1;
+/// A component is excited if it varies by at least this fraction of the most excited component.
 const EXCITED: f64 = 0.02;
-/// A first angle beyond this is a zero elsewhere, rad.
+/// A first angle larger than this, rad, suggests that the encoder's zero is not at angle zero.
 const ELSEWHERE_RAD: f64 = 10.0 * DEG;
 
 /// How an encoder counts.
@@ -34,38 +36,38 @@ const ELSEWHERE_RAD: f64 = 10.0 * DEG;
 pub struct Counting {
     /// Name of the unit.
     pub unit: &'static str,
-    /// With counts.
+    /// Counts in a turn, for the unit counts.
     pub counts_per_turn: Option<f64>,
-    /// Radians of one.
+    /// One unit, rad.
     pub rad: f64,
     /// Reading at angle zero.
     pub zero: f64,
-    /// Whether it counts against the right-handed angle.
+    /// Whether the encoder counts left-handed.
     pub reversed: bool,
 }
 
-/// A channel of a triad: `column = factor * component`, the rotation per row in rad, up as a unit vector.
+/// A channel of a triad: `column = factor * component`. The rotation is in rad per row, and up is a unit vector.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Channel {
     /// Position of its column in the sketch.
     pub series: usize,
-    /// Factor.
+    /// Factor from the component to the column.
     pub factor: f64,
 }
 
-/// What was recognized.
+/// The recognized columns.
 #[derive(Clone, Debug)]
 pub struct Geometry {
-    /// Outer and inner: position in the sketch, and how it counts.
+    /// Outer and inner encoder: position in the sketch, and how the encoder counts.
     pub encoders: [(usize, Counting); 2],
-    /// Channels along x, y, z: gyros and then accelerometers; none where the axes do not excite one.
+    /// Channels along x, y, z: gyros and then accelerometers. `None` for a channel that the motion does not excite.
     pub channels: [Option<Channel>; COMPONENTS],
     /// Least correlation of a channel with its component.
     pub correlation: f64,
 }
 
 impl Geometry {
-    /// The best reading of the columns, if one is good. `taken` are columns that are something else.
+    /// The best geometry of the columns, if it is good enough. `taken` are columns that have another role.
     pub fn of(sketch: &Sketch, taken: &[usize]) -> Option<Self> {
         let free: Vec<usize> = (0..sketch.series.len()).filter(|index| !taken.contains(index)).collect();
         let centred: Vec<Centred> = sketch.series.iter().map(|series| Centred::new(&series.means[1..])).collect();
@@ -86,13 +88,13 @@ impl Geometry {
         best.map(|(found, _)| found).filter(|found| found.correlation >= RECOGNIZED)
     }
 
-    /// Worth of a reading: the more channels are recognized the better.
+    /// Score of a geometry. One more recognized channel outweighs every correlation.
     fn score(&self) -> f64 {
         let recognized = self.channels.iter().flatten().count();
         self.correlation + recognized as f64
     }
 
-    /// Everything that is not as in a standard log.
+    /// Number of differences from a standard log. Among equal scores the lowest cost wins.
     fn cost(&self) -> u32 {
         let encoders = self.encoders.iter().map(|(_, counting)| {
             u32::from(counting.reversed)
@@ -109,7 +111,7 @@ impl Geometry {
 
 type Encoders = [(usize, Counting); 2];
 
-/// All pairs of columns that may be encoders, in all units and with their zeros at zero or at the start.
+/// All pairs of columns that may be encoders, in all units, with their zeros at reading zero or at the first reading.
 fn pairs(sketch: &Sketch, free: &[usize]) -> Vec<Encoders> {
     let candidates: Vec<(usize, Counting)> = free
         .iter()
@@ -119,7 +121,7 @@ fn pairs(sketch: &Sketch, free: &[usize]) -> Vec<Encoders> {
     candidates.iter().flat_map(|outer| with(*outer)).filter(|[outer, inner]| outer.0 != inner.0).collect()
 }
 
-/// In which units a column may be an angle that stands and moves.
+/// The units in which a column may be the angle of an axis that stops and moves.
 fn countings(series: &ColumnSketch) -> Vec<Counting> {
     let plain = |(unit, rad)| Counting { unit, counts_per_turn: None, rad, zero: 0.0, reversed: false };
     let units = [("rad", 1.0), ("deg", DEG), ("arcsec", ARCSEC), ("turns", TAU)].map(plain);
@@ -129,16 +131,14 @@ fn countings(series: &ColumnSketch) -> Vec<Counting> {
         .chain(decimal)
         .map(|counts| Counting { counts_per_turn: Some(counts), ..plain(("counts", TAU / counts)) });
     let all = units.into_iter().chain(counts.filter(|_| series.whole));
-    all.filter(|counting| stands_and_moves(series, counting))
-        .flat_map(|counting| with_zeros(series, counting))
-        .collect()
+    all.filter(|counting| stops_and_moves(series, counting)).flat_map(|counting| with_zeros(series, counting)).collect()
 }
 
-fn stands_and_moves(series: &ColumnSketch, counting: &Counting) -> bool {
+fn stops_and_moves(series: &ColumnSketch, counting: &Counting) -> bool {
     let steps = turns(series, counting.rad);
-    let standing = steps.iter().filter(|step| step.abs() < STANDING_RAD).count();
+    let at_rest = steps.iter().filter(|step| step.abs() < REST_RAD).count();
     let travel = series.span() * counting.rad;
-    (TRAVEL_RAD[0]..TRAVEL_RAD[1]).contains(&travel) && standing as f64 > STANDING_PART * steps.len() as f64
+    (TRAVEL_RAD[0]..TRAVEL_RAD[1]).contains(&travel) && at_rest as f64 > REST_PART * steps.len() as f64
 }
 
 fn with_zeros(series: &ColumnSketch, counting: Counting) -> Vec<Counting> {
@@ -151,19 +151,19 @@ fn with_zeros(series: &ColumnSketch, counting: Counting) -> Vec<Counting> {
     all
 }
 
-/// A reading near a whole degree is meant to be that.
+/// Rounds a reading to a whole degree if it is within 0.1 deg of it.
 fn round_reading(reading: f64, rad: f64) -> f64 {
     let degrees = reading * rad / DEG;
     if (degrees - degrees.round()).abs() < 0.1 { degrees.round() * DEG / rad } else { reading }
 }
 
-/// From point to point the shorter way, rad.
+/// Turns from point to point, the shorter way, rad.
 fn turns(series: &ColumnSketch, rad: f64) -> Vec<f64> {
     let shorter = |turn: f64| turn - TAU * (turn / TAU).round();
     series.lasts.windows(2).map(|pair| shorter((pair[1] - pair[0]) * rad)).collect()
 }
 
-/// The components of rotation per row and of up, for a pair of encoders.
+/// The components of the rotation per row and of up that a pair of encoders predicts.
 fn components(sketch: &Sketch, encoders: &Encoders) -> [Vec<f64>; COMPONENTS] {
     let [outer_turns, inner_turns] = encoders.map(|(index, counting)| turns(&sketch.series[index], counting.rad));
     let middles = |axis: usize, turns: &[f64]| -> Vec<f64> {
@@ -183,7 +183,7 @@ fn components(sketch: &Sketch, encoders: &Encoders) -> [Vec<f64>; COMPONENTS] {
     components
 }
 
-/// A series less its mean, and the sum of its squares.
+/// A series less its mean, and the sum of the squares.
 struct Centred {
     values: Vec<f64>,
     squares: f64,
@@ -197,14 +197,14 @@ impl Centred {
         Self { values, squares }
     }
 
-    /// Correlation with another one, and the factor from it to here.
+    /// Correlation with another series, and the factor from the other series to this one.
     fn on(&self, other: &Self) -> (f64, f64) {
         let product: f64 = self.values.iter().zip(&other.values).map(|(a, b)| a * b).sum();
         (product / (self.squares * other.squares).sqrt(), product / other.squares)
     }
 }
 
-/// Finds the channel of each component that is excited. `None` where two share one.
+/// Finds the channel of each excited component. `None` if two components share a column.
 fn read(sketch: &Sketch, encoders: Encoders, others: &[usize], centred: &[Centred]) -> Option<Geometry> {
     let components = components(sketch, &encoders).map(|values| Centred::new(&values));
     let most = |triad: &[Centred]| triad.iter().map(|component| component.squares).fold(0.0, f64::max);
@@ -230,8 +230,8 @@ fn read(sketch: &Sketch, encoders: Encoders, others: &[usize], centred: &[Centre
 }
 
 impl Geometry {
-    /// With those encoders reversed that make the fewest channels negative. A reversed outer axis turns the signs of
-    /// both x and y of rotation and up; a reversed inner one those of y and z of rotation and x of up.
+    /// Reverses encoders so that the fewest channels are negative. A reversed outer axis changes the signs of both x
+    /// and y of rotation and up. A reversed inner axis changes the signs of y and z of rotation and of x of up.
     fn turned_right(self) -> Self {
         let reversals = [[false, false], [true, false], [false, true], [true, true]];
         let all = reversals.map(|[outer, inner]| {
@@ -249,7 +249,7 @@ impl Geometry {
     }
 }
 
-/// The unit in which a column of this factor shows `si` where its component is one, within 3 %.
+/// The unit in which a column with this factor reads `si` when its component is one, within 3 %.
 pub fn unit_of(units: &[Unit], factor: f64, si: f64, interval_s: f64) -> Option<Unit> {
     let expected = |unit: &Unit| if unit.is_increment { si * interval_s / unit.si } else { si / unit.si };
     units.iter().copied().find(|unit| (factor.abs() / expected(unit)).ln().abs() < 0.03)

@@ -1,4 +1,4 @@
-//! A mapping for a log of unknown columns, from what they show and, where they show nothing, from their names.
+//! Guesses a mapping for a log of unknown columns: from their values during the motion, or else from their names.
 
 use super::geometry::{Channel, Counting, Geometry, unit_of};
 use super::names::{Role, role, unit};
@@ -13,31 +13,31 @@ use std::ops::RangeInclusive;
 
 /// Sample rates of IMUs, Hz.
 const RATES_HZ: RangeInclusive<f64> = 9.9..=10_100.0;
-/// Fewer rows show nothing.
+/// Fewest rows of a log from which a mapping can be guessed.
 const LEAST_ROWS: u64 = 16;
-/// Gravity somewhere, m/s^2.
+/// Gravity, m/s^2, near enough at every site to recognize a unit.
 const GRAVITY_M_S2: f64 = 9.8;
-/// Scale factors of a triad's channels agree to this part.
+/// The scale factors of a triad's channels agree to this fraction.
 const ALIKE: f64 = 0.03;
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// What a column was taken for.
+/// The role in which a column was recognized.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Taken {
     /// The column.
     pub column: String,
-    /// In words; empty: not used.
+    /// The role in words. Empty if the column is not used.
     pub role: String,
 }
 
-/// A mapping and how it came about.
+/// A mapping and the roles of the columns from which it was made.
 #[derive(Clone, Debug)]
 pub struct Guess {
     /// The mapping.
     pub mapping: Mapping,
     /// Every column of numbers.
     pub columns: Vec<Taken>,
-    /// What should be looked at.
+    /// What the user should check.
     pub remarks: Vec<String>,
 }
 
@@ -49,30 +49,30 @@ struct Clock {
     interval_s: f64,
 }
 
-/// Position in the sketch of every field, and what is known of it.
+/// Position in the sketch of every field, and how the field is measured.
 struct Roles {
     clock: Option<Clock>,
     encoders: [(usize, Counting); 2],
     channels: [Channel; 6],
     temperature: Option<usize>,
-    /// Whether the columns have shown what they are.
+    /// Whether the columns were recognized from the motion.
     shown: bool,
 }
 
 impl Guess {
-    /// Of a log that has been sketched.
+    /// Guesses the mapping of a log that has been sketched.
     ///
     /// # Errors
-    /// What cannot be told.
+    /// What cannot be recognized.
     pub fn of(shape: &Shape, sketch: &Sketch) -> Result<Self, String> {
         if sketch.rows < LEAST_ROWS {
-            return Err(format!("only {} rows", sketch.rows));
+            return Err(format!("the log has only {} rows, fewer than {LEAST_ROWS}", sketch.rows));
         }
         let name = |series: &ColumnSketch| if let Column::Name(name) = &series.column { role(name) } else { None };
         let named: Vec<Option<Role>> = sketch.series.iter().map(name).collect();
         let even = |index: &usize| grows_evenly(&sketch.series[*index].head);
         let mut times: Vec<usize> = (0..sketch.series.len()).filter(even).collect();
-        // Those named as a time first, and counters last.
+        // Columns that are named as a time come first, and counters come last.
         times.sort_by_key(|index| (named[*index] != Some(Role::Time), sketch.series[*index].whole));
         let temperature = named.iter().position(|role| *role == Some(Role::Temperature));
         let taken: Vec<usize> = times.iter().copied().chain(temperature).collect();
@@ -85,14 +85,14 @@ impl Guess {
     }
 }
 
-/// With channels that nothing excites found by their names.
+/// Roles recognized from the motion. A channel that the motion does not excite is found by its name.
 fn shown(geometry: Geometry, named: &[Option<Role>], temperature: Option<usize>) -> Result<Roles, String> {
     let mut channels = [Channel { series: 0, factor: 0.0 }; 6];
     for (number, (channel, found)) in channels.iter_mut().zip(&geometry.channels).enumerate() {
         let wanted = if number < 3 { Role::Gyro(number) } else { Role::Accel(number - 3) };
         let by_name =
             || named.iter().position(|role| *role == Some(wanted)).map(|series| Channel { series, factor: 0.0 });
-        let missing = || format!("no column shows {}: the axes do not turn enough about it", in_words(number));
+        let missing = || format!("no column was recognized as {}: the axes do not turn enough", in_words(number));
         *channel = found.or_else(by_name).ok_or_else(missing)?;
     }
     Ok(Roles { clock: None, encoders: geometry.encoders, channels, temperature, shown: true })
@@ -102,12 +102,12 @@ fn in_words(number: usize) -> String {
     format!("{} {}", if number < 3 { "gyro" } else { "accelerometer" }, AXES[number % 3])
 }
 
-/// Of a log in which no axis turns as it should.
+/// Roles found by name, for a log in which no axis turns as in a calibration.
 fn by_names(sketch: &Sketch, named: &[Option<Role>], temperature: Option<usize>) -> Result<Roles, String> {
     let find = |wanted: Role, what: &str| {
         let found = named.iter().position(|role| *role == Some(wanted));
         found.ok_or_else(|| {
-            format!("the columns do not show what they are, and none is named as {what}; give a --mapping")
+            format!("the motion does not show what the columns are, and no column is named as {what}; give a --mapping")
         })
     };
     let mut channels = [Channel { series: 0, factor: 0.0 }; 6];
@@ -129,7 +129,7 @@ fn hint(series: &ColumnSketch) -> Option<&'static str> {
     if let Column::Name(name) = &series.column { unit(name) } else { None }
 }
 
-/// Mean of the regular steps of the beginning.
+/// Mean of the regular steps in the first rows.
 fn mean_step(series: &ColumnSketch) -> f64 {
     let mut steps: Vec<f64> = series.head.windows(2).map(|pair| pair[1] - pair[0]).collect();
     steps.sort_by(f64::total_cmp);
@@ -143,12 +143,12 @@ impl Roles {
         let mut remarks = Vec::new();
         if !self.shown {
             remarks.push(
-                "no axis turns as in a calibration: the columns are told by their names, units by names and gravity"
+                "no axis turns as in a calibration: columns are recognized by name only, units by name and gravity"
                     .into(),
             );
         }
         if self.clock.is_none() {
-            remarks.push("no column grows by equal steps: set rate_hz in [time]".into());
+            remarks.push("no column grows by equal steps, so the log has no time: set rate_hz in [time]".into());
         }
         let (time_unit, interval_s) =
             self.clock.map_or((TIME_UNITS[0], f64::NAN), |clock| (clock.unit, clock.interval_s));
@@ -168,7 +168,7 @@ impl Roles {
             time: TimeTable {
                 column: self.clock.map(|clock| sketch.series[clock.series].column.clone()),
                 unit: Some(time_unit.name.into()),
-                // As they stand, until the axes show better.
+                // Used until the motion shows when the encoders are read.
                 stamp: Some(Moment::Middle),
                 ..TimeTable::default()
             },
@@ -182,7 +182,8 @@ impl Roles {
         Guess { columns: self.columns(sketch, &mapping), mapping, remarks }
     }
 
-    /// The time, and its unit: the first by which the gyros have a unit that is known, by a name or not.
+    /// The time column and its unit: the first pair that gives the gyros a known unit. A unit in the column's name is
+    /// tried first.
     fn clock(&self, sketch: &Sketch, times: &[usize]) -> Option<Clock> {
         let clocks = |index: &usize| {
             let series = &sketch.series[*index];
@@ -202,7 +203,7 @@ impl Roles {
         unit_of(&GYRO_UNITS, self.factor(0)?, 1.0 / interval_s, interval_s)
     }
 
-    /// Median of the factors' sizes that are known, of the triad that begins at `first`.
+    /// Median size of the known factors in the triad that begins at `first`.
     fn factor(&self, first: usize) -> Option<f64> {
         let triad = self.channels[first..first + 3].iter();
         let mut sizes: Vec<f64> = triad.map(|channel| channel.factor.abs()).filter(|factor| *factor > 0.0).collect();
@@ -234,7 +235,7 @@ impl Roles {
         }
     }
 
-    /// Unit of a triad, and the scale of its counts.
+    /// Unit of a triad, and the scale of its counts if the unit is not known.
     fn unit(
         &self,
         sketch: &Sketch,
@@ -261,14 +262,17 @@ impl Roles {
         match unit_of(units, factor, si, interval_s) {
             Some(unit) => {
                 if let Some(hinted) = hinted().filter(|hinted| hinted.si != unit.si) {
-                    remarks.push(format!("{name}: named as {}, but they show {}", hinted.name, unit.name));
+                    remarks.push(format!(
+                        "{name}: the column names say {}, but the values fit {}",
+                        hinted.name, unit.name
+                    ));
                 }
                 (unit, None)
             }
             None => {
                 let scale = si / (factor * units[0].si);
                 remarks.push(format!(
-                    "{name}: no known unit; the scale {scale:.6e} {} is that of the motion",
+                    "{name}: the unit is not known; the scale {scale:.6e} {} was computed from the values",
                     units[0].name
                 ));
                 (units[0], Some(scale))
@@ -276,7 +280,7 @@ impl Roles {
         }
     }
 
-    /// Median length of the force.
+    /// Median magnitude of the specific force.
     fn resting_force(&self, sketch: &Sketch) -> f64 {
         let axis = |number: usize| &sketch.series[self.channels[3 + number].series].means;
         let length = |point: usize| (0..3).map(|number| axis(number)[point].powi(2)).sum::<f64>().sqrt();
@@ -290,7 +294,7 @@ impl Roles {
             return TemperatureTable::default();
         };
         let column = Some(series.column.clone()).filter(|column| column.to_string() != TEMPERATURE_COLUMN);
-        // An IMU below -73 deg C is no IMU.
+        // No IMU works below -73 deg C, so numbers above 200 are kelvins.
         let unit = (series.range[0] > 200.0).then(|| "K".to_string());
         TemperatureTable { column, unit }
     }
@@ -310,8 +314,7 @@ impl Roles {
             }
             if let Some(axis) = self.encoders.iter().position(|(series, _)| *series == index) {
                 let counting = &self.encoders[axis].1;
-                let turn =
-                    counting.counts_per_turn.map_or_else(String::new, |counts| format!(", {counts} to the turn"));
+                let turn = counting.counts_per_turn.map_or_else(String::new, |counts| format!(", {counts} per turn"));
                 let reversed = if counting.reversed { ", reversed" } else { "" };
                 let zero = if counting.zero == 0.0 { String::new() } else { format!(", zero at {}", counting.zero) };
                 return format!("{} encoder, {}{turn}{reversed}{zero}", AXIS_NAMES[axis], counting.unit);

@@ -1,4 +1,4 @@
-//! An inspection: what is asked of a log, and what is seen in it.
+//! An inspection of a log: its input and its findings.
 
 use super::guess::{Guess, Taken};
 use super::noise::{ChannelNoise, EncoderNoise};
@@ -20,37 +20,39 @@ use rins_selfcal::verdict::{Reason, wiring};
 use serde::Serialize;
 use std::path::Path;
 
-/// White noise is exceeded where the deviation at the longest time is so many times as large.
+/// Least ratio of the Allan deviation at the longest averaging time to the deviation of white noise that is reported.
 const EXCESS: f64 = 1.6;
-/// Gravity of the site and of the accelerometers differ, as part of it: a tenth of a percent is another site or unit.
+/// Largest difference between the gravity of the site and of the accelerometers, as a fraction of gravity. A larger
+/// difference comes from a wrong site, unit or scale.
 const GRAVITY_OFF: f64 = 2e-3;
 
-/// Samples of a log.
+/// How a log is sampled.
 #[derive(Clone, Debug, Serialize)]
 pub struct Sampling {
     /// Rows.
     pub rows: u64,
     /// First and last time, s.
     pub times_s: [f64; 2],
-    /// By the median interval, Hz.
+    /// Sample rate by the median interval, Hz.
     pub rate_hz: f64,
-    /// Gaps.
+    /// Number of gaps.
     pub gaps: u32,
     /// Samples missing in the gaps.
     pub missing: u32,
     /// The longest gap.
     pub longest_gap: Option<Gap>,
-    /// Samples with the time of the one before.
+    /// Samples with the time of the previous sample.
     pub repeated: u32,
-    /// Part of an interval by which the encoders are read before its end, where that shows.
+    /// Fraction of an interval by which the encoders are read before the end of the interval. `None` if the motion does
+    /// not show it.
     pub encoders_early: Option<f64>,
     /// Lowest and highest temperature, deg C.
     pub temperature_c: Option<[f32; 2]>,
-    /// Mean length of the force at the stops, m/s^2.
+    /// Mean magnitude of the specific force at the stops, m/s^2.
     pub gravity_m_s2: Option<f64>,
 }
 
-/// A stop or a move.
+/// A stop or a move in the log.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct SegmentSeen {
     /// Stop or move.
@@ -59,80 +61,81 @@ pub struct SegmentSeen {
     pub start_s: f64,
     /// Duration, s.
     pub duration_s: f64,
-    /// Angles (outer, inner) of a stop, within half a turn, or how far a move turns, deg.
+    /// For a stop the angles (outer, inner), within half a turn; for a move the angles that the axes turn by; deg.
     pub angles_deg: [f64; 2],
-    /// Whether a gap spoils it.
+    /// Whether the segment has a gap too long to be used.
     pub is_broken: bool,
 }
 
-/// What a log is.
+/// The findings in a log.
 #[derive(Clone, Debug, Serialize)]
 pub struct Inspection {
-    /// Columns of numbers and what they were taken for; empty where a mapping was given.
+    /// Columns of numbers and their recognized roles. Empty if a mapping was given.
     pub columns: Vec<Taken>,
-    /// The mapping that is proposed; none where the log is a standard one, or a mapping was given.
+    /// The proposed mapping. `None` if the log is a standard log or a mapping was given.
     pub mapping: Option<Mapping>,
-    /// Samples.
+    /// How the log is sampled.
     pub sampling: Sampling,
     /// Stops and moves.
     pub segments: Vec<SegmentSeen>,
-    /// Noise to be configured.
+    /// The noise to configure.
     pub noise: Noise,
-    /// Where it comes from: the channels at the stops.
+    /// Noise of the channels at the stops.
     pub channels: Vec<ChannelNoise>,
-    /// And the encoders, by the disagreement of the segments.
+    /// Noise of the encoders, by the disagreement between the segments.
     pub encoders: Option<EncoderNoise>,
-    /// The scheme of the library that is nearest.
+    /// The scheme of the library whose angles are nearest to the log's.
     pub nearest_scheme: Option<Likeness>,
-    /// The log's own.
+    /// The scheme of the log.
     #[serde(skip)]
     pub scheme: Option<Scheme>,
-    /// What is observable from the log; none without stops and moves.
+    /// What is observable from the log. `None` without stops and moves.
     pub observed: Option<Observed>,
-    /// What should be looked at.
+    /// What the user should check.
     pub remarks: Vec<String>,
-    /// Why it was not read to its end.
+    /// Why the log was not read to its end.
     pub stopped_by: Option<String>,
 }
 
-/// Why nothing can be said.
+/// Why a log cannot be inspected.
 #[derive(Debug, thiserror::Error)]
 pub enum InspectError {
     /// The log cannot be read.
     #[error(transparent)]
     Log(#[from] LogError),
-    /// It is not cut into columns of numbers.
+    /// The log cannot be cut into columns of numbers.
     #[error(transparent)]
     Shape(#[from] ShapeError),
     /// A column cannot be read.
     #[error(transparent)]
     Sketch(#[from] SketchError),
-    /// The columns cannot be told.
+    /// The columns cannot be recognized.
     #[error("{path}: {what}")]
     Columns {
         /// The log.
         path: String,
-        /// What cannot be told.
+        /// What cannot be recognized.
         what: String,
     },
 }
 
-/// What is known before.
+/// Input of an inspection.
 #[derive(Clone, Debug)]
 pub struct Request<'a> {
     /// The log.
     pub log: &'a Path,
-    /// What it has in which columns, where that is known.
+    /// Layout of the log, if it is known.
     pub layout: Option<Layout>,
     /// Site of the unit.
     pub unit: UnitConfig,
 }
 
 impl Request<'_> {
-    /// Looks at the log. `on_rows` is told now and then what is being done, and how many rows so far.
+    /// Inspects the log. `on_rows` is called from time to time with the present task and the number of rows so far.
     ///
     /// # Errors
-    /// It cannot be read, or its columns cannot be told. A wrong row later on ends the look and is told in the inspection.
+    /// The log cannot be read, or its columns cannot be recognized. A wrong row later in the log is not an error: it
+    /// ends the inspection, and the inspection reports it.
     pub fn run(&self, mut on_rows: impl FnMut(&'static str, u64)) -> Result<Inspection, InspectError> {
         let guess = match self.layout {
             Some(_) => None,
@@ -169,7 +172,7 @@ impl Request<'_> {
         mapping.layout(self.log).map_err(wrong)
     }
 
-    /// With the moment at which encoders are read; and no mapping where the log is a standard one.
+    /// Adds the moment at which the encoders are read to the guessed mapping. Returns no mapping for a standard log.
     fn aligned(
         &self,
         passage: &Passage,
@@ -223,13 +226,13 @@ impl Request<'_> {
         let expected = self.unit.site().gravity_m_s2();
         if let Some(seen) = found.sampling.gravity_m_s2.filter(|seen| (seen / expected - 1.0).abs() > GRAVITY_OFF) {
             remarks.push(format!(
-                "the accelerometers show {seen:.4} m/s^2 at rest, the site has {expected:.4}: unit, scale or site"
+                "the accelerometers show {seen:.4} m/s^2 at rest, the site has {expected:.4}: check unit, scale, site"
             ));
         }
         for channel in &found.channels {
             let Some(figures) = channel.figures.filter(|figures| figures.excess > EXCESS) else { continue };
             remarks.push(format!(
-                "{}: {} times white noise at {} s: its bias wanders, or something moves",
+                "{}: the Allan deviation is {} times that of white noise at {} s: the bias drifts, or the base moves",
                 channel.channel,
                 significant(figures.excess),
                 significant(figures.longest_s)
@@ -238,18 +241,18 @@ impl Request<'_> {
         let broken = found.segments.iter().filter(|segment| segment.is_broken).count();
         if broken > 0 {
             remarks.push(format!(
-                "{broken} stops and moves have gaps above 0.1 s and will be left out, and the run rejected"
+                "{broken} stops and moves have gaps above 0.1 s: a replay leaves them out and rejects the run"
             ));
         }
         if found.observed.is_some() && found.encoders.is_none() {
-            remarks
-                .push("no error of the encoders makes the segments agree: their repeatability is as configured".into());
+            remarks.push("the segments do not show the encoder repeatability: the configured value is kept".into());
         }
         remarks
     }
 }
 
-/// The configured error of the encoders where it agrees with the segments, else that with which they agree best.
+/// Keeps the configured error of the encoders if it agrees with the segments. Otherwise takes the error with which the
+/// segments agree best.
 fn seen_or_configured(found: &EncoderNoise, noise: Noise) -> Noise {
     let [low, high] = found.range_arcsec;
     let agrees = (low..=high).contains(&noise.encoder_repeatability_arcsec);

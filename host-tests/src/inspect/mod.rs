@@ -1,4 +1,4 @@
-//! What a log is: columns and units, sampling, noise, stops and moves, scheme, and what can be observed from it.
+//! Inspects a log: columns and units, sampling, noise, stops and moves, scheme, and which parameters are observable.
 //!
 //! ```text
 //!          shape -> sketch -> geometry, names -> guess: a mapping
@@ -6,7 +6,7 @@
 //!          with the mapping: passage (samples, segments, alignment) -> turned (scheme)
 //!                                        '-> allan -> noise -> what is observable
 //! ```
-//! Each arrow from the log is a passage over it, in memory that does not grow with it.
+//! Each arrow from the log reads the whole log once, in memory that does not grow with the length of the log.
 
 pub mod allan;
 pub mod geometry;

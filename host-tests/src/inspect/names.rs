@@ -1,15 +1,15 @@
-//! What the name of a column says: whose it is, and in which unit.
+//! The sensor and the unit that the name of a column gives.
 
-/// Whose a column is.
+/// The sensor of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// Time.
     Time,
-    /// Gyro of an axis, 0 to 2.
+    /// Gyro of an axis, numbered 0 to 2.
     Gyro(usize),
-    /// Accelerometer of an axis.
+    /// Accelerometer of an axis, numbered 0 to 2.
     Accel(usize),
-    /// Outer or inner encoder.
+    /// Encoder: 0 outer, 1 inner.
     Encoder(usize),
     /// Temperature.
     Temperature,
@@ -21,7 +21,7 @@ const INNER: [&str; 6] = ["inner", "yaw", "azimuth", "inside", "ring2", "gimbal2
 const GYROS: [&str; 8] = ["gyro", "gyr", "omega", "rate", "angvel", "dtheta", "wm", "w"];
 const ACCELS: [&str; 8] = ["accel", "acc", "force", "sf", "vm", "dv", "f", "a"];
 
-/// Whose a column of this name is.
+/// The sensor of a column of this name.
 pub fn role(name: &str) -> Option<Role> {
     let name = name.to_lowercase();
     let words: Vec<&str> = name.split(|c: char| !c.is_alphanumeric()).filter(|word| !word.is_empty()).collect();
@@ -54,7 +54,7 @@ fn axis_of(word: &str) -> Option<usize> {
     ["x1", "y2", "z3"].iter().position(|names| names.contains(last))
 }
 
-/// How names write units; longer ones first where one is in another.
+/// Units and how column names write them. A longer spelling comes before a shorter spelling that it contains.
 const UNITS: [(&str, &[&str]); 14] = [
     ("deg/h", &["deg/h", "deg_h", "dph"]),
     ("deg/s", &["deg/s", "deg_s", "dps"]),
@@ -72,7 +72,7 @@ const UNITS: [(&str, &[&str]); 14] = [
     ("g", &["_g", "[g]", "(g)"]),
 ];
 
-/// The unit that a name gives.
+/// The unit in a column name.
 pub fn unit(name: &str) -> Option<&'static str> {
     let name = name.to_lowercase();
     UNITS.iter().find(|(_, ways)| ways.iter().any(|way| name.contains(way))).map(|(unit, _)| *unit)

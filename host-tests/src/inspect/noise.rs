@@ -1,4 +1,4 @@
-//! Noise of a log: white noise at its stops, and what its encoders must add so that its segments agree.
+//! Noise of a log: the white noise at its stops, and the encoder error with which its segments agree with the model.
 
 use super::allan::{AllanDeviation, AllanPoint, NoiseFigures, figures};
 use super::passage::Passage;
@@ -13,43 +13,43 @@ use rins_selfcal::verdict::CHANNEL_NAMES;
 use serde::Serialize;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-/// Channels of a triad that are this much noisier than its mean are not alike.
+/// A channel whose noise is larger than the triad's mean by more than this factor sets the noise of the triad.
 const ALIKE: f64 = 1.15;
-/// Encoder errors that are looked for, arcsec.
+/// Range of encoder errors that is searched, arcsec.
 const ENCODERS_ARCSEC: [f64; 2] = [0.02, 200.0];
-/// Halvings of that range, by ratio: to 1 %.
+/// Halvings of the logarithmic range, which give the encoder error to 1 %.
 const HALVINGS: u32 = 10;
-/// Half of the confidence that is left out of a range of one sigma.
+/// Probability beyond one sigma on one side.
 const TAIL: f64 = 0.1587;
-/// Intervals without a sample that end a stretch.
+/// A longer time between two samples, in sample intervals, is a gap.
 const GAP_INTERVALS: f64 = 1.5;
 
-/// One channel.
+/// Noise of one channel.
 #[derive(Clone, Debug, Serialize)]
 pub struct ChannelNoise {
     /// Its name.
     pub channel: &'static str,
-    /// What its curve says, SI; none where the stops are too short.
+    /// Figures of the curve, SI. `None` if the stops are too short.
     pub figures: Option<NoiseFigures>,
     /// Allan deviation, SI.
     pub curve: Vec<AllanPoint>,
 }
 
-/// Error of the encoders by which the segments agree with the model.
+/// Error of the encoders with which the segments agree with the model.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct EncoderNoise {
-    /// So that the chi-square equals its degrees of freedom, arcsec.
+    /// Encoder error for which the chi-square equals its degrees of freedom, arcsec.
     pub arcsec: f64,
-    /// One sigma either way, arcsec.
+    /// Encoder errors one sigma below and above, arcsec.
     pub range_arcsec: [f64; 2],
     /// Degrees of freedom.
     pub degrees_of_freedom: u32,
 }
 
-/// All channels at the stops of a log.
+/// Noise of all channels at the stops of a log.
 ///
 /// # Errors
-/// As reading it.
+/// The log cannot be read.
 pub fn channels(
     reader: LogReader,
     passage: &Passage,
@@ -84,8 +84,8 @@ pub fn channels(
     Ok(CHANNEL_NAMES.iter().enumerate().map(channel).collect())
 }
 
-/// White noise of a triad, which has one number for its three channels: their root mean square, or, where one of them is
-/// noisier than that, the noisiest one's.
+/// White noise of a triad, which has one number for its three channels: the root mean square of the three, or the noise
+/// of the noisiest channel if it is clearly larger.
 fn white(channels: &[ChannelNoise]) -> Option<f64> {
     let all: Option<Vec<f64>> = channels.iter().map(|channel| Some(channel.figures?.white)).collect();
     let all = all.filter(|all| !all.is_empty())?;
@@ -94,7 +94,7 @@ fn white(channels: &[ChannelNoise]) -> Option<f64> {
     Some(if most > ALIKE * mean { most } else { mean })
 }
 
-/// The noise of these channels, with what is configured where nothing is seen.
+/// The noise of these channels. The configured value is kept where the channels show none.
 pub fn of_channels(channels: &[ChannelNoise], configured: &Noise) -> Noise {
     let [accels, gyros] = [0..3, 3..6].map(|triad| channels.get(triad).and_then(white));
     Noise {
@@ -104,12 +104,12 @@ pub fn of_channels(channels: &[ChannelNoise], configured: &Noise) -> Noise {
     }
 }
 
-/// With three significant digits, as it is worth to be written in a file.
+/// Rounds to three significant digits, which is all that the estimate is worth in a file.
 fn three_digits(value: f64) -> f64 {
     format!("{value:.2e}").parse().unwrap_or(value)
 }
 
-/// An estimator that has taken in these segments.
+/// An estimator that has processed these segments.
 pub fn estimator(setup: &Setup, segments: &[Segment<f64>]) -> Box<Estimator<f64, HOST_SEGMENTS, BASIC_STATES>> {
     let mut estimator = Box::new(Estimator::new());
     estimator.restart(&EstimatorConfig { gate_sigma: None, ..setup.config().estimator });
@@ -126,7 +126,8 @@ fn solution(setup: &Setup, segments: &[Segment<f64>], encoder_arcsec: f64) -> Op
     estimator.solution().copied()
 }
 
-/// The encoder error with which the segments agree, none where they agree without, or do not with any.
+/// The encoder error with which the segments agree with the model. `None` if they agree with the smallest error of the
+/// range, or do not agree with the largest.
 pub fn encoders(setup: &Setup, segments: &[Segment<f64>]) -> Option<EncoderNoise> {
     let degrees_of_freedom = solution(setup, segments, setup.noise.encoder_repeatability_arcsec)?.degrees_of_freedom;
     let distribution = ChiSquared::new(f64::from(degrees_of_freedom)).ok()?;
@@ -137,7 +138,8 @@ pub fn encoders(setup: &Setup, segments: &[Segment<f64>]) -> Option<EncoderNoise
     Some(EncoderNoise { arcsec: three_digits(arcsec), range_arcsec: [low, high].map(three_digits), degrees_of_freedom })
 }
 
-/// The chi-square falls as the error that is allowed for grows.
+/// The encoder error that gives this chi-square. The chi-square falls as the encoder error grows, so the range is
+/// halved.
 fn with_chi_square(setup: &Setup, segments: &[Segment<f64>], chi_square: f64) -> Option<f64> {
     let above = |arcsec: f64| Some(solution(setup, segments, arcsec)?.fit.chi_square > chi_square);
     let [mut low, mut high] = ENCODERS_ARCSEC;

@@ -1,5 +1,5 @@
-//! One passage over the readings of a log: what becomes of the samples, stops and moves, how the axes turn, and when the
-//! encoders are read.
+//! One pass over the readings of a log: counts of samples, stops and moves, rates of the axes, and the moment at which
+//! the encoders are read.
 
 use crate::calibration::{HOST_SEGMENTS, raw_sample};
 use crate::log::{LogError, LogReader, Moment};
@@ -11,31 +11,32 @@ use rins_selfcal::segment::{Segment, Segmenter, Stillness};
 use serde::Serialize;
 use std::collections::VecDeque;
 
-/// Time over which rates of the axes are taken, s.
+/// Time over which the rates of the axes are averaged, s.
 const WINDOW_S: f64 = 0.1;
-/// Change of the axes' turns per interval, rad, summed in squares, that tells when the encoders are read: 10 arcsec.
+/// Least change of the turn per interval, rad, as a root of summed squares, that shows when the encoders are read:
+/// 10 arcsec.
 const TELLING_RAD: f64 = 5e-5;
 
 /// A gap in a log.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Gap {
-    /// Line of the first sample after it.
+    /// Line of the first sample after the gap.
     pub line: u64,
-    /// Its start, s.
+    /// Start of the gap, s.
     pub time_s: f64,
-    /// Its length, s.
+    /// Length of the gap, s.
     pub length_s: f64,
 }
 
-/// What a passage has shown.
+/// The findings of a pass over a log.
 pub struct Passage {
     /// Rows.
     pub rows: u64,
     /// First and last time, s.
     pub times_s: [f64; 2],
-    /// By the median interval, Hz.
+    /// Sample rate by the median interval, Hz.
     pub rate_hz: f64,
-    /// What the core would count.
+    /// Samples, gaps and repeats as the core counts them.
     pub counts: IntakeCounts,
     /// The longest gap.
     pub longest_gap: Option<Gap>,
@@ -43,13 +44,14 @@ pub struct Passage {
     pub segments: Vec<Segment<f64>>,
     /// Highest rate, rad/s, and acceleration, rad/s^2, of an axis.
     pub pace: [f64; 2],
-    /// When the encoders are read by the gyros' interval, if that shows: 0 end, 1/2 middle, 1 start.
+    /// Moment at which the encoders are read, as a fraction of the gyros' interval before its end: 0 end, 1/2 middle, 1
+    /// start. `None` if the motion does not show it.
     pub lag: Option<f64>,
     /// Lowest and highest temperature, deg C.
     pub temperature_c: Option<[f32; 2]>,
 }
 
-/// A passage under way.
+/// A pass that is not finished.
 struct Passing {
     passage: Passage,
     intake: Intake,
@@ -59,10 +61,8 @@ struct Passing {
 }
 
 impl Passage {
-    /// Reads a log to its end, or to its first wrong row. `on_rows` is called now and then.
-    ///
-    /// # Errors
-    /// The wrong row, with the passage up to it.
+    /// Reads a log to its end or to its first wrong row. `on_rows` is called from time to time with the number of rows.
+    /// Returns the findings up to there, and the error of the wrong row if one ended the pass.
     pub fn over(reader: LogReader, mut on_rows: impl FnMut(u64)) -> (Self, Option<LogError>) {
         let interval_us = reader.interval_us().unwrap_or(0) as f64;
         let mut passing = Passing::new(1e6 / interval_us);
@@ -82,7 +82,7 @@ impl Passage {
         (passing.finish(), error)
     }
 
-    /// The moment of the interval at which the encoders are read, by the readings as they are.
+    /// The moment of the interval at which the encoders are read, if the readings show it.
     pub fn moment(&self) -> Option<Moment> {
         self.lag.map(|lag| match lag {
             lag if lag < 0.25 => Moment::End,
@@ -159,12 +159,12 @@ impl Passing {
     }
 }
 
-/// How the axes turn, in windows that follow each other, and how the gyros agree.
+/// Compares the turns of the axes with the gyros, in consecutive windows.
 ///
-/// Over a window the gyros show the turn between the angles that belong to the ends of its first and last interval. Angles
-/// that are read at the end of an interval are those; angles read at its start belong to the next one. The part of the way
-/// between both that the gyros show, by least squares, is how early the encoders are read. Scale and installation errors
-/// cancel over a move, which begins and ends at rest.
+/// Over a window the gyros measure the turn between the ends of its first and last interval. If the encoders are read
+/// at the end of an interval, their angles show the same turn. If the encoders are read at the start, the angles of the
+/// next samples show it. Least squares give the fraction between these two cases, which is how early the encoders are
+/// read. Scale and installation errors cancel over a move, because a move begins and ends at rest.
 struct Turning {
     samples: usize,
     window: VecDeque<RawSample<f64>>,
@@ -228,7 +228,7 @@ fn between(from: &RawSample<f64>, to: &RawSample<f64>) -> [f64; 2] {
     [turn(from.outer, to.outer), turn(from.inner, to.inner)]
 }
 
-/// A small turn of both axes in the rotation frame. (12)
+/// A small turn of both axes in the rotation frame, as V of (M7).
 fn in_r(from: &RawSample<f64>, [outer, inner]: [f64; 2]) -> [f64; 3] {
     let (sin, cos) = (from.inner.rad::<f64>() + 0.5 * inner).sin_cos();
     [cos * outer, -sin * outer, inner]

@@ -1,32 +1,33 @@
-//! How a file is cut into columns: separator, header, decimal comma; of a raw matrix, how many numbers a row has.
+//! How a file is cut into columns: separator, header and decimal comma of a text, numbers in a row of a raw matrix.
 
 use crate::log::{Column, Format, Layout, LogError, Mapping, TextTable, header, lines, parquet_columns};
 use std::path::Path;
 
-/// Lines that are looked at.
+/// Lines at the start of a text file that are examined.
 const LINES: usize = 200;
-/// Least columns of a log: nine, or eight without a time.
+/// Fewest columns of a log: nine, or eight without a time.
 const LEAST_COLUMNS: usize = 8;
-/// Rows of a matrix that are looked at, and most numbers that a row is thought to have.
+/// Rows of a matrix that are examined.
 const ROWS: usize = 2000;
+/// Most numbers in a row of a matrix that are tried.
 const MOST_COLUMNS: usize = 32;
-/// Part of all steps that may differ in a column of times.
+/// Largest fraction of steps in a time column that may differ from the median step.
 const IRREGULAR: f64 = 0.05;
 
 /// A file cut into columns.
 #[derive(Clone, Debug)]
 pub struct Shape {
-    /// How to read it, without saying what the columns are.
+    /// How to read the file. The roles of the columns are left out.
     pub mapping: Mapping,
     /// Columns that hold numbers.
     pub columns: Vec<Column>,
 }
 
 impl Shape {
-    /// Of a file, by its name and its first lines or rows.
+    /// The shape of a file, by its name and its first lines or rows.
     ///
     /// # Errors
-    /// The file cannot be read, or is nothing that a mapping could describe.
+    /// The file cannot be read, or no mapping can describe it.
     pub fn of(path: &Path) -> Result<Self, ShapeError> {
         match Format::of(path) {
             Format::Text => of_text(path),
@@ -42,12 +43,12 @@ impl Shape {
 /// Why a file cannot be cut into columns.
 #[derive(Debug, thiserror::Error)]
 pub enum ShapeError {
-    /// It cannot be read.
+    /// The file cannot be read.
     #[error(transparent)]
     Log(#[from] LogError),
-    /// No line of the first ones has enough numbers.
+    /// None of the first lines has enough numbers.
     #[error(
-        "{path}: no line of {LEAST_COLUMNS} numbers or more, separated by commas, semicolons or tabs, in the first {LINES}"
+        "{path}: none of the first {LINES} lines has {LEAST_COLUMNS} or more numbers between commas, semicolons or tabs"
     )]
     NoNumbers {
         /// The file.
@@ -55,7 +56,7 @@ pub enum ShapeError {
     },
 }
 
-/// Separators, and whether decimals follow a comma.
+/// Names of separators, the separators, and whether the decimal mark is a comma.
 const DIALECTS: [(&str, char, bool); 5] =
     [(",", ',', false), (";", ';', false), ("tab", '\t', false), (";", ';', true), ("tab", '\t', true)];
 
@@ -65,7 +66,7 @@ fn of_text(path: &Path) -> Result<Shape, ShapeError> {
         line.split(dialect.1).filter(|field| number(field, dialect.2).is_some()).count()
     };
     let most = |dialect: &(&str, char, bool)| lines.iter().map(|line| numbers(line, dialect)).max().unwrap_or(0);
-    // The first of the best: a decimal comma only where it makes more numbers.
+    // Among equals the first wins, so a decimal comma is assumed only if it gives more numbers.
     let best = DIALECTS.iter().rev().max_by_key(|dialect| most(dialect)).filter(|best| most(best) >= LEAST_COLUMNS);
     let no_numbers = || ShapeError::NoNumbers { path: path.display().to_string() };
     let dialect @ (delimiter, separator, decimal_comma) = best.ok_or_else(no_numbers)?;
@@ -84,7 +85,7 @@ fn of_text(path: &Path) -> Result<Shape, ShapeError> {
         Some(names) => self::header(names, *separator as u8).into_iter().map(Column::Name).collect(),
         None => (1..=width(&lines[first])).map(Column::Number).collect(),
     };
-    // A field that is not a number in some line is no column of numbers; an empty one is a sensor that is silent.
+    // A column with a field that is not a number is left out. An empty field is allowed: a sensor without a value.
     let rows = &lines[first..];
     let numeric = |position: usize| {
         let mut fields = rows.iter().filter_map(|line| line.split(*separator).nth(position)).peekable();
@@ -100,7 +101,7 @@ fn number(field: &str, decimal_comma: bool) -> Option<f64> {
     if decimal_comma { field.replace(',', ".").parse().ok() } else { field.parse().ok() }
 }
 
-/// So many columns that one of them is a time, which grows by equal steps.
+/// The number of columns with which one of the columns is a time, that is, grows by equal steps.
 fn of_matrix(path: &Path) -> Result<Shape, ShapeError> {
     let of_width = |width: usize| {
         let mut mapping = Mapping::default();
@@ -126,7 +127,7 @@ fn is_time(path: &Path, layout: &Layout) -> bool {
     grows_evenly(&values)
 }
 
-/// Whether almost all steps are the median one, which is positive.
+/// Whether the median step is positive and almost all steps are near it.
 pub fn grows_evenly(values: &[f64]) -> bool {
     let mut steps: Vec<f64> = values.windows(2).map(|pair| pair[1] - pair[0]).collect();
     steps.sort_by(f64::total_cmp);

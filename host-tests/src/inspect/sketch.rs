@@ -1,30 +1,30 @@
-//! All columns of a log in some thousand points each, however long it is, whatever they are.
+//! A sketch of a log: every column reduced to some thousand points, however long the log is.
 
 use super::shape::Shape;
 use crate::log::{Column, FIELDS, Layout, LogError, WrongKey};
 use std::path::Path;
 
-/// Points kept: when there are twice as many, neighbours are put together.
+/// Fewest points that are kept. When a column has twice as many, neighbours are averaged in pairs.
 const POINTS: usize = 2048;
-/// Rows of the beginning that are kept as they are.
+/// First rows that are kept without averaging.
 const HEAD_ROWS: usize = 4096;
 
-/// A column.
+/// The sketch of a column.
 #[derive(Clone, Debug)]
 pub struct ColumnSketch {
     /// The column.
     pub column: Column,
-    /// Means of neighbouring rows, so many to each.
+    /// Means of neighbouring rows, [`Sketch::rows_to_a_point`] rows to each.
     pub means: Vec<f64>,
-    /// The last of each.
+    /// Last value of the rows of each mean.
     pub lasts: Vec<f64>,
     /// The first rows.
     pub head: Vec<f64>,
     /// Smallest and largest value.
     pub range: [f64; 2],
-    /// Rows in which it is lower than in the one before.
+    /// Rows in which the value is lower than in the previous row.
     pub falls: u64,
-    /// Whether it has nothing but whole numbers.
+    /// Whether all values are whole numbers.
     pub whole: bool,
     sum: (f64, u32),
 }
@@ -63,7 +63,7 @@ impl ColumnSketch {
         self.lasts = self.lasts.chunks_exact(2).map(|pair| pair[1]).collect();
     }
 
-    /// From the smallest value to the largest.
+    /// Largest value less the smallest.
     pub fn span(&self) -> f64 {
         self.range[1] - self.range[0]
     }
@@ -74,25 +74,25 @@ impl ColumnSketch {
 pub struct Sketch {
     /// The columns.
     pub series: Vec<ColumnSketch>,
-    /// Rows.
+    /// Rows of the log.
     pub rows: u64,
-    /// Rows to a point.
+    /// Rows averaged in a point.
     pub rows_to_a_point: u32,
 }
 
-/// Why there is none.
+/// Why a log cannot be sketched.
 #[derive(Debug, thiserror::Error)]
 pub enum SketchError {
     /// The log cannot be read.
     #[error(transparent)]
     Log(#[from] LogError),
-    /// What is known of the file contradicts itself.
+    /// The shape of the file is not a valid mapping.
     #[error("[{}] {}: {}", .0.0, .0.1, .0.2)]
     Shape(WrongKey),
 }
 
 impl Sketch {
-    /// Reads a log, as often as it has tens of columns. `on_rows` is called now and then with the rows so far.
+    /// Reads a log, once for every ten columns. `on_rows` is called from time to time with the number of rows so far.
     ///
     /// # Errors
     /// The first row that cannot be read.

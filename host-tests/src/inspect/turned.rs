@@ -1,6 +1,6 @@
-//! The scheme that a log's stops and moves follow.
+//! The scheme that the stops and moves of a log follow.
 //!
-//! A log is its stops here: where both axes stand, counted over whole turns, and for how long.
+//! Here a log is a list of stops. A stop has the angles of both axes, counted over whole turns, and a duration.
 
 use rins_selfcal::base::angle::ticks_to_rad;
 use rins_selfcal::base::units::DEG;
@@ -9,27 +9,27 @@ use rins_selfcal::scheme::{Leg, MAX_LEGS, Scheme};
 use rins_selfcal::segment::{GUARD_S, Segment, SegmentKind};
 use serde::Serialize;
 
-/// Angles that are this near belong to one scheme, rad.
+/// Largest difference between the angles of a log and of the scheme that it follows, rad.
 const SAME_RAD: f64 = 0.5 * DEG;
-/// Most periods of a library scheme that are recognized.
+/// Most periods with which a library scheme is compared.
 const PERIODS: u8 = 4;
-/// Decimals of a stop's time.
+/// The duration of a stop is rounded to a tenth of a second.
 const TENTHS: f64 = 10.0;
 
-/// A scheme of the library beside the log's.
+/// A scheme of the library, compared with the log's scheme.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Likeness {
-    /// Its name.
+    /// Name of the library scheme.
     pub name: &'static str,
-    /// How often it is run.
+    /// Number of periods.
     pub periods: u8,
     /// Largest difference of an angle at a stop, deg.
     pub apart_deg: f64,
-    /// Mean time of the log's stops, and of its own, s.
+    /// Mean duration of the stops after the first, of the log and of the library scheme, s.
     pub stops_s: [f64; 2],
 }
 
-/// A stop at these angles, (outer, inner), that seems to be meant.
+/// A stop at these angles (outer, inner), with angles and duration rounded to the values that were probably commanded.
 pub fn stop(angles_rad: [f64; 2], stop_s: f64) -> Leg {
     let [outer_rad, inner_rad] = angles_rad.map(rounded);
     Leg { outer_rad, inner_rad, stop_s: (stop_s * TENTHS).round() / TENTHS }
@@ -53,15 +53,15 @@ pub fn stops(segments: &[Segment<f64>]) -> Vec<Leg> {
     stops
 }
 
-/// Whole degrees where that is meant.
+/// Rounds an angle to a whole degree if it is within 0.05 deg of it, else to a thousandth of a degree.
 fn rounded(angle_rad: f64) -> f64 {
     let degrees = angle_rad / DEG;
     let near = if (degrees - degrees.round()).abs() < 0.05 { degrees.round() } else { (degrees * 1e3).round() / 1e3 };
     near * DEG
 }
 
-/// The scheme, by its stops and the pace of its moves, rad/s and rad/s^2; `None` where it does not start at (0, 0), is too
-/// long, or does not move.
+/// The scheme with these stops and with this rate, rad/s, and acceleration, rad/s^2, of its moves. `None` if the log
+/// does not start at (0, 0), is too long for a scheme, or has no moves.
 pub fn scheme(stops: &[Leg], pace: [f64; 2]) -> Option<Scheme> {
     let first = stops.first().filter(|first| (first.outer_rad, first.inner_rad) == (0.0, 0.0))?;
     if stops.len() > MAX_LEGS + 1 {
@@ -82,7 +82,7 @@ pub fn scheme(stops: &[Leg], pace: [f64; 2]) -> Option<Scheme> {
     scheme.check().is_ok().then_some(scheme)
 }
 
-/// The scheme of the library with as many moves whose angles differ least.
+/// The library scheme with the same number of moves whose angles differ least.
 pub fn nearest(found: &[Leg]) -> Option<Likeness> {
     let first = *found.first()?;
     let likeness = |name: &'static str, periods: u8| {

@@ -12,13 +12,13 @@ pub const COLUMNS: [&str; 9] = [
     "outer_rad",
     "inner_rad",
 ];
-/// Column that a log may have; an empty field or `nan` in it means that the sensor was silent.
+/// Optional column. An empty field or `nan` in this column means that the temperature sensor gave no value.
 pub const TEMPERATURE_COLUMN: &str = "temperature_c";
 
 /// Fields of a row: time, gyros x y z, accelerometers x y z, outer, inner, temperature.
 pub const FIELDS: usize = 10;
 
-/// A row as it is in the file; NaN where there is no such column.
+/// The numbers of a row, not yet converted. NaN where the log has no such column.
 pub type Fields = [f64; FIELDS];
 
 /// Position of the temperature in [`Fields`].

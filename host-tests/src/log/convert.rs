@@ -1,8 +1,8 @@
-//! From a row as it is in the file to a reading: units, axes, time.
+//! Converts a row of the file to a reading: units, axes, time.
 //!
-//! A sample is that of an interval; its time is the interval's middle. Where the stamp denotes its start or end, half an
-//! interval is added or taken off. Where the encoders are read at the start or end, the angles at the middle are
-//! interpolated between two rows; the first or last row keeps its own.
+//! A sample belongs to an interval, and its time is the middle of the interval. If the time stamp denotes the start or
+//! the end of the interval, half an interval is added or subtracted. If the encoders are read at the start or the end,
+//! the angles at the middle are interpolated between two rows. The first or last row keeps its own angles.
 
 use super::columns::Fields;
 use super::error::{LATEST_S, LogError, LogFault};
@@ -12,29 +12,29 @@ use crate::virtual_unit::plant::Reading;
 use std::f64::consts::{PI, TAU};
 use std::path::{Path, PathBuf};
 
-/// Steps within this part of the median make the mean interval.
+/// The mean interval is taken over the steps that differ from the median by less than this fraction of the median.
 const REGULAR: f64 = 0.5;
-/// Rates, forces and angles beyond this, SI, are no measurements; wrong units are far below it.
+/// Rates, forces and angles above this, SI, are refused. Data in a wrong unit stay far below it.
 const IMMENSE: f64 = 1e15;
 
-/// What turns rows into readings.
+/// Converts rows to readings.
 pub(super) struct Conversion {
     path: PathBuf,
     layout: Layout,
-    /// Median of the stamps' steps, us.
+    /// Median step of the time stamps, us.
     interval_us: Option<u64>,
     gyro: Triad,
     accel: Triad,
-    /// Added to a stamp, s.
+    /// Added to a time stamp, s.
     shift_s: f64,
-    /// By how much the angles are later than the middle, us.
+    /// Time of the angles after the middle of the interval, us.
     angles_late_us: f64,
     rows: u64,
     previous_us: u64,
 }
 
 impl Conversion {
-    /// With the first rows, which give the sample interval.
+    /// Takes the sample interval from the first rows.
     pub(super) fn new(path: &Path, layout: &Layout, head: &[(u64, Fields)]) -> Result<Self, LogError> {
         let stamps: Vec<f64> = match layout.rate_hz {
             Some(rate_hz) if layout.wanted[0].is_none() => (0..head.len()).map(|row| row as f64 / rate_hz).collect(),
@@ -50,7 +50,7 @@ impl Conversion {
             factor: if triad.is_increment { triad.factor / interval_s } else { triad.factor },
             ..triad
         };
-        // A log that begins at zero keeps its stamps.
+        // A time is never negative, so a log that begins at zero keeps its time stamps.
         let shift_s = (-half(layout.stamp) * interval_s).max(-stamps[0].max(0.0));
         Ok(Self {
             path: path.into(),
@@ -73,7 +73,7 @@ impl Conversion {
         self.angles_late_us
     }
 
-    /// The row's reading, with the angles as they were read.
+    /// The reading of a row. Its angles are not yet interpolated to the middle of the interval.
     pub(super) fn reading(&mut self, line: u64, fields: &Fields) -> Result<Reading, LogError> {
         let time_us = self.time_us(fields[0]).map_err(|fault| LogError::at(&self.path, line, fault))?;
         let [_, gx, gy, gz, ax, ay, az, outer, inner, temperature] = *fields;
@@ -89,7 +89,7 @@ impl Conversion {
         Ok(reading)
     }
 
-    /// Refuses what would turn to infinity in the sums.
+    /// Refuses numbers that would overflow to infinity in the sums.
     fn check(&self, reading: &Reading) -> Result<(), LogFault> {
         let angles = [reading.outer_rad, reading.inner_rad];
         let values = [("rad/s", &reading.omega_g[..]), ("m/s^2", &reading.force_a), ("rad", &angles)];
@@ -100,7 +100,7 @@ impl Conversion {
         }
     }
 
-    /// The column of a reading's number: gyros, accelerometers, angles.
+    /// The column of a number in a reading, counted through gyros, accelerometers and angles.
     fn column_of(&self, number: usize) -> String {
         let of = |triad: &Triad, axis: usize| triad.axes[axis].0;
         let field = match number {
@@ -144,7 +144,7 @@ impl Encoder {
 }
 
 impl Reading {
-    /// Turns the angles towards those of another row by `by_us` of the time between.
+    /// Interpolates the angles towards those of another row, `by_us` of the time between both rows.
     pub(super) fn turn_towards(&mut self, other: &Self, by_us: f64) {
         let between_us = other.time_us.abs_diff(self.time_us) as f64;
         if between_us > 0.0 {
@@ -155,12 +155,12 @@ impl Reading {
     }
 }
 
-/// From one angle to the other, whatever their turns.
+/// The shorter way from one angle to another, in -pi to pi rad.
 fn shorter_way(from_rad: f64, to_rad: f64) -> f64 {
     (to_rad - from_rad + PI).rem_euclid(TAU) - PI
 }
 
-/// A moment of the interval, from its middle.
+/// A moment of the interval, as a fraction of the interval after its middle.
 fn half(moment: Moment) -> f64 {
     match moment {
         Moment::Start => -0.5,
@@ -177,7 +177,7 @@ fn median_interval_us(stamps_s: &[f64]) -> Option<u64> {
     steps.get(steps.len() / 2).copied()
 }
 
-/// The mean of the regular steps: gaps and repeats are left out, and rounded stamps average.
+/// The mean of the regular steps. Gaps and repeated time stamps are left out. The rounding of time stamps averages out.
 fn mean_interval_s(stamps_s: &[f64]) -> Option<f64> {
     let median_s = median_interval_us(stamps_s)? as f64 * 1e-6;
     let steps = stamps_s.windows(2).map(|pair| pair[1] - pair[0]);

@@ -4,7 +4,7 @@ use crate::files::toml_file::TomlFileError;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Latest time stamp, s; a century, and microseconds still fit an `f64` to a thousandth.
+/// Latest time stamp, s: about a century. Up to this time an `f64` resolves a thousandth of a microsecond.
 pub(super) const LATEST_S: f64 = 3.2e9;
 
 /// Why a log cannot be read or written.
@@ -15,7 +15,7 @@ pub enum LogError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The operating system's error.
         cause: io::Error,
     },
     /// The path is a directory.
@@ -24,23 +24,23 @@ pub enum LogError {
         /// The path.
         path: PathBuf,
     },
-    /// The mapping is wrong, or does not fit the log.
+    /// The mapping is wrong or does not fit the log.
     #[error(transparent)]
     Mapping(#[from] TomlFileError),
-    /// A format that can be read only.
+    /// The format can be read but not written.
     #[error("{}: raw matrices are not written; give a name that ends in .csv, .csv.gz or .parquet", path.display())]
     ReadOnly {
         /// The file.
         path: PathBuf,
     },
-    /// Something in the log.
+    /// A fault at a place in the log.
     #[error("{}:{line}: {fault}", path.display())]
     At {
         /// The file.
         path: PathBuf,
-        /// Line of a text, row of a binary file, from 1.
+        /// Line of a text file or row of a binary file, counted from 1.
         line: u64,
-        /// What is wrong there.
+        /// The fault.
         fault: LogFault,
     },
 }
@@ -58,54 +58,54 @@ impl LogError {
 /// What is wrong at a place in a log.
 #[derive(Debug, thiserror::Error)]
 pub enum LogFault {
-    /// Reading, or decompressing, fails on the way.
+    /// Reading or decompressing fails before the end of the file.
     #[error("{0}")]
     Read(io::Error),
-    /// Nothing in the file.
-    #[error("the file is empty, expected a header row")]
+    /// The file is empty.
+    #[error("the file is empty; a header row is required")]
     Empty,
-    /// No samples.
+    /// The log has a header row and no samples.
     #[error("no samples after the header row")]
     HeaderOnly,
-    /// No samples in a log without a header.
+    /// A log without a header row has no samples.
     #[error("no samples")]
     NoSamples,
-    /// Columns separated by something else.
+    /// The columns are separated by another delimiter than the mapping says.
     #[error("the columns are separated by {found}, not {expected}")]
     Delimiter {
-        /// What separates them.
+        /// The delimiter in the file.
         found: &'static str,
-        /// What should.
+        /// The delimiter of the mapping.
         expected: &'static str,
     },
     /// The log lacks a column.
     #[error("column {0} is missing")]
     MissingColumn(String),
     /// The header has a column twice.
-    #[error("column {column} is there twice, as columns {} and {}", numbers[0], numbers[1])]
+    #[error("column {column} appears twice, as columns {} and {}", numbers[0], numbers[1])]
     DuplicateColumn {
         /// The column.
         column: String,
-        /// Where it is, from 1.
+        /// Its two positions, counted from 1.
         numbers: [usize; 2],
     },
-    /// A row has fewer or more fields than the header, or, without one, than the first row.
-    #[error("{found} fields, the {} {expected}; column {column} is the first {}",
-            if *header { "header has" } else { "first row has" }, if found < expected { "missing" } else { "too many" })]
+    /// A row has fewer or more fields than the header. In a log without a header the first row takes its place.
+    #[error("the row has {found} fields, the {} {expected}; the first {} column is {column}",
+    if *header { "header has" } else { "first row has" }, if found < expected { "missing" } else { "extra" })]
     RowLength {
         /// Fields of the row.
         found: usize,
         /// Fields of the header.
         expected: usize,
-        /// Name of the first missing column, or number, from 1, of the first field without a column.
+        /// Name of the first missing column, or number (from 1) of the first field without a column.
         column: String,
         /// Whether there is a header.
         header: bool,
     },
     /// Not UTF-8.
-    #[error("column {column}: not UTF-8")]
+    #[error("column {column}: the text is not UTF-8")]
     NotUtf8 {
-        /// Name of the column, or its number, from 1.
+        /// Name of the column, or its number from 1.
         column: String,
     },
     /// Not a number.
@@ -116,7 +116,7 @@ pub enum LogFault {
         /// What is there.
         text: String,
     },
-    /// Infinite, or "nan".
+    /// The number is infinite or "nan".
     #[error("column {column}: {text} is not finite")]
     NotFinite {
         /// The column.
@@ -124,11 +124,11 @@ pub enum LogFault {
         /// What is there.
         text: String,
     },
-    /// A quote begins in a line and does not end in it.
+    /// A quote begins in a line and does not end in the same line.
     #[error("a quote (\") is not closed")]
     OpenQuote,
-    /// A number that nothing measures.
-    #[error("column {column}: {value:e} {unit} is beyond anything that can be measured")]
+    /// A number larger than any sensor can measure. It would overflow in the sums.
+    #[error("column {column}: {value:e} {unit} is outside the range of any sensor")]
     Immense {
         /// The column.
         column: String,
@@ -137,12 +137,12 @@ pub enum LogFault {
         /// Its unit.
         unit: &'static str,
     },
-    /// A column of something else than numbers.
-    #[error("column {column}: {found}, not numbers")]
+    /// A column that does not hold numbers.
+    #[error("column {column} holds {found}, not numbers")]
     NotNumbers {
         /// The column.
         column: String,
-        /// What it holds.
+        /// What the column holds.
         found: String,
     },
     /// A column of a Parquet file has a compression that this program cannot read.
@@ -157,41 +157,44 @@ pub enum LogFault {
         codec: &'static str,
     },
     /// A field without a value.
-    #[error("column {column}: no value")]
+    #[error("column {column} has no value")]
     Null {
         /// The column.
         column: String,
     },
-    /// A time stamp before zero or too late to count in microseconds.
-    #[error("column {column}: {time_s} is not between 0 and {LATEST_S}{}", if *scaled { " s" } else { "" })]
+    /// A time stamp before zero, or too late to be counted in microseconds.
+    #[error("column {column}: the time {time_s} is not between 0 and {LATEST_S}{}", if *scaled { " s" } else { "" })]
     TimeRange {
         /// The column.
         column: String,
         /// The time stamp, s.
         time_s: f64,
-        /// Whether the column has another unit.
+        /// Whether the column has another unit than seconds.
         scaled: bool,
     },
-    /// A time stamp earlier than the one before.
+    /// A time stamp earlier than the previous time stamp.
     #[error("column {column}: time goes back from {previous_us} to {time_us} us")]
     TimeBack {
         /// The column.
         column: String,
         /// The time stamp, us.
         time_us: u64,
-        /// The one before, us.
+        /// The previous time stamp, us.
         previous_us: u64,
     },
     /// The file ends within a row.
     #[error("column {column}: the file ends within the row; do its rows have {columns} columns?")]
     Cut {
-        /// The first column that is not whole.
+        /// The first column that is not complete.
         column: usize,
         /// Columns that a row should have.
         columns: usize,
     },
-    /// Increments, and no rate to divide by.
-    #[error("column {0}: a single time, so no sample interval to divide increments by; give rate_hz in the mapping")]
+    /// The sample interval is needed, for increments or for time stamps at the start or end of the interval, but it is
+    /// not known.
+    #[error(
+        "column {0}: the log has no two different times, so the sample interval is unknown; give rate_hz in the mapping"
+    )]
     NoInterval(String),
     /// A file of this format cannot be read.
     #[error("{0}")]

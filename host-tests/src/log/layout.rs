@@ -1,4 +1,4 @@
-//! A mapping with every number checked: which columns to read, and what to make of them.
+//! A mapping with every number checked: which columns are read, and how they are converted.
 
 use super::columns::{FIELDS, TEMPERATURE};
 use super::error::LogError;
@@ -19,11 +19,11 @@ const MOST_COLUMNS: usize = 4096;
 pub struct Wanted {
     /// The column.
     pub column: Column,
-    /// Whether it must be there, and finite in every row.
+    /// Whether the column must exist and be finite in every row.
     pub required: bool,
 }
 
-/// Three axes of a sensor: factor to SI, and which of the columns' axes the IMU's are.
+/// Three axes of a sensor: the factor to SI, and for each axis of the IMU the axis of the columns with its sign.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Triad {
     pub factor: f64,
@@ -31,7 +31,7 @@ pub(super) struct Triad {
     pub axes: [(usize, f64); 3],
 }
 
-/// An encoder: factor to radians, with sign, and the reading at zero.
+/// An encoder: the signed factor to radians, and the reading at angle zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Encoder {
     pub factor: f64,
@@ -60,12 +60,12 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// Without a mapping: the standard log, or the standard matrix.
+    /// The layout of a log without a mapping: the standard log, or the standard matrix.
     pub fn standard(log: &Path) -> Self {
         Mapping::default().layout(log).expect("the default mapping is right")
     }
 
-    /// The file that a mapping describes, with these columns, ten at most, in place of its fields.
+    /// The layout of the file that a mapping describes, with these columns (at most ten) in place of its fields.
     ///
     /// # Errors
     /// What is wrong in the mapping.
@@ -99,7 +99,7 @@ impl Layout {
 }
 
 impl Mapping {
-    /// Reads a file, for a log of this name.
+    /// Reads a mapping file for a log of this name.
     ///
     /// # Errors
     /// One line that names file, line and key.
@@ -110,7 +110,7 @@ impl Mapping {
         layout.map_err(|(table, key, what)| file.wrong_value(table, key, &what).into())
     }
 
-    /// For a log of this name.
+    /// The checked mapping for a log of this name.
     ///
     /// # Errors
     /// What is wrong.
@@ -151,7 +151,7 @@ impl Mapping {
     fn delimiter(&self) -> Result<u8, WrongKey> {
         let wrong = |what: &str| Err(("text", "delimiter", what.to_string()));
         match self.text.delimiter.as_str() {
-            "," if self.text.decimal_comma => wrong("\",\", and decimal_comma = true"),
+            "," if self.text.decimal_comma => wrong("must not be \",\" while decimal_comma = true"),
             "," => Ok(b','),
             ";" => Ok(b';'),
             "tab" | "\t" => Ok(b'\t'),
@@ -175,7 +175,7 @@ impl Mapping {
         })
     }
 
-    /// Columns by name need names; no column is there for two fields.
+    /// A column by name needs a log with names, and no column may be used for two fields.
     fn check_columns(&self, layout: &Layout) -> Result<(), WrongKey> {
         let matrix = layout.format.is_matrix();
         if matrix && !(1..=MOST_COLUMNS).contains(&layout.matrix_columns) {
@@ -191,11 +191,15 @@ impl Mapping {
                     return Err((
                         table,
                         key,
-                        format!("\"{name}\": the log has no names of columns, only numbers from 1"),
+                        format!("\"{name}\": the log has no column names; give the number of the column, from 1"),
                     ));
                 }
                 Column::Number(number) if matrix && *number > layout.matrix_columns => {
-                    return Err((table, key, format!("{number}: the matrix has {} columns", layout.matrix_columns)));
+                    return Err((
+                        table,
+                        key,
+                        format!("{number} is too large: the matrix has {} columns", layout.matrix_columns),
+                    ));
                 }
                 _ if seen.contains(&column) => return Err((table, key, format!("column {column} is used twice"))),
                 _ => seen.push(column),
@@ -205,7 +209,7 @@ impl Mapping {
     }
 }
 
-/// Where a mapping says which column a field is.
+/// Table and key with which a mapping names the column of a field.
 fn place(field: usize) -> (&'static str, &'static str) {
     match field {
         0 => ("time", "column"),
@@ -242,7 +246,7 @@ fn triad(name: &'static str, table: &TriadTable, units: &[Unit]) -> Result<Triad
     Ok(Triad { factor: unit.si * scale, is_increment: unit.is_increment, axes })
 }
 
-/// Each axis once.
+/// The axes with their signs, if each axis appears once.
 fn parsed_axes(names: &[String; 3]) -> Option<[(usize, f64); 3]> {
     let mut axes = [(0, 0.0); 3];
     let mut seen = [false; 3];
@@ -261,11 +265,11 @@ fn encoder(name: &'static str, table: &EncoderTable) -> Result<Encoder, WrongKey
     let unit = table.unit.as_deref().map_or(Ok(ANGLE_UNITS[0]), |unit| named(&ANGLE_UNITS, unit));
     let unit = unit.map_err(|what| (name, "unit", what))?;
     let factor = match (unit.name, table.counts_per_turn) {
-        ("counts", None) => return Err((name, "unit", "counts need counts_per_turn".into())),
+        ("counts", None) => return Err((name, "unit", "\"counts\" needs counts_per_turn".into())),
         ("counts", counts) => TAU / positive(name, "counts_per_turn", counts)?,
         (_, None) => unit.si,
         (other, Some(_)) => {
-            return Err((name, "counts_per_turn", format!("goes with unit \"counts\", not \"{other}\"")));
+            return Err((name, "counts_per_turn", format!("is for the unit \"counts\" only, not for \"{other}\"")));
         }
     };
     let zero = table.zero.unwrap_or(0.0);

@@ -1,37 +1,37 @@
-//! What a log has in place of the standard columns: MAP.toml.
+//! The mapping of a log that is not a standard log: the file MAP.toml.
 //!
-//! Every key is optional; what is left out is as in a standard log, or, in raw matrices, as PSINS writes them.
+//! Every key is optional. Keys that are left out are as in a standard log, or, for a raw matrix, as PSINS writes it.
 //!
 //! ```toml
 //! format = "text"                 # text, f64, f32, parquet; default: by the file's name (.f64, .f32, .parquet)
 //! [text]
 //! delimiter = ";"                 # ",", ";" or "tab"
 //! decimal_comma = true
-//! skip_rows = 2                   # before the header
-//! header = true                   # false: columns by number, from 1
+//! skip_rows = 2                   # lines before the header
+//! header = true                   # false: columns are given by number, from 1
 //! [matrix]
-//! columns = 9                     # of a raw matrix; a row is so many numbers
+//! columns = 9                     # numbers in a row of a raw matrix
 //! [time]
 //! column = "t"                    # name, or number from 1
 //! unit = "ms"                     # s, ms, us, ns
-//! scale = 1.0                     # the unit is so many times a step of the column: counts
-//! stamp = "end"                   # what the stamp denotes of the sample interval: start, middle, end
-//! angles = "end"                  # when the encoders are read; default: as the stamp
-//! rate_hz = 200.0                 # without a column: there is none; else: the interval of increments
+//! scale = 1.0                     # one count of the column, in that unit
+//! stamp = "end"                   # moment of the sample interval that the time stamp denotes: start, middle, end
+//! angles = "end"                  # moment at which the encoders are read; default: as the stamp
+//! rate_hz = 200.0                 # without `column`: the log has no time; with it: gives the interval of increments
 //! [gyro]
 //! columns = ["wx", "wy", "wz"]
 //! unit = "deg/h"                  # rad/s, deg/s, deg/h, arcsec/s; increments: rad, deg, arcsec
-//! scale = 1.0                     # what one count is in that unit
-//! axes = ["y", "-x", "z"]         # which of the columns' axes the IMU's x, y, z are
+//! scale = 1.0                     # one count of the columns, in that unit
+//! axes = ["y", "-x", "z"]         # the columns' axes along the IMU's x, y, z
 //! [accel]
 //! columns = ["fx", "fy", "fz"]
 //! unit = "g"                      # m/s^2, g, mg, ug; increments: m/s, g*s
 //! [outer]
 //! column = "roll"
 //! unit = "deg"                    # rad, deg, arcsec, turns, counts
-//! counts_per_turn = 1048576.0     # with counts
+//! counts_per_turn = 1048576.0     # for the unit counts
 //! zero = 0.0                      # reading at angle zero, in this unit
-//! reversed = false                # counts against the right-handed angle
+//! reversed = false                # true: the encoder counts left-handed
 //! [inner]
 //! column = "yaw"
 //! [temperature]
@@ -60,7 +60,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// By the name of a file, without `.gz`.
+    /// The format by the name of a file, `.gz` left aside.
     pub fn of(path: &Path) -> Self {
         let name = path.file_name().map(|name| name.to_string_lossy().to_lowercase()).unwrap_or_default();
         match name.strip_suffix(".gz").unwrap_or(&name).rsplit_once('.').map(|(_, ending)| ending) {
@@ -140,9 +140,9 @@ pub enum Moment {
 pub struct TextTable {
     /// ",", ";" or "tab".
     pub delimiter: String,
-    /// Whether decimals follow a comma.
+    /// Whether the decimal mark is a comma.
     pub decimal_comma: bool,
-    /// Lines before the header, or the first row.
+    /// Lines before the header, or before the first row if the file has no header.
     pub skip_rows: u64,
     /// Whether there is a header.
     pub header: bool,
@@ -178,16 +178,16 @@ pub struct TimeTable {
     /// s, ms, us or ns.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
-    /// What one count is in that unit.
+    /// One count, in that unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scale: Option<f64>,
-    /// What a stamp denotes.
+    /// The moment of the sample interval that a time stamp denotes.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub stamp: Option<Moment>,
-    /// When the encoders are read; default: when the stamp is.
+    /// The moment at which the encoders are read. Default: the moment of the time stamp.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub angles: Option<Moment>,
-    /// Sample rate, Hz; without a column, what time is counted by.
+    /// Sample rate, Hz. In a log without a time column the time is counted by it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rate_hz: Option<f64>,
 }
@@ -196,16 +196,16 @@ pub struct TimeTable {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct TriadTable {
-    /// The columns of its axes x, y, z.
+    /// The columns of the axes x, y, z.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub columns: Option<[Column; 3]>,
     /// Name of the unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
-    /// What one count is in that unit.
+    /// One count, in that unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scale: Option<f64>,
-    /// Which of these axes the IMU's x, y, z are: "x", "-x" and so on.
+    /// The columns' axes along the IMU's x, y, z: "x", "-x" and so on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub axes: Option<[String; 3]>,
 }
@@ -220,13 +220,13 @@ pub struct EncoderTable {
     /// rad, deg, arcsec, turns or counts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
-    /// With counts.
+    /// Counts in a turn, for the unit counts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub counts_per_turn: Option<f64>,
     /// Reading at angle zero, in this unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub zero: Option<f64>,
-    /// Whether it counts against the right-handed angle.
+    /// Whether the encoder counts left-handed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reversed: Option<bool>,
 }
@@ -247,13 +247,13 @@ pub struct TemperatureTable {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Mapping {
-    /// Default: by the file's name.
+    /// Format of the file. Default: by the file's name.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub format: Option<Format>,
-    /// Of text files.
+    /// How text files are read.
     #[serde(skip_serializing_if = "is_default")]
     pub text: TextTable,
-    /// Of raw matrices.
+    /// How raw matrices are read.
     #[serde(skip_serializing_if = "is_default")]
     pub matrix: MatrixTable,
     /// Time stamps.
@@ -280,17 +280,18 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
 
-/// What is wrong in a mapping: table, key, and what of it.
+/// What is wrong in a mapping: table, key, and the fault in words.
 pub type WrongKey = (&'static str, &'static str, String);
 
 impl Mapping {
-    /// Of a standard log.
+    /// The mapping of a standard log.
     pub(super) fn standard() -> Self {
         let [time, gx, gy, gz, ax, ay, az, outer, inner] = COLUMNS.map(|name| Column::Name(name.into()));
         Self::of([time, outer, inner], [gx, gy, gz], [ax, ay, az], ["rad/s", "m/s^2"], Moment::Middle)
     }
 
-    /// PSINS: increments of angle and velocity over the interval that ends at the stamp, `wm vm t`, and the encoders.
+    /// The mapping of a PSINS matrix: increments of angle and velocity over the interval that ends at the time stamp
+    /// (`wm vm t`), and the encoders.
     pub(super) fn psins() -> Self {
         let triad = |first: usize| std::array::from_fn(|axis| Column::Number(first + axis));
         let others = [7, 8, 9].map(Column::Number);
@@ -315,7 +316,7 @@ impl Mapping {
         }
     }
 
-    /// With what is left out taken from another one. Whether there is a time column, a given rate decides.
+    /// Takes the keys that are left out from another mapping. The time column is not taken if `rate_hz` is given.
     pub(super) fn or(mut self, other: Self) -> Self {
         let column = if self.time.rate_hz.is_none() { other.time.column } else { None };
         self.time.column = self.time.column.or(column);
@@ -329,7 +330,7 @@ impl Mapping {
         self
     }
 
-    /// Name of the temperature's column, and whether it must be there.
+    /// Name of the temperature column, and whether the column must exist.
     pub(super) fn temperature_column(&self) -> (Column, bool) {
         let given = self.temperature.column.clone();
         let required = given.is_some();

@@ -26,7 +26,7 @@ impl MatrixRows {
             Column::Number(number) => Some(number - 1),
             Column::Name(_) => None,
         };
-        // A number in it may begin as a compressed file does, so the name decides.
+        // The first number may have the same bytes as the head of a compressed file, so the name decides.
         let compressed = path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("gz"));
         Ok(Self {
             path: path.into(),
@@ -39,7 +39,7 @@ impl MatrixRows {
         })
     }
 
-    /// Reads a row; whether there was one.
+    /// Reads a row. Returns false at the end of the file.
     fn read_row(&mut self) -> Result<bool, LogFault> {
         let mut filled = 0;
         while filled < self.row.len() {

@@ -1,13 +1,13 @@
-//! Logs: rows of time, rates, forces and angles, whatever the file.
+//! Logs: rows of time, rates, forces and angles in several file formats.
 //!
 //! ```text
 //! mapping, unit_names -> layout -> text | matrix | parquet -> rows of numbers -> convert -> reader -> readings
 //! readings -> writer: text, or parquet_writer
 //! ```
-//! Without a mapping a log is CSV with one header row, plain or compressed with gzip, SI units and radians; columns are
-//! found by name, in any order, and others are ignored. A [`Mapping`] says what another log has in their place. The reader
-//! streams, and refuses what it cannot read with one line that names file, line (of binary files: row) and column.
-//! Repeated time stamps and gaps pass: the core judges and counts them.
+//! Without a mapping a log is CSV with one header row, plain or compressed with gzip, in SI units and radians. Columns
+//! are found by name, in any order. Other columns are ignored. A [`Mapping`] describes every other kind of log. The
+//! reader streams. It refuses a row that it cannot read with one line that names file, line (row in a binary file) and
+//! column. The reader does not refuse repeated time stamps and gaps, because the core judges and counts them.
 
 mod columns;
 mod convert;

@@ -22,7 +22,7 @@ pub(super) struct ParquetRows {
     path: PathBuf,
     file: SerializedFileReader<File>,
     layout: Layout,
-    /// Of every field that is there: its column in the file.
+    /// The column in the file of every field; `None` for a field that the file lacks.
     columns: [Option<(usize, ColumnDescPtr)>; FIELDS],
     next_group: usize,
     readers: [Option<ColumnReader>; FIELDS],
@@ -56,7 +56,7 @@ impl ParquetRows {
         })
     }
 
-    /// Reads rows ahead; whether there are any.
+    /// Reads rows ahead. Returns false at the end of the file.
     fn fill(&mut self) -> Result<bool, LogFault> {
         self.next_in_batch = 0;
         loop {
@@ -129,7 +129,7 @@ fn of(error: &ParquetError) -> LogFault {
     LogFault::Format(format!("not readable as Parquet: {error}"))
 }
 
-/// What stands for a missing value: a not-a-number that no arithmetic gives.
+/// Marks a missing value: a NaN whose bits no arithmetic gives.
 const NULL: u64 = 0x7ff8_0000_6e75_6c6c;
 
 fn is_null(value: f64) -> bool {
@@ -200,7 +200,7 @@ fn read_values(reader: &mut ColumnReader, description: &ColumnDescPtr, values: &
     }
 }
 
-/// A value is there where its definition level is the column's.
+/// Reads values. A value exists where its definition level is the maximum level of the column.
 fn read_typed<T: DataType>(
     reader: &mut ColumnReaderImpl<T>,
     depth: i16,

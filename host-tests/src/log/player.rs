@@ -4,7 +4,8 @@ use super::error::LogError;
 use super::reader::LogReader;
 use crate::virtual_unit::plant::Reading;
 
-/// A log in place of an instrument. It ignores commands, and ends at the log's end or at its first wrong row.
+/// Plays a log in place of an instrument. The player ignores commands. It ends at the log's end or at its first wrong
+/// row.
 pub struct LogPlayer {
     reader: LogReader,
     rows: u64,
@@ -17,10 +18,10 @@ impl LogPlayer {
         Self { reader, rows: 0, error: None }
     }
 
-    /// Ends the play: how many rows were played, or what ended it.
+    /// Ends the play. Returns the number of rows that were played.
     ///
     /// # Errors
-    /// The first wrong row.
+    /// The first wrong row ended the play.
     pub fn finish(self) -> Result<u64, LogError> {
         self.error.map_or(Ok(self.rows), Err)
     }

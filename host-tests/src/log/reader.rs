@@ -1,4 +1,4 @@
-//! Streams readings.
+//! Streams the readings of a log.
 
 use super::columns::{FIELDS, Fields, TEMPERATURE};
 use super::convert::Conversion;
@@ -30,10 +30,10 @@ impl Layout {
     }
 }
 
-/// A reading and where it stands.
+/// A reading and its place in the log.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LogRow {
-    /// Line in the file, or row in a binary one, from 1.
+    /// Line of a text file or row of a binary file, counted from 1.
     pub line: u64,
     /// The reading.
     pub reading: Reading,
@@ -44,7 +44,7 @@ pub struct LogReader {
     rows: Box<dyn RawRows>,
     head: VecDeque<(u64, Fields)>,
     conversion: Conversion,
-    /// Read, and waiting for the angles of the next one.
+    /// The row that has been read and waits for the angles of the next row.
     waiting: Option<LogRow>,
     before: Option<Reading>,
     ended: bool,
@@ -54,12 +54,12 @@ impl LogReader {
     /// Opens a standard log and reads its first rows.
     ///
     /// # Errors
-    /// The file cannot be read, is no log, or has a wrong row among the first few thousand.
+    /// The file cannot be read, is not a log, or has a wrong row among the first few thousand rows.
     pub fn open(path: &Path) -> Result<Self, LogError> {
         Self::open_as(path, &Layout::standard(path))
     }
 
-    /// Opens a log that is as a mapping says.
+    /// Opens a log that a mapping describes.
     ///
     /// # Errors
     /// As [`LogReader::open`].
@@ -82,8 +82,8 @@ impl LogReader {
         Ok(Self { rows, head, conversion, waiting: None, before: None, ended: false })
     }
 
-    /// Sample interval, us: the median over the first few thousand rows, repeated stamps left out; `None` where there
-    /// are fewer than two times.
+    /// Sample interval, us: the median step over the first few thousand rows, repeated time stamps left out. `None` if
+    /// these rows have fewer than two different times.
     pub fn interval_us(&self) -> Option<u64> {
         self.conversion.interval_us()
     }
@@ -93,7 +93,7 @@ impl LogReader {
         self.head.iter().any(|(_, fields)| !fields[TEMPERATURE].is_nan())
     }
 
-    /// The next row with the angles as they were read.
+    /// The next row, with the angles not yet interpolated.
     fn next_read(&mut self) -> Result<Option<LogRow>, LogError> {
         let (line, fields) = match self.head.pop_front() {
             Some(row) => row,
@@ -107,7 +107,7 @@ impl LogReader {
         Ok(Some(LogRow { line, reading }))
     }
 
-    /// The next row with the angles of its time.
+    /// The next row, with the angles interpolated to its time.
     fn next_aligned(&mut self) -> Result<Option<LogRow>, LogError> {
         let late_us = self.conversion.angles_late_us();
         let next = if self.ended { None } else { self.next_read()? };
@@ -121,7 +121,7 @@ impl LogReader {
             return Ok(Some(row));
         }
         let row = match (self.waiting.take(), next) {
-            // The first row, with the second to align it.
+            // The first row is aligned by means of the second row.
             (None, Some(first)) => {
                 self.waiting = self.next_read()?;
                 Some((first, self.waiting))

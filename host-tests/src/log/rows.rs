@@ -1,4 +1,4 @@
-//! Rows of numbers, whatever the file, and how a file is opened for them.
+//! Rows of numbers, common to all file formats, and how a file is opened.
 
 use super::columns::Fields;
 use super::error::LogError;
@@ -7,12 +7,12 @@ use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
-/// Rows of numbers, whatever the file.
+/// Rows of numbers of a log in any file format.
 pub trait RawRows {
-    /// Takes the next row; its line, or, of a binary file, its number, from 1. `None` at the end.
+    /// Takes the next row. Returns its line (row number in a binary file), counted from 1, and `None` at the end.
     ///
     /// # Errors
-    /// Where and what.
+    /// The place and the fault.
     fn next_row(&mut self, fields: &mut Fields) -> Result<Option<u64>, LogError>;
 
     /// Lines before the first row.
@@ -21,7 +21,7 @@ pub trait RawRows {
     }
 }
 
-/// Opens a file, and, where it may be, decompresses it: told by its contents.
+/// Opens a file. If it may be compressed, its first bytes decide whether it is decompressed.
 pub(super) fn open_input(path: &Path, may_be_compressed: bool) -> Result<Box<dyn BufRead>, LogError> {
     let mut input = BufReader::with_capacity(1 << 16, open_file(path)?);
     let magic = input.fill_buf().map_err(LogError::io(path))?.starts_with(&[0x1f, 0x8b]);

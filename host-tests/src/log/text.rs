@@ -16,19 +16,19 @@ pub(super) struct TextRows {
     path: PathBuf,
     input: Box<dyn BufRead>,
     layout: Layout,
-    /// Names, or, without a header, none.
+    /// Names of the columns; empty if the file has no header.
     header: Vec<String>,
     columns: usize,
-    /// Of every field that is there: its position in a row.
+    /// Position of every field in a row; `None` for a field that the file lacks.
     positions: [Option<usize>; FIELDS],
     line: Vec<u8>,
     number: u64,
-    /// Whether the line is a row not yet taken.
+    /// Whether the line is a row that has not been taken yet.
     waiting: bool,
-    /// Where the fields of the line end.
+    /// Position in the line at which each field ends.
     ends: Vec<usize>,
     unquoted: csv::ByteRecord,
-    /// Whether a quote begins in the line and does not end there.
+    /// Whether a quote begins in the line and does not end in it.
     quote_is_open: bool,
 }
 
@@ -58,7 +58,7 @@ impl TextRows {
         Ok(rows)
     }
 
-    /// The header, or the first row, which says how many columns there are.
+    /// Reads the header, or the first row if the file has no header. Both give the number of columns.
     fn read_head(&mut self) -> Result<(), LogError> {
         if !self.read_line()? {
             return Err(self.at(1, if self.layout.has_header { LogFault::Empty } else { LogFault::NoSamples }));
@@ -75,7 +75,7 @@ impl TextRows {
         self.check_delimiter()
     }
 
-    /// A single column with another delimiter in it is a log of another kind.
+    /// A single column that contains another delimiter shows that the file uses that delimiter.
     fn check_delimiter(&self) -> Result<(), LogError> {
         let kinds = [(b',', "','"), (b';', "';'"), (b'\t', "tabs")];
         let name = |delimiter: u8| kinds.iter().find(|kind| kind.0 == delimiter).map_or("", |kind| kind.1);
@@ -100,7 +100,7 @@ impl TextRows {
         }
     }
 
-    /// Reads a line; whether there was one.
+    /// Reads a line. Returns false at the end of the file.
     fn read_line(&mut self) -> Result<bool, LogError> {
         self.line.clear();
         let read = self.input.read_until(b'\n', &mut self.line);
@@ -108,7 +108,7 @@ impl TextRows {
         read.map(|length| length > 0).map_err(|cause| self.at(self.number, LogFault::Read(cause)))
     }
 
-    /// Finds the fields of the line. Quotes are rare, and taken out first.
+    /// Finds the fields of the line. Quotes, which are rare, are removed first.
     fn split(&mut self) {
         self.ends.clear();
         self.quote_is_open = false;
@@ -119,7 +119,7 @@ impl TextRows {
         self.ends.push(self.line.len());
     }
 
-    /// The line without quotes, and without delimiters within them.
+    /// Removes the quotes from the line, and the delimiters within the quotes.
     fn unquote(&mut self) {
         let delimiter = self.layout.delimiter;
         self.quote_is_open = memchr::memchr_iter(b'"', &self.line).count() % 2 == 1;
@@ -138,7 +138,8 @@ impl TextRows {
         self.line[start..self.ends[position]].trim_ascii()
     }
 
-    /// A row that cannot be read; of damaged compressed data, that is what is wrong with it, and the end tells.
+    /// The error for a row that cannot be read. If compressed data are damaged, the decompressor reports it at the end
+    /// of the file, so the rest is read first and the damage is reported in place of the row's fault.
     fn wrong_row(&mut self, fault: LogFault) -> LogError {
         let rest = std::io::copy(&mut self.input, &mut std::io::sink());
         self.at(self.number, rest.map_or_else(LogFault::Read, |_| fault))
@@ -200,7 +201,8 @@ impl TextRows {
     }
 }
 
-/// The fast parser, or, where it refuses, the library's, which takes a sign before anything.
+/// Parses with the fast parser. The standard library's parser is tried when the fast one refuses, because it accepts a
+/// sign before any value.
 fn parsed(text: &[u8]) -> Option<f64> {
     fast_float2::parse(text).ok().or_else(|| std::str::from_utf8(text).ok()?.parse().ok())
 }
@@ -231,7 +233,7 @@ fn split_header(line: &[u8], delimiter: u8) -> Result<Vec<String>, LogFault> {
     let read = csv.read_byte_record(&mut record);
     read.map_err(|error| LogFault::Read(std::io::Error::other(error)))?;
     let name = |(number, field): (usize, &[u8])| match std::str::from_utf8(field) {
-        // Some programs begin a file with a mark of its byte order.
+        // Some programs begin a file with a byte order mark.
         Ok(name) => Ok(name.trim_start_matches('\u{feff}').trim().to_string()),
         Err(_) => Err(LogFault::NotUtf8 { column: number.to_string() }),
     };
@@ -248,7 +250,7 @@ fn find_column(header: &[String], column: &str) -> Result<Option<usize>, LogFaul
     }
 }
 
-/// The first lines of a text file, plain or compressed, for a look at what it is.
+/// The first lines of a text file, plain or compressed.
 ///
 /// # Errors
 /// The file cannot be read.

@@ -27,11 +27,11 @@ enum Output {
 }
 
 impl LogWriter {
-    /// Creates a log, with or without the temperature column: Parquet if its name says so, else CSV, compressed if the
-    /// name ends in `.gz`.
+    /// Creates a log, with or without the temperature column. The format is Parquet if the name ends in `.parquet` or
+    /// `.pq`, else CSV. The CSV is compressed if the name ends in `.gz`.
     ///
     /// # Errors
-    /// The file cannot be created or written, or its name is that of a raw matrix.
+    /// The file cannot be created or written, or its name is the name of a raw matrix.
     pub fn create(path: &Path, temperature: bool) -> Result<Self, LogError> {
         if Format::of(path).is_matrix() {
             return Err(LogError::ReadOnly { path: path.into() });

@@ -1,14 +1,15 @@
-//! Plays a scheme into a virtual RINS, open loop: trapezoidal moves whose every corner lies on the sample grid.
+//! Plays a scheme into a virtual RINS, open loop, with trapezoidal moves whose corners all lie on the sample grid.
 //!
-//! An axis' profile is stretched to a whole number of sample intervals, symmetric in time, and scaled so that rates which
-//! go linearly from one sample to the next turn the axis by exactly the leg's angle. It is never faster than the scheme
-//! says, apart from that scaling (2e-6 on a quarter turn at 20 deg/s). Both axes start together; the longer one decides.
+//! The profile of an axis is stretched to a whole number of sample intervals and is symmetric in time. Between samples
+//! the rates are linear. The profile is scaled so that these rates turn the axis by exactly the leg's angle. Apart from
+//! this scaling (2e-6 on a quarter turn at 20 deg/s) an axis never turns faster than the scheme says. Both axes start
+//! together, and the axis with the longer profile ends the move.
 
 use super::plant::Reading;
 use super::virtual_rins::VirtualRins;
 use rins_selfcal::scheme::Scheme;
 
-/// A virtual RINS on its way through a scheme; yields readings until the last stop is over.
+/// A virtual RINS that follows a scheme. It gives readings until the last stop is over.
 pub struct SchemeDrive {
     rins: VirtualRins,
     legs: Vec<GridLeg>,
@@ -16,7 +17,7 @@ pub struct SchemeDrive {
     sample_in_leg: u32,
 }
 
-/// One move and the stop after it, in samples. The first stop is a leg without a move.
+/// A move and the stop after it, in samples. The first stop is a leg without a move.
 struct GridLeg {
     profiles: [Profile; 2],
     move_samples: u32,
@@ -27,7 +28,7 @@ struct GridLeg {
 #[derive(Clone, Copy, Default)]
 struct Profile {
     samples: u32,
-    /// Fraction of the time in either ramp.
+    /// Fraction of the time in each of the two ramps.
     ramp_part: f64,
     /// Rate between the ramps, signed.
     peak_rad_s: f64,
@@ -39,7 +40,7 @@ impl Profile {
             return Self::default();
         }
         let move_s = scheme.turning().profile(angle_rad).duration_s();
-        // A profile that ends on the grid shall not get one sample more by rounding.
+        // Rounding must not add a sample to a profile that ends on the grid.
         let samples = (move_s / interval_s - 1e-6).ceil().max(2.0) as u32;
         let ramp_s = (scheme.rate_rad_s / scheme.acceleration_rad_s2).min(0.5 * move_s);
         let unit = Self { samples, ramp_part: ramp_s / move_s, peak_rad_s: 1.0 };
@@ -58,8 +59,8 @@ impl Profile {
 }
 
 impl SchemeDrive {
-    /// Puts `rins`, which stands at (0, 0), at the start of a scheme. Every stop is `settling_s` longer than the scheme
-    /// says. The encoder errors are told how long the moves take.
+    /// Puts `rins`, which is at rest at (0, 0), at the start of a scheme. Every stop is `settling_s` longer than in the
+    /// scheme. The durations of the moves are passed to the encoder errors.
     pub fn new(mut rins: VirtualRins, scheme: &Scheme, settling_s: f64) -> Self {
         let legs = grid_legs(scheme, settling_s, rins.interval_s());
         let interval_s = rins.interval_s();
@@ -107,7 +108,7 @@ impl GridLeg {
     }
 }
 
-/// Durations of a scheme's moves on a sample grid, s, as [`VirtualRins::expect_moves`] wants them.
+/// Durations of a scheme's moves on a sample grid, s, for [`VirtualRins::expect_moves`].
 pub fn move_durations_s(scheme: &Scheme, rate_hz: f64) -> Vec<f64> {
     grid_legs(scheme, 0.0, rate_hz.recip())[1..].iter().map(|leg| f64::from(leg.move_samples) / rate_hz).collect()
 }

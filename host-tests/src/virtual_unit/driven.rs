@@ -1,7 +1,7 @@
 //! The virtual RINS with motors on its axes, in closed loop.
 //!
-//! The motors turn against friction and cables as their windings are driven; the encoders see the angles with their errors.
-//! What the IMU feels is the mean over its interval of the motion as it is, all that a servo does included.
+//! The windings drive the motors against friction and cables. The encoders read the angles with their errors. The IMU
+//! senses the mean of the true motion over its interval, including all motion that a servo causes.
 
 use super::kinematics::{Motion, Sensed};
 use super::motor::{Mechanics, Motor};
@@ -17,19 +17,19 @@ pub struct DrivenRins {
     rins: VirtualRins,
     motors: [Motor; 2],
     now_us: u64,
-    /// Integral of what the sensors feel over the interval under way.
+    /// Integral of the sensors' input over the present interval.
     felt: Sensed<Vec3>,
-    /// What the encoders see in the middle of the interval, rad.
+    /// Encoder readings at the middle of the interval, rad.
     at_stamp_rad: [f64; 2],
 }
 
 impl DrivenRins {
-    /// Puts a unit into operation, its axes standing at (0, 0); every random number comes from `seed`.
+    /// Puts a unit into operation with its axes at rest at (0, 0). Every random number comes from `seed`.
     pub fn new(unit: &VirtualUnit, seed: u64) -> Self {
         Self::with_mechanics(unit, seed, [Mechanics::of(MotorAndLoad::default()); 2])
     }
 
-    /// With these motors and loads.
+    /// As [`DrivenRins::new`], with these motors and loads.
     pub fn with_mechanics(unit: &VirtualUnit, seed: u64, mechanics: [Mechanics; 2]) -> Self {
         Self {
             rins: VirtualRins::with_encoder_rate(unit, seed, PERIOD_S.recip()),
@@ -40,7 +40,7 @@ impl DrivenRins {
         }
     }
 
-    /// With the axes standing at these angles of (outer, inner), rad, in place of (0, 0).
+    /// Starts with the axes at rest at these angles of (outer, inner), rad, in place of (0, 0).
     #[must_use]
     pub fn standing_at(mut self, angles_rad: [f64; 2]) -> Self {
         for (motor, angle_rad) in self.motors.iter_mut().zip(angles_rad) {
@@ -74,7 +74,7 @@ impl DrivenRins {
         self.motors.each_ref().map(Motor::rate_rad_s)
     }
 
-    /// End of the IMU's interval under way, us.
+    /// End of the IMU's present interval, us.
     fn interval_end_us(&self) -> u64 {
         ((self.rins.samples + 1) as f64 * self.rins.interval_s * 1e6).round() as u64
     }
@@ -83,7 +83,7 @@ impl DrivenRins {
         ((self.rins.samples as f64 + 0.5) * self.rins.interval_s * 1e6).round() as u64
     }
 
-    /// Turns the motors until a time, us, at most the end of the interval.
+    /// Advances the motors to a time, us, at most to the end of the interval.
     fn turn_until(&mut self, drives: [Drive<f64>; 2], time_us: u64) {
         let duration_s = (time_us - self.now_us) as f64 * 1e-6;
         let (angles_rad, from_rad_s) = (self.true_angles_rad(), self.true_rates_rad_s());

@@ -1,12 +1,13 @@
 //! Encoder errors of both axes.
 //!
-//! Repeatability: at every stop each axis' error is drawn anew; it stays while the axes stand and goes over to the next
-//! stop's value in proportion to time while they move. A plant does not know how long a move will last, so it is told the
-//! expected durations. On top, while an axis turns, the rate reference noise is integrated into its angle, and pinned to
-//! zero at both stops (a Brownian bridge). Eccentricity and second harmonic are functions of the true angle.
+//! Repeatability: the error of each axis is drawn anew for every stop. The error is constant while the axes are at
+//! rest. During a move the error changes to the next stop's value in proportion to time. A plant does not know how long
+//! a move will last, so the expected durations are passed in. While an axis turns, the rate reference noise is also
+//! integrated into its angle. The integral is zero at both stops (a Brownian bridge). Eccentricity and second harmonic
+//! are functions of the true angle.
 //!
 //! ```text
-//! standing --(an axis has left its place)--> turning --(blend is over, and rates negligible for REST_S)--> standing
+//! at rest --(an axis leaves its angle)--> turning --(move is over, and rates negligible for REST_S)--> at rest
 //! ```
 
 use rand_distr::{Distribution, StandardNormal};
@@ -14,18 +15,18 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rins_selfcal::base::units::ARCSEC;
 use serde::{Deserialize, Serialize};
 
-/// Rate below which an axis counts as standing, rad/s.
+/// Rate below which an axis counts as at rest, rad/s.
 pub const REST_RAD_S: f64 = 1e-4;
-/// Way from where it stood, at rates that are not negligible, beyond which an axis is on a move, rad. A servo's correction
-/// of an encoder error is none.
+/// Turn of an axis from its angle at rest, at rates above [`REST_RAD_S`], that counts as a move, rad. The turn with
+/// which a servo corrects an encoder error is smaller.
 const MOVED_RAD: f64 = 20.0 * ARCSEC;
-/// How long both axes must stand before the next motion counts as the next move, s.
+/// Time for which both axes must be at rest before the next motion counts as the next move, s.
 const REST_S: f64 = 0.1;
-/// A quarter turn at 20 deg/s with ramps of 20 deg/s^2, s.
+/// Duration of a quarter turn at 20 deg/s with ramps of 20 deg/s^2, s.
 const DEFAULT_MOVE_S: f64 = 5.5;
 
-/// A harmonic of an encoder's error: `amplitude (sin(n angle + phase) - sin phase)`. It vanishes at angle zero, because the
-/// encoder's zero defines the rotation frame, and with it the angles that are called true.
+/// A harmonic of an encoder's error: `amplitude (sin(n angle + phase) - sin phase)`. The error is zero at angle zero,
+/// because the encoder's zero defines the rotation frame and so the true angles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Harmonic {
@@ -45,7 +46,7 @@ impl Harmonic {
         self.amplitude_arcsec * ARCSEC * ((multiple_rad + phase_rad).sin() - phase_rad.sin())
     }
 
-    /// The same as `c (cos(n angle) - 1) + s sin(n angle)`: c and s, rad.
+    /// The coefficients c and s, rad, of the same error in the form (M9), `c (cos(n angle) - 1) + s sin(n angle)`.
     pub fn cos_and_sin_rad(&self) -> [f64; 2] {
         let (sin, cos) = self.phase_deg.to_radians().sin_cos();
         [sin, cos].map(|part| self.amplitude_arcsec * ARCSEC * part)
@@ -53,18 +54,18 @@ impl Harmonic {
 }
 
 enum Phase {
-    Standing {
-        /// Way of each axis since it stood, rad.
+    AtRest {
+        /// Turn of each axis since it was at rest, rad.
         left_rad: [f64; 2],
-        /// Samples since then.
+        /// Samples since the axes were at rest.
         elapsed: u32,
     },
-    /// All in samples.
+    /// All durations are in samples.
     Turning { elapsed: u32, duration: u32, quiet: u32 },
 }
 
 impl Phase {
-    const STANDING: Self = Self::Standing { left_rad: [0.0; 2], elapsed: 0 };
+    const AT_REST: Self = Self::AtRest { left_rad: [0.0; 2], elapsed: 0 };
 }
 
 /// The random errors of both encoders.
@@ -73,7 +74,7 @@ pub struct EncoderErrors {
     rate_hz: f64,
     sigma_rad: f64,
     sigma_bridge_rad: f64,
-    /// Expected durations of the moves to come, s, last first; the last one left serves for all that follow.
+    /// Expected durations of future moves, s, in reverse order. The last duration is also used for all later moves.
     durations_s: Vec<f64>,
     phase: Phase,
     from_rad: [f64; 2],
@@ -90,7 +91,7 @@ impl EncoderErrors {
             sigma_rad,
             sigma_bridge_rad,
             durations_s: vec![DEFAULT_MOVE_S],
-            phase: Phase::STANDING,
+            phase: Phase::AT_REST,
             from_rad: [0.0; 2],
             to_rad: [0.0; 2],
             bridge_rad: [0.0; 2],
@@ -99,7 +100,7 @@ impl EncoderErrors {
         errors
     }
 
-    /// Says how long the moves to come will take, s.
+    /// Sets the expected durations of future moves, s.
     pub fn expect_moves(&mut self, durations_s: &[f64]) {
         self.durations_s = durations_s.iter().rev().copied().collect();
         if self.durations_s.is_empty() {
@@ -107,16 +108,16 @@ impl EncoderErrors {
         }
     }
 
-    /// Advances by one sample, at whose end the axes turn at `rates_rad_s`.
+    /// Advances by one sample. At its end the axes turn at `rates_rad_s`.
     pub fn step(&mut self, rates_rad_s: [f64; 2]) {
         let turning = rates_rad_s.map(|rate| rate.abs() > REST_RAD_S);
         let any = turning[0] || turning[1];
-        if let Phase::Standing { left_rad, elapsed } = self.phase {
+        if let Phase::AtRest { left_rad, elapsed } = self.phase {
             let left_rad = [0, 1].map(|axis: usize| left_rad[axis] + rates_rad_s[axis] / self.rate_hz);
             if left_rad.iter().any(|way| way.abs() > MOVED_RAD) {
                 self.start_move(elapsed);
             } else {
-                self.phase = if any { Phase::Standing { left_rad, elapsed: elapsed + 1 } } else { Phase::STANDING };
+                self.phase = if any { Phase::AtRest { left_rad, elapsed: elapsed + 1 } } else { Phase::AT_REST };
             }
         }
         if let Phase::Turning { elapsed, duration, quiet } = self.phase {
@@ -125,7 +126,7 @@ impl EncoderErrors {
             self.phase = Phase::Turning { elapsed, duration, quiet };
             if elapsed >= duration && f64::from(quiet) >= REST_S * self.rate_hz {
                 self.from_rad = self.to_rad;
-                self.phase = Phase::STANDING;
+                self.phase = Phase::AT_REST;
             }
         }
     }
@@ -139,7 +140,7 @@ impl EncoderErrors {
         })
     }
 
-    /// A move that began `elapsed` samples ago.
+    /// Starts a move that began `elapsed` samples ago.
     fn start_move(&mut self, elapsed: u32) {
         let expected_s = self.durations_s.last().copied().unwrap_or(DEFAULT_MOVE_S);
         if self.durations_s.len() > 1 {
@@ -151,7 +152,7 @@ impl EncoderErrors {
         self.bridge_rad = [0.0; 2];
     }
 
-    /// One step of the bridges that end, at zero, `remaining` samples from here.
+    /// One step of the Brownian bridges, which end at zero after `remaining` samples.
     fn step_bridge(&mut self, turning: [bool; 2], remaining: u32) {
         if self.sigma_bridge_rad == 0.0 {
             return;

@@ -1,17 +1,19 @@
-//! Rigid truth: what the sensors of a unit feel while its axes turn, without noise.
+//! Rigid truth: the noise-free input of a unit's sensors while its axes turn.
 //!
-//! Written from the equations, not from the core, so that the two can be held against each other:
+//! The code is written from the equations, not from the core's code, so that it can check the core:
 //! ```text
-//! (3)  rot_rr0 = R_e(inner) R_x(outer),  e = (sin d, 0, cos d);   rot_s0r0 = exp(-[theta x]);   b = r0
+//! (M2) rot_s0r0 = exp(-[theta x]);   b = r0
+//! (M3) rot_rr0 = R_e(inner) R_x(outer),  e = (sin d, 0, cos d)
 //!      x_r = R_e(inner) e_x                                           outer axis in r
 //!      omega_br_r = x_r outer' + e inner'
 //!      d/dt omega_br_r = x_r outer'' + e inner'' - (e x x_r) outer' inner'
 //!      f_r = rot_rr0 up_r0 + omega' x l + omega x (omega x l)         l: lever arm; up: reaction to gravity
-//! (4)  f_a = (I + diag ka) rot_sa^-1 rot_sr f_r + ba
-//! (5)  w_g = (I + diag kg) rot_sg^-1 rot_sr (omega_br_r + rot_rr0 earth_r0) + bg
+//! (M4) f_a = (I + diag ka) rot_sa^-1 rot_sr f_r + ba
+//! (M5) w_g = (I + diag kg) rot_sg^-1 rot_sr (omega_br_r + rot_rr0 earth_r0) + bg
 //! ```
-//! The base's roll, pitch and heading are those of b = r0, whose axes are the rotation axes at (0, 0); with b = s0 they would
-//! differ by the mounting angles. The base tilts and the biases ramp in proportion to time; the tilt is carried to first order.
+//! Roll, pitch and heading of the base are the attitude of b = r0, whose axes are the rotation axes at (0, 0). With b =
+//! s0 they would differ by the mounting angles. The base tilts and the biases ramp in proportion to time. The tilt is
+//! computed to first order.
 
 use super::unit::VirtualUnit;
 use super::vec3::{
@@ -20,7 +22,7 @@ use super::vec3::{
 };
 use rins_selfcal::base::units::{ARCSEC, DEG_H, MICRO_G};
 
-/// A vector in proportion to time.
+/// A vector that is linear in time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drift {
     /// Value at time zero.
@@ -44,7 +46,7 @@ impl Drift {
     }
 }
 
-/// Motion of (outer, inner) over one interval; the rates go linearly from one end to the other.
+/// Motion of (outer, inner) over one interval. The rates are linear in time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
     /// Angles at the start, rad.
@@ -75,7 +77,7 @@ impl Motion {
     }
 }
 
-/// What accelerometers (m/s^2) and gyros (rad/s) read without noise.
+/// Noise-free readings of accelerometers, m/s^2, and gyros, rad/s.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensed<V> {
     /// Accelerometers.
@@ -93,28 +95,28 @@ pub struct RigidTruth {
     up_r0: Drift,
     /// Earth rate in r at gimbal angles (0, 0).
     earth_r0: Drift,
-    /// Linear part of (4) on r-components.
+    /// Linear part of (M4) on r-components.
     force_matrix_ar: Mat3,
-    /// Linear part of (5) on r-components.
+    /// Linear part of (M5) on r-components.
     rate_matrix_gr: Mat3,
     accel_bias_a: Drift,
     gyro_bias_g: Drift,
 }
 
-/// Fractions of an interval where two-point Gauss-Legendre quadrature looks; both weigh a half.
+/// Nodes of two-point Gauss-Legendre quadrature, as fractions of an interval. Both weights are one half.
 const GAUSS_POINTS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
 
 const HOUR_S: f64 = 3600.0;
 
 impl RigidTruth {
-    /// Prepares the truth of a unit.
+    /// Computes the constant parts of a unit's truth.
     pub fn new(unit: &VirtualUnit) -> Self {
         let (errors, effects) = (&unit.errors, &unit.effects);
         let rot_sr = frame_rotation(errors.mounting);
         let tilt = effects.base_tilt_drift_arcsec_h.map(|drift| drift * ARCSEC / HOUR_S);
         let in_b = |v_n: Vec3| {
             let start_b = base_from_level(unit, v_n);
-            // A frame that turns by phi sees v + v x phi.
+            // In a frame that has turned by phi, v becomes v + v x phi.
             let per_s_b = cross(start_b, [tilt[0], tilt[1], 0.0]);
             Drift { start: start_b, per_s: per_s_b }
         };
@@ -137,7 +139,7 @@ impl RigidTruth {
         }
     }
 
-    /// What the sensors read while the axes stand at these angles, rad, against time.
+    /// Readings of the sensors against time while the axes are at rest at these angles, rad.
     pub fn at_rest(&self, angles_rad: [f64; 2]) -> Sensed<Drift> {
         let turn = Turn::new(angles_rad);
         let rotated = |line: &Drift, matrix: &Mat3| line.mapped(|v| apply(matrix, self.rotate_rr0(v, &turn)));
@@ -147,7 +149,7 @@ impl RigidTruth {
         }
     }
 
-    /// Mean of what the sensors read over an interval whose middle is at `middle_s`.
+    /// Mean readings of the sensors over an interval whose middle is at `middle_s`.
     pub fn mean_over(&self, motion: &Motion, middle_s: f64) -> Sensed<Vec3> {
         let (up_r0, earth_r0) = (self.up_r0.at(middle_s), self.earth_r0.at(middle_s));
         let [first, second] = GAUSS_POINTS.map(|part| self.felt_r(motion, part, up_r0, earth_r0));
@@ -158,7 +160,7 @@ impl RigidTruth {
         }
     }
 
-    /// What the sensors read more when the base has turned by the rotation vector `turned_b`, rad, and turns at `rate_b`,
+    /// Change of the readings when the base has turned by the rotation vector `turned_b`, rad, and turns at `rate_b`,
     /// rad/s. `middle_s` is the time and `angles_rad` are the gimbal angles at the middle of the interval.
     pub fn by_base_motion(&self, turned_b: Vec3, rate_b: Vec3, angles_rad: [f64; 2], middle_s: f64) -> Sensed<Vec3> {
         let turn = Turn::new(angles_rad);
@@ -185,7 +187,7 @@ impl RigidTruth {
         (add(self.rotate_rr0(up_r0, &turn), lever_force_r), add(self.rotate_rr0(earth_r0, &turn), omega_br_r))
     }
 
-    /// (3)
+    /// Applies (M3).
     fn rotate_rr0(&self, v_r0: Vec3, turn: &Turn) -> Vec3 {
         turn_frame(turn_frame(v_r0, [1.0, 0.0, 0.0], turn.outer), self.inner_axis_r, turn.inner)
     }
@@ -203,7 +205,7 @@ impl Turn {
     }
 }
 
-/// n-components to b-components: the base is rolled, then pitched, then turned to its heading.
+/// Takes n-components to b-components. The base is rolled, then pitched, then turned to its heading.
 fn base_from_level(unit: &VirtualUnit, v_n: Vec3) -> Vec3 {
     let errors = &unit.errors;
     let yawed = turn_frame(v_n, [0.0, 0.0, 1.0], (-errors.heading).sin_cos());
@@ -217,12 +219,12 @@ fn sensor_matrix(axes: &Mat3, scale_error: Vec3, rot_sr: &Mat3) -> Mat3 {
     std::array::from_fn(|row| scale(rows[row], 1.0 + scale_error[row]))
 }
 
-/// rot_sa of (1). Its columns are the sensor axes.
+/// rot_sa of (M1). Its columns are the sensor axes.
 fn accel_axes(&[yz, zx, zy]: &[f64; 3]) -> Mat3 {
     transpose(&[[1.0, yz, -zy], [0.0, 1.0, zx], [0.0, 0.0, 1.0]])
 }
 
-/// rot_sg of (1). Its columns are the sensor axes.
+/// rot_sg of (M1). Its columns are the sensor axes.
 fn gyro_axes(&[xy, xz, yx, yz, zx, zy]: &[f64; 6]) -> Mat3 {
     transpose(&[[1.0, yz, -zy], [-xz, 1.0, zx], [xy, -yx, 1.0]])
 }

@@ -1,9 +1,9 @@
-//! A dual-axis rotational INS that exists in numbers only.
+//! A simulated dual-axis rotational INS.
 //!
 //! ```text
 //! presets    vec3 -> kinematics, encoder -> virtual_rins -> drive: open loop, along a scheme
-//!                              motor -----------'-> driven: its windings driven
-//! plant: what both are to others
+//!                              motor -----------'-> driven: closed loop, through the windings
+//! plant: the interface of both to other rooms
 //! ```
 
 pub mod drive;

@@ -1,12 +1,13 @@
-//! A motor, its load and its encoder, in numbers only.
+//! A simulated motor with its load and its encoder.
 //!
 //! ```text
 //! winding   L i' = u V - R i - K w              shorted u = 0; open i = 0
 //! load      J w' = K i - b w - c (a - a0) - friction + disturbance
-//! friction  F sign(w) while it turns; at rest whatever holds it, up to the breakaway torque
+//! friction  F sign(w) while the axis turns; at rest the torque that holds the axis, up to the breakaway torque
 //! ```
-//! A step is far below the control period and the winding's time constant: the winding's is exact for a constant rate, the
-//! load's is Euler's. The bridge knows a number of duties, the encoder a number of angles.
+//! A step is far shorter than the control period and the time constant of the winding. The winding's step is exact for
+//! a constant rate. The load's step is an Euler step. The duties of the bridge and the angles of the encoder are
+//! quantized.
 
 use rins_selfcal::base::angle::Angle;
 use rins_selfcal::gimbal::servo::{Drive, MotorAndLoad};
@@ -14,26 +15,27 @@ use rins_selfcal::gimbal::servo::{Drive, MotorAndLoad};
 /// Step of the integration, s.
 const STEP_S: f64 = 1e-4;
 
-/// What a motor and its load are, whatever the controller takes them for.
+/// The true parameters of a motor and its load. The controller may assume others.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mechanics {
-    /// The part that a controller knows.
+    /// The parameters that a controller knows.
     pub data: MotorAndLoad,
-    /// Torque at which an axis at rest begins to move, to the friction of one that turns.
+    /// Torque at which an axis at rest begins to move, as a multiple of the friction of a turning axis.
     pub breakaway: f64,
-    /// Of the cables, N m/rad.
+    /// Stiffness of the cables, N m/rad.
     pub spring_nm_rad: f64,
-    /// Angle at which the cables are at ease, rad.
+    /// Angle at which the cables exert no torque, rad.
     pub spring_rest_rad: f64,
-    /// Duties from 0 to 1.
+    /// Number of duty steps from 0 to 1.
     pub duty_steps: f64,
     /// Torque from outside, N m.
     pub disturbance_nm: f64,
 }
 
 impl Mechanics {
-    /// As the controller takes it, with what it does not know: breakaway a fifth above the friction, cables, a bridge of
-    /// 8000 duties, as of 20 kHz from a timer of 160 MHz.
+    /// A motor with the data that the controller assumes, and with properties that the controller does not know: a
+    /// breakaway torque a fifth above the friction, cables, and a bridge of 8000 duty steps (20 kHz from a timer of 160
+    /// MHz).
     pub fn of(data: MotorAndLoad) -> Self {
         Self {
             data,
@@ -45,29 +47,29 @@ impl Mechanics {
         }
     }
 
-    /// What the encoder reads at an angle, rad.
+    /// Reading of the encoder at an angle, rad.
     pub fn encoder(&self, angle_rad: f64) -> Angle {
         let shift = 32 - u32::from(self.data.encoder_bits);
         Angle::from_ticks(Angle::from_rad(angle_rad).ticks() >> shift << shift)
     }
 }
 
-/// A motor that turns.
+/// State of a motor.
 #[derive(Clone, Debug)]
 pub struct Motor {
-    /// What it is.
+    /// The true parameters of motor and load.
     pub mechanics: Mechanics,
-    /// Its shaft does not turn.
+    /// Whether the shaft is blocked.
     pub jammed: bool,
     current_a: f64,
     angle_rad: f64,
     rate_rad_s: f64,
-    /// What is left of a current after a usual step.
+    /// Fraction of a current that is left after a step of the usual length.
     kept: f64,
 }
 
 impl Motor {
-    /// At rest at this angle, rad.
+    /// A motor at rest at this angle, rad.
     pub fn new(mechanics: Mechanics, angle_rad: f64) -> Self {
         let kept = kept(&mechanics.data, STEP_S);
         Self { mechanics, jammed: false, current_a: 0.0, angle_rad, rate_rad_s: 0.0, kept }
@@ -88,12 +90,12 @@ impl Motor {
         self.current_a
     }
 
-    /// What its encoder reads.
+    /// Reading of the encoder.
     pub fn encoder(&self) -> Angle {
         self.mechanics.encoder(self.angle_rad)
     }
 
-    /// Turns for `duration_s`. From outside it is as if the rate had gone linearly from one end to the other.
+    /// Turns for `duration_s`. Seen from outside, the rate is linear over this time.
     pub fn advance(&mut self, drive: Drive<f64>, duration_s: f64) {
         let steps = (duration_s / STEP_S - 1e-6).ceil().max(1.0);
         let (start_rad, start_rad_s) = (self.angle_rad, self.rate_rad_s);
@@ -133,12 +135,12 @@ impl Motor {
         }
         let direction = if turning { self.rate_rad_s } else { torque_nm }.signum();
         let after = self.rate_rad_s + (torque_nm - direction * data.coulomb_nm) / data.inertia_kg_m2 * step_s;
-        // It comes to rest before it turns the other way.
+        // Friction stops the axis before the axis turns the other way.
         if turning && after * direction < 0.0 { 0.0 } else { after }
     }
 }
 
-/// What a shorted winding leaves of a current after a time, s.
+/// Fraction of a current that is left in a shorted winding after a time, s.
 fn kept(data: &MotorAndLoad, time_s: f64) -> f64 {
     if data.inductance_h > 0.0 { (-time_s * data.resistance_ohm / data.inductance_h).exp() } else { 0.0 }
 }

@@ -1,4 +1,4 @@
-//! What an instrument is to the bench: something that goes on by control periods, driven by two windings.
+//! The interface of an instrument to the bench: it advances by control periods and is driven by two windings.
 
 use rins_selfcal::gimbal::servo::{Drive, PERIOD_US};
 use std::cell::RefCell;
@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 /// What the IMU and the encoders report after one data-ready edge, SI.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reading {
-    /// Middle of the interval over which rates and forces are means, us; the angles are those at that time.
+    /// Middle of the interval over which rates and forces are averaged, us. The angles belong to the same time.
     pub time_us: u64,
     /// Gyro outputs, rad/s.
     pub omega_g: [f64; 3],
@@ -18,23 +18,23 @@ pub struct Reading {
     pub outer_rad: f64,
     /// Inner encoder, rad, continuous or wrapped.
     pub inner_rad: f64,
-    /// IMU temperature, deg C; not a number where there is no sensor.
+    /// IMU temperature, deg C. NaN without a sensor.
     pub temperature_c: f32,
 }
 
-/// An instrument at the end of a control period.
+/// Measurements at the end of a control period.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tick {
-    /// What the outer and the inner encoder see, rad.
+    /// Readings of the outer and the inner encoder, rad.
     pub encoders_rad: [f64; 2],
-    /// What the IMU has measured, if an interval of it ended in this period.
+    /// Measurement of the IMU, if an interval of the IMU ended in this period.
     pub reading: Option<Reading>,
 }
 
-/// What the bridge does with the winding.
+/// State of the bridge's output to the winding.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Output {
-    /// On average this part of the supply, -1 to 1.
+    /// Mean voltage as a fraction of the supply, -1 to 1.
     Driven(f64),
     /// Shorted.
     Shorted,
@@ -54,12 +54,12 @@ impl From<Output> for Drive<f64> {
 
 /// An instrument, virtual or recorded.
 pub trait Plant {
-    /// Goes on by a control period, in which the windings of the outer and the inner motor are driven so; `None` when it is
-    /// switched off. A recording ignores the windings.
+    /// Advances by a control period in which the windings of the outer and the inner motor have these outputs. Returns
+    /// `None` when the instrument is switched off. A recording ignores the windings.
     fn advance(&mut self, outputs: [Output; 2]) -> Option<Tick>;
 }
 
-/// An instrument whose periods take their time.
+/// An instrument that runs in real time.
 pub struct Paced<P> {
     plant: P,
     interval: Duration,
@@ -67,7 +67,7 @@ pub struct Paced<P> {
 }
 
 impl<P> Paced<P> {
-    /// With this long from one period to the next.
+    /// The instrument `plant` with this time from one period to the next.
     pub fn new(plant: P, interval: Duration) -> Self {
         Self { plant, interval, next: Instant::now() }
     }
@@ -77,23 +77,23 @@ impl<P: Plant> Plant for Paced<P> {
     fn advance(&mut self, outputs: [Output; 2]) -> Option<Tick> {
         let now = Instant::now();
         std::thread::sleep(self.next.saturating_duration_since(now));
-        // Time that was lost is not made up for.
+        // After a delay the later periods keep their length, so lost time is not caught up.
         self.next = self.next.max(now) + self.interval;
         self.plant.advance(outputs)
     }
 }
 
-/// An instrument that others look at while it is on the bench.
+/// An instrument that others can observe while it is on the bench.
 impl<P: Plant> Plant for Rc<RefCell<P>> {
     fn advance(&mut self, outputs: [Output; 2]) -> Option<Tick> {
         self.borrow_mut().advance(outputs)
     }
 }
 
-/// Control periods to an interval of the IMU at 200 Hz.
+/// Control periods in an interval of the IMU at 200 Hz.
 const PERIODS: u64 = 5000 / PERIOD_US;
 
-/// Readings at 200 Hz in place of an instrument. The encoders see their angles over the whole interval.
+/// Readings at 200 Hz in place of an instrument. The encoder angles are constant over each interval.
 #[derive(Clone, Debug)]
 pub struct Recording<I> {
     readings: I,
@@ -102,12 +102,12 @@ pub struct Recording<I> {
 }
 
 impl<I: Iterator<Item = Reading>> Recording<I> {
-    /// Plays the readings; their times do not matter.
+    /// Plays the readings. Their times are ignored.
     pub fn new(readings: I) -> Self {
         Self { readings, under_way: None, periods: 0 }
     }
 
-    /// What is left of the readings.
+    /// The readings that have not been played.
     pub fn into_readings(self) -> I {
         self.readings
     }
@@ -126,7 +126,7 @@ impl<I: Iterator<Item = Reading>> Plant for Recording<I> {
     }
 }
 
-/// An instrument that stands for a number of samples at 200 Hz: level, on an Earth that does not turn.
+/// An instrument at rest for a number of samples at 200 Hz, level, on an Earth that does not turn.
 pub fn at_rest(samples: u32) -> Recording<impl Iterator<Item = Reading>> {
     Recording::new((0..samples).map(|sample| Reading {
         time_us: u64::from(sample) * 5000,

@@ -1,13 +1,13 @@
-//! Errors and noise by name, from files and by chance.
+//! Errors and noise by name, from files and drawn at random.
 //!
-//! A file of errors holds parameters in report units and effects, both optional:
+//! A file of errors holds parameters in report units and effects. Both are optional:
 //! ```toml
 //! [parameters]
 //! Sgxy = -233.615
 //! [effects]
 //! lever_arm_m = [0.02, -0.01, 0.03]
 //! ```
-//! The same may be given in place of a file's name, in one line: `parameters = { Sgxy = -233.615 }`.
+//! The contents may also be given in one line in place of a file's name: `parameters = { Sgxy = -233.615 }`.
 //! A file of noise holds the table `[noise]` of UNIT.toml.
 
 use super::unit::Effects;
@@ -25,12 +25,12 @@ use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 use std::path::Path;
 
-/// The errors of a unit and what else it does.
+/// The errors of a unit and its other effects.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct UnitErrors {
     /// The 28 true errors, SI.
     pub errors: InstrumentErrors<f64>,
-    /// Everything else.
+    /// Effects beyond the 28 errors.
     pub effects: Effects,
 }
 
@@ -47,7 +47,8 @@ struct NoiseFile {
     noise: Noise,
 }
 
-/// The errors of this name, `table1`, `table3` or `real`, or else in this file or text. `seed` gives `real` its heading.
+/// The errors of this name (`table1`, `table3` or `real`), or else the errors in this file or text. The heading of
+/// `real` is drawn from `seed`.
 ///
 /// # Errors
 /// One line that names the file and, for its contents, line and key.
@@ -72,7 +73,7 @@ fn errors_of(file: &TomlFile) -> Result<UnitErrors, TomlFileError> {
     Ok(UnitErrors { errors: parameters.to_errors(), effects })
 }
 
-/// The noise of this name, `bai`, `navigation` or `tactical`, or else in this file.
+/// The noise of this name (`bai`, `navigation` or `tactical`), or else the noise in this file.
 ///
 /// # Errors
 /// One line that names the file and, for its contents, line and key.
@@ -92,12 +93,12 @@ pub fn noise_named(name: &str) -> Result<Noise, TomlFileError> {
     }
 }
 
-/// Bai's simulated unit: the twelve of Table 1, all else zero.
+/// Bai's simulated unit: the twelve errors of Table 1, all other errors zero.
 pub fn table1() -> InstrumentErrors<f64> {
     installation(&TABLE_1)
 }
 
-/// Bai's laboratory unit: the twelve of Table 3, all else zero.
+/// Bai's laboratory unit: the twelve errors of Table 3, all other errors zero.
 pub fn table3() -> InstrumentErrors<f64> {
     installation(&TABLE_3)
 }
@@ -117,8 +118,8 @@ pub const REAL_AXES: &Listed = &[("axis_nonperpendicularity", 4.0)];
 /// Tilt of its base.
 pub const REAL_BASE: &Listed = &[("base_roll", 1.7), ("base_pitch", -2.3)];
 
-/// A real unit: the twelve of Table 3, biases and scale-factor errors of mixed signs, axes that are not perpendicular, a
-/// base that is not level, and a heading drawn from the seed.
+/// A realistic unit: the twelve errors of Table 3, biases and scale-factor errors of mixed signs, axes that are not
+/// perpendicular, a base that is not level, and a heading drawn from the seed.
 pub fn real(seed: u64) -> InstrumentErrors<f64> {
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
     let mut table = installation_table(&TABLE_3);
@@ -129,7 +130,7 @@ pub fn real(seed: u64) -> InstrumentErrors<f64> {
     InstrumentErrors { heading: uniform(&mut rng, 0.0, TAU), ..table.to_errors() }
 }
 
-/// Size of the parameters of a group, which differ by their signs.
+/// Common magnitude of the parameters of a group, which differ in sign.
 fn size(group: &Listed) -> f64 {
     group[0].1.abs()
 }
@@ -144,13 +145,13 @@ fn installation_table(arcsec: &Twelve) -> ParameterTable {
     table
 }
 
-/// Sizes of random errors: standard deviations of normal ones, except where it says "within".
+/// Sizes of random errors. A size is the standard deviation of a normal distribution, except for the tilt of the base.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RandomErrors {
-    /// The six of the gyros, arcsec.
+    /// The six installation errors of the gyros, arcsec.
     pub gyro_non_orthogonality_arcsec: f64,
-    /// The three of the accelerometers, arcsec.
+    /// The three installation errors of the accelerometers, arcsec.
     pub accel_non_orthogonality_arcsec: f64,
     /// alpha, beta, gamma, arcsec.
     pub mounting_arcsec: f64,
@@ -164,12 +165,12 @@ pub struct RandomErrors {
     pub gyro_scale_ppm: f64,
     /// Non-perpendicularity of the axes, arcsec.
     pub axis_non_perpendicularity_arcsec: f64,
-    /// Roll and pitch of the base are uniform within plus and minus this, deg.
+    /// Roll and pitch of the base are uniform between minus and plus this angle, deg.
     pub base_tilt_within_deg: f64,
 }
 
 impl Default for RandomErrors {
-    /// The size of Bai's Table 3: each group's root mean square there; all else as large as that of the unit `real`.
+    /// The sizes of Bai's Table 3, by the root mean square of each group. All other sizes are those of the unit `real`.
     fn default() -> Self {
         let group =
             |from: usize, to: usize| (TABLE_3[from..to].iter().map(|x| x * x).sum::<f64>() / (to - from) as f64).sqrt();
@@ -188,7 +189,7 @@ impl Default for RandomErrors {
 }
 
 impl RandomErrors {
-    /// With all twelve installation errors of this size, deg.
+    /// The same sizes, with all twelve installation errors of this size, deg.
     #[must_use]
     pub fn with_installation_deg(self, size_deg: f64) -> Self {
         let arcsec = size_deg * DEG / ARCSEC;
@@ -200,7 +201,7 @@ impl RandomErrors {
         }
     }
 
-    /// With everything but the base's tilt `factor` times as large.
+    /// All sizes multiplied by `factor`, except the tilt of the base.
     #[must_use]
     pub fn scaled(self, factor: f64) -> Self {
         Self {
@@ -216,7 +217,7 @@ impl RandomErrors {
         }
     }
 
-    /// Draws the errors of one unit; its heading is uniform over the turn.
+    /// Draws the errors of one unit. The heading is uniform over the full turn.
     pub fn draw(&self, seed: u64) -> InstrumentErrors<f64> {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
         let tilt = self.base_tilt_within_deg * DEG;
@@ -254,7 +255,7 @@ mod tests {
         let noise = Noise::bai();
         assert!((noise.sigma_force_m_s2(200.0) / (30.0 * MICRO_G) - 1.0).abs() < 1e-14);
         assert!((noise.sigma_omega_rad_s(200.0) / (0.2 * ARCSEC) - 1.0).abs() < 1e-14);
-        // A rate error over one sample interval of 5 ms is an angle.
+        // A rate error times the sample interval of 5 ms is an angle.
         assert!((noise.sigma_reference_rad(200.0) / (0.7 * ARCSEC * 0.005) - 1.0).abs() < 1e-14);
     }
 
@@ -271,8 +272,8 @@ mod tests {
 
     #[test]
     fn random_errors_have_their_sizes() {
-        // 400 units of 3 accelerometer biases: the sum of squares over sigma^2 is chi-square with 1200 degrees of
-        // freedom, sigma sqrt(2400) = 49; five sigma.
+        // 400 units have 3 accelerometer biases each. The sum of squares over sigma^2 is chi-square with 1200 degrees
+        // of freedom, so its sigma is sqrt(2400) = 49. The test allows five sigma.
         let sizes = RandomErrors::default();
         let sum: f64 =
             (0..400).flat_map(|seed| sizes.draw(seed).accel_bias_a).map(|bias| (bias / (30.0 * MICRO_G)).powi(2)).sum();

@@ -13,25 +13,25 @@ use serde::{Deserialize, Serialize};
 /// Sample rate of the unit in the literature, Hz.
 pub const DEFAULT_RATE_HZ: f64 = 200.0;
 
-/// What a unit does beyond its 28 errors and white noise; everything is absent by default.
+/// Effects of a unit beyond its 28 errors and white noise. All of them are absent by default.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Effects {
-    /// From the intersection of the axes to the IMU, s-frame, m.
+    /// Lever arm from the intersection of the axes to the IMU, s-frame, m.
     pub lever_arm_m: [f64; 3],
-    /// Largest rate of the drives, deg/s; unlimited where absent.
+    /// Largest rate of the drives, deg/s. Unlimited if absent.
     pub max_rate_deg_s: Option<f64>,
-    /// Largest acceleration of the drives, deg/s^2; unlimited where absent.
+    /// Largest acceleration of the drives, deg/s^2. Unlimited if absent.
     pub max_acceleration_deg_s2: Option<f64>,
     /// First harmonic of the encoder errors, outer and inner.
     pub encoder_eccentricity: [Harmonic; 2],
     /// Second harmonic of the encoder errors, outer and inner.
     pub encoder_second_harmonic: [Harmonic; 2],
-    /// Bits of a turn that the encoders tell; all that a number has where absent.
+    /// Resolution of the encoders, bits per turn. Not quantized if absent.
     pub encoder_bits: Option<u8>,
-    /// Amplitude by which both axes hunt, arcsec. In closed loop they do as the servos make them.
+    /// Amplitude of the hunting of both axes, arcsec. Used in open loop only; in closed loop the servos set the motion.
     pub hunting_arcsec: f64,
-    /// How often, Hz.
+    /// Frequency of the hunting, Hz.
     pub hunting_hz: f64,
     /// Ramp of the accelerometer biases, ug/h.
     pub accel_bias_ramp_ug_h: [f64; 3],
@@ -43,14 +43,17 @@ pub struct Effects {
     pub gyro_bias_walk_deg_h_sqrt_h: f64,
     /// Rate at which the base tilts about its x and y axes, arcsec/h.
     pub base_tilt_drift_arcsec_h: [f64; 2],
-    /// Temperature at the start, deg C; no sensor where absent.
+    /// Temperature at the start, deg C. The unit has no temperature sensor if absent.
     pub temperature_c: Option<f64>,
     /// Rise of the temperature, deg C/h.
     pub temperature_ramp_c_h: f64,
 }
 
 impl Effects {
-    /// Checks the limits of the drives, the walks and the hunting; else the key and what is wrong with it.
+    /// Checks the limits of the drives, the random walks and the hunting.
+    ///
+    /// # Errors
+    /// The key and what is wrong with its value.
     pub(crate) fn check(&self) -> Result<(), (&'static str, &'static str)> {
         let limits =
             [("max_rate_deg_s", self.max_rate_deg_s), ("max_acceleration_deg_s2", self.max_acceleration_deg_s2)];
@@ -76,15 +79,15 @@ impl Effects {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct VirtualUnit {
-    /// The 28 true errors, SI; the base's attitude, of the frame b = r0, at time zero.
+    /// The 28 true errors, SI. The attitude of the base is the attitude of the frame b = r0 at time zero.
     pub errors: InstrumentErrors<f64>,
-    /// Where it stands.
+    /// Site of the unit.
     pub site: Site,
     /// Noise of sensors and encoders.
     pub noise: Noise,
     /// Sample rate, Hz.
     pub rate_hz: f64,
-    /// Everything else.
+    /// Effects beyond the 28 errors.
     pub effects: Effects,
 }
 
@@ -102,7 +105,7 @@ impl Default for VirtualUnit {
 }
 
 impl VirtualUnit {
-    /// Its 28 errors after this time, with ramps of the biases and tilt of the base, but without random walks.
+    /// The 28 errors after this time, with bias ramps and tilt of the base, but without random walks.
     pub(super) fn errors_at(&self, time_s: f64) -> InstrumentErrors<f64> {
         let (effects, hours) = (&self.effects, time_s / 3600.0);
         let tilt = effects.base_tilt_drift_arcsec_h.map(|drift| drift * ARCSEC * hours);
@@ -117,7 +120,7 @@ impl VirtualUnit {
         }
     }
 
-    /// Its optional states, SI, in the order of the core; those of the base over this time.
+    /// The true optional states, SI, in the order of the core. The states of the base refer to this time.
     pub fn optional_states(&self, time_s: f64) -> [f64; OPTIONAL_STATES] {
         let effects = &self.effects;
         let harmonic = |harmonic: &Harmonic| harmonic.cos_and_sin_rad();

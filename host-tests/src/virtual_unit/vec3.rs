@@ -1,5 +1,5 @@
-//! Vectors and matrices of three for the rigid truth, kept apart from the core's linear algebra on purpose: a slip there
-//! must not cancel against the same slip here.
+//! Vectors and 3x3 matrices for the rigid truth. They are separate from the core's linear algebra on purpose, because
+//! an error there must not cancel against the same error here.
 
 /// Components in one frame.
 pub type Vec3 = [f64; 3];
@@ -55,7 +55,7 @@ pub fn multiply(a: &Mat3, b: &Mat3) -> Mat3 {
     a.map(|row| columns.map(|column| dot(row, column)))
 }
 
-/// Inverse by cofactors; `m` is near the unit matrix here.
+/// Inverse by cofactors. `m` is near the unit matrix in all uses.
 pub fn inverse(m: &Mat3) -> Mat3 {
     let cofactors = [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])];
     let determinant = dot(m[0], cofactors[0]);

@@ -1,8 +1,8 @@
-//! A dual-axis rotational INS that exists in numbers only.
+//! A simulated dual-axis rotational INS, open loop.
 //!
-//! A sample is the mean of force and rate over one interval; its time stamp is the **middle** of that interval, and its
-//! encoder angles are the angles at the stamp. Over an interval the axes' rates go linearly to the commanded ones.
-//! The first interval starts at time zero, with the axes standing at (0, 0).
+//! A sample is the mean of force and rate over one interval. Its time stamp is the **middle** of the interval, and its
+//! encoder angles are the angles at the time stamp. The rates of the axes change linearly over an interval to the
+//! commanded rates. The first interval starts at time zero, with the axes at rest at (0, 0).
 
 use super::encoder::{EncoderErrors, Harmonic};
 use super::kinematics::{Drift, Motion, RigidTruth, Sensed};
@@ -30,25 +30,25 @@ pub struct VirtualRins {
     pub(super) interval_s: f64,
     pub(super) samples: u64,
     angles_rad: [f64; 2],
-    /// Angles in the middle of the last interval.
+    /// Angles at the middle of the last interval.
     read_rad: [f64; 2],
     rates_rad_s: [f64; 2],
     commanded_rad_s: [f64; 2],
-    /// What the sensors read at the angles where the axes stand.
-    standing: Option<Sensed<Drift>>,
+    /// Readings of the sensors at the angles at which the axes are at rest.
+    at_rest: Option<Sensed<Drift>>,
 }
 
 impl VirtualRins {
-    /// Puts a unit into operation; every random number comes from `seed`.
+    /// Puts a unit into operation. Every random number comes from `seed`.
     pub fn new(unit: &VirtualUnit, seed: u64) -> Self {
         Self::with_encoder_rate(unit, seed, unit.rate_hz)
     }
 
-    /// Whose encoder errors go on so many times a second.
+    /// As [`VirtualRins::new`], with encoder errors that advance at this rate.
     pub(super) fn with_encoder_rate(unit: &VirtualUnit, seed: u64, encoder_rate_hz: f64) -> Self {
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
         let encoder_rng = rng.clone();
-        // The encoders' errors shall not depend on how many samples a stop has.
+        // The encoder errors must not depend on the number of samples in a stop.
         rng.jump();
         let noise = &unit.noise;
         let effects = &unit.effects;
@@ -77,18 +77,18 @@ impl VirtualRins {
             read_rad: [0.0; 2],
             rates_rad_s: [0.0; 2],
             commanded_rad_s: [0.0; 2],
-            standing: None,
+            at_rest: None,
         }
     }
 
-    /// With the axes standing at these angles of (outer, inner), rad, in place of (0, 0).
+    /// Starts with the axes at rest at these angles of (outer, inner), rad, in place of (0, 0).
     #[must_use]
     pub fn standing_at(self, angles_rad: [f64; 2]) -> Self {
         Self { angles_rad, read_rad: angles_rad, ..self }
     }
 
-    /// Says how long the moves to come will take, s: over these times the encoder errors go from stop to stop. The last
-    /// one, 5.5 s where there is none, also serves for all moves after it.
+    /// Sets the expected durations of future moves, s. Over these times the encoder errors change from stop to stop.
+    /// The last duration (5.5 s if the list is empty) is also used for all later moves.
     pub fn expect_moves(&mut self, durations_s: &[f64]) {
         self.encoder.expect_moves(durations_s);
     }
@@ -123,7 +123,7 @@ impl VirtualRins {
         self.interval_s
     }
 
-    /// The next reading; a virtual instrument never runs out of them.
+    /// The next reading. A virtual instrument never runs out of readings.
     pub fn advance(&mut self) -> Reading {
         let to_rad_s = self.limits.limited(self.rates_rad_s, self.commanded_rad_s);
         let [start_s, middle_s, end_s] = [0.0, 0.5, 1.0].map(|part| (self.samples as f64 + part) * self.interval_s);
@@ -143,17 +143,17 @@ impl VirtualRins {
         Reading { outer_rad, inner_rad, ..measured }
     }
 
-    /// What the sensors feel on average over a motion, in its middle at this time, s; without noise.
+    /// Mean readings of the sensors over a motion, without noise. The middle of the motion is at `middle_s`.
     pub(super) fn feel(&mut self, motion: &Motion, middle_s: f64) -> Sensed<Vec3> {
         if motion.from_rad_s != [0.0; 2] || motion.to_rad_s != [0.0; 2] {
-            self.standing = None;
+            self.at_rest = None;
             return self.truth.mean_over(motion, middle_s);
         }
-        let standing = self.standing.get_or_insert_with(|| self.truth.at_rest(motion.angles_rad));
-        Sensed { force_a: standing.force_a.at(middle_s), omega_g: standing.omega_g.at(middle_s) }
+        let at_rest = self.at_rest.get_or_insert_with(|| self.truth.at_rest(motion.angles_rad));
+        Sensed { force_a: at_rest.force_a.at(middle_s), omega_g: at_rest.omega_g.at(middle_s) }
     }
 
-    /// The reading of an interval that ends, with noise, but for the angles.
+    /// Completes the reading of an interval with noise. The angles are set by the caller.
     pub(super) fn measured(&mut self, felt: Sensed<Vec3>) -> Reading {
         let middle_s = (self.samples as f64 + 0.5) * self.interval_s;
         self.samples += 1;
@@ -168,7 +168,7 @@ impl VirtualRins {
         }
     }
 
-    /// What the encoders see at these angles, rad.
+    /// Readings of the encoders at these angles, rad.
     pub(super) fn seen_rad(&self, angles_rad: [f64; 2]) -> [f64; 2] {
         let random = self.encoder.errors_rad();
         std::array::from_fn(|axis| {
@@ -182,7 +182,7 @@ impl VirtualRins {
         })
     }
 
-    /// Rates of (outer, inner) to be reached by the end of the next interval, rad/s.
+    /// Sets the rates of (outer, inner) at the end of the next interval, rad/s.
     pub fn command_rates(&mut self, rates_rad_s: [f64; 2]) {
         self.commanded_rad_s = rates_rad_s;
     }
@@ -205,7 +205,7 @@ fn normal(rng: &mut Xoshiro256PlusPlus) -> f64 {
     StandardNormal.sample(rng)
 }
 
-/// Random walk of the biases from the values in the unit's errors.
+/// Random walk of the biases, starting from the values in the unit's errors.
 struct BiasWalk {
     accel_a: Vec3,
     gyro_g: Vec3,
@@ -234,14 +234,14 @@ impl BiasWalk {
     }
 }
 
-/// A limit cycle of the servos; the inner axis is ahead by a quarter of it.
+/// A limit cycle of the servos. The inner axis leads by a quarter of a cycle.
 struct Hunting {
     amplitude_rad: f64,
     omega_rad_s: f64,
 }
 
 impl Hunting {
-    /// To rates of (outer, inner), rad/s, those of the hunting.
+    /// Adds the rates of the hunting to rates of (outer, inner), rad/s.
     fn added(&self, rates_rad_s: [f64; 2], time_s: f64) -> [f64; 2] {
         let (sin, cos) = (self.omega_rad_s * time_s).sin_cos();
         let fastest_rad_s = self.amplitude_rad * self.omega_rad_s;
@@ -250,7 +250,7 @@ impl Hunting {
     }
 }
 
-/// What the drives can do.
+/// Limits of the drives.
 struct Limits {
     rate_rad_s: f64,
     change_rad_s: f64,

@@ -33,7 +33,7 @@ impl Target for Burst {
         match source.below(4) {
             0 if words[0] != ID => Claim::Value(digest(words)),
             1 if words[0] != ID => {
-                // A CRC-32 finds any five wrong bits in 268 or fewer.
+                // A CRC-32 detects any five wrong bits in 268 bits or fewer.
                 let count = 1 + source.below(5);
                 source.flip(&mut input[content..content + 2 * (WORDS + 2)], count);
                 Claim::Refused
@@ -55,7 +55,8 @@ impl Target for Burst {
         let Ok(burst) = input.try_into() else { return Outcome::refused("nothing") };
         let decoded = adis16495::Burst::decode::<Infallible>(burst);
         let words: Vec<u16> = burst.as_chunks::<2>().0.iter().map(|word| u16::from_be_bytes(*word)).collect();
-        // The words after one, two or three, of which the last is the identification and the next is not.
+        // The content follows the first one, two or three words. The last of these words is the identification, and the
+        // next word is not.
         let content = words.windows(WORDS + 3).find(|window| window[0] == ID && window[1] != ID);
         let Some((content, crc)) = content.and_then(|window| window[1..].split_at_checked(WORDS)) else {
             assert_eq!(decoded, Err(ImuFault::NoAnswer));
@@ -75,12 +76,12 @@ impl Target for Burst {
             count: content[14],
         };
         assert_eq!(decoded, Ok(expected));
-        let words: [u16; WORDS] = content.try_into().expect("as many");
+        let words: [u16; WORDS] = content.try_into().expect("WORDS words");
         Outcome::accepted(if words[0] == 0 { "burst" } else { "burst-with-flags" }, words)
     }
 }
 
-/// A burst with one or two words of opening, and a word that means nothing before it.
+/// A burst with one or two opening words, after a word without meaning.
 fn burst(words: [u16; WORDS], opening: usize, before: u16) -> Vec<u8> {
     let low_first: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
     let crc = crc_32(&low_first);

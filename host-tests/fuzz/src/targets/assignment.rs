@@ -8,11 +8,11 @@ use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig};
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::scheme::library::LIBRARY;
 
-/// An assignment as postcard.
+/// Assignments encoded as postcard.
 pub struct Assignments(Vec<Vec<u8>>);
 
 impl Assignments {
-    /// Damage to good ones: every scheme of the library, with and without options, and a replay.
+    /// Good assignments to damage: every scheme of the library, with and without options, and a replay.
     pub fn new() -> Self {
         let Assignment::SelfCalibrate(usual) = Assignment::default() else { panic!("it calibrates") };
         let schemes: Vec<Scheme> = LIBRARY.iter().filter_map(|entry| Scheme::named(entry.name)).collect();
@@ -49,7 +49,7 @@ impl Target for Assignments {
         Claim::Nothing
     }
 
-    /// What is read encodes to what it is, and its check names what is wrong in one line.
+    /// A decoded assignment encodes to the same bytes, and its check names the fault in one line.
     fn judge(&self, input: &[u8]) -> Outcome {
         match postcard::from_bytes(input) {
             Err(_) => Outcome::refused("unreadable"),

@@ -12,7 +12,7 @@ use std::f64::consts::TAU;
 
 const CAPTURE_BITS: usize = 8 * CAPTURE_BYTES;
 
-/// Bits of position, then captures of one read after the other.
+/// The number of position bits, then the captures of consecutive reads.
 pub struct Biss;
 
 impl Target for Biss {
@@ -38,7 +38,7 @@ impl Target for Biss {
         chip.clock(f64::from(position) / 2_f64.powi(bits as i32) * TAU, &mut capture);
         let value = digest(position << (32 - bits));
         input.push(resolution);
-        // The read before shows where the frame begins.
+        // The previous read shows where the frame begins.
         if source.one_in(2) {
             input.extend(capture);
         }
@@ -57,7 +57,7 @@ impl Target for Biss {
             2 => {
                 source.flip(&mut capture, 1);
                 input.extend(capture);
-                // Without the read before it a frame out of place may pass.
+                // Without the previous read a displaced frame may be accepted.
                 if input.len() > 1 + CAPTURE_BYTES { Claim::NotOther(value) } else { Claim::Nothing }
             }
             _ => {
@@ -93,7 +93,7 @@ impl Target for Biss {
     }
 }
 
-/// Turns `count` different bits of a range over.
+/// Inverts `count` different bits of a range.
 fn flip_within(source: &mut Source, bytes: &mut [u8], range: std::ops::Range<usize>, count: usize) {
     let first = source.below(range.len());
     // Another one, wherever the first is.
@@ -103,7 +103,7 @@ fn flip_within(source: &mut Source, bytes: &mut [u8], range: std::ops::Range<usi
     }
 }
 
-/// A read by the protocol's words, bit by bit.
+/// The expected result of a read, decoded bit by bit as the protocol says.
 fn expected(
     capture: &[u8; CAPTURE_BYTES],
     bits: usize,
@@ -133,7 +133,7 @@ fn expected(
     }
 }
 
-/// A bus that brings captures.
+/// A bus that delivers captures.
 struct Line<'c>(std::slice::Iter<'c, [u8; CAPTURE_BYTES]>);
 
 impl ErrorType for Line<'_> {
@@ -142,7 +142,7 @@ impl ErrorType for Line<'_> {
 
 impl SpiDevice for Line<'_> {
     fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
-        let capture = self.0.next().expect("one to each read");
+        let capture = self.0.next().expect("a capture for each read");
         exchange(operations, |bytes| bytes.copy_from_slice(capture));
         Ok(())
     }

@@ -9,10 +9,10 @@ use rins_selfcal::drivers::{ImuFault, ImuReading};
 
 static CRC: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_MPEG_2);
 
-/// A stream.
+/// A stream of bytes.
 pub struct Stream;
 
-/// What a message brings: the bits of its numbers, its status, or nothing for its CRC is wrong.
+/// Content of a message: the bits of its numbers and its status, or nothing if its CRC is wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Hash)]
 enum Found {
     Reading([u32; 6]),
@@ -39,7 +39,7 @@ impl Target for Stream {
             }
             1 => {
                 input.extend(message(source));
-                // A CRC-32 finds any five wrong bits in 268 or fewer, besides the 32 of the CRC.
+                // A CRC-32 detects any five wrong bits in 268 bits or fewer, not counting the 32 bits of the CRC.
                 let count = 1 + source.below(5);
                 source.flip(input, count);
                 Claim::Refused
@@ -60,8 +60,8 @@ impl Target for Stream {
         }
     }
 
-    /// What comes is what a search through the whole finds, every byte is of a message or counted, and of the two messages
-    /// that follow the second is read in any case.
+    /// The driver finds the same messages as a search through the whole stream. Every byte belongs to a message or is
+    /// counted. Two messages follow the stream, and the second of them is always read.
     fn judge(&self, input: &[u8]) -> Outcome {
         let mut unit = Kvh1750::new(&Kvh1750Settings::default());
         let found = pushed(&mut unit, input);
@@ -108,7 +108,7 @@ fn pushed(unit: &mut Kvh1750, bytes: &[u8]) -> Vec<Found> {
     bytes.iter().filter_map(found).collect()
 }
 
-/// What messages the bytes hold, searched from the first on, and how many bytes are of none.
+/// The messages in the bytes, searched from the first byte on, and the number of bytes that belong to no message.
 fn scanned(bytes: &[u8]) -> (Vec<Found>, usize) {
     let (mut found, mut at, mut dropped) = (Vec::new(), 0, 0);
     while at < bytes.len() {

@@ -1,4 +1,4 @@
-//! A whole instrument at the end of a line that brings commands, damaged commands and commands with wrong numbers.
+//! A complete instrument that receives commands, damaged commands and commands with wrong numbers over a line.
 
 use super::samples;
 use super::{bytes_of, stable_bytes};
@@ -23,7 +23,7 @@ use rins_selfcal::run::calibrator::Calibrator;
 use std::cell::RefCell;
 
 /// An instrument at rest and level.
-const STANDING: Reading = Reading {
+const AT_REST: Reading = Reading {
     time_us: 0,
     omega_g: [0.0; 3],
     force_a: [0.0, 0.0, 9.8],
@@ -45,7 +45,7 @@ pub struct LinkCommands {
 }
 
 impl LinkCommands {
-    /// Damage to these.
+    /// Makes streams from the sample commands.
     pub fn new() -> Self {
         let samples = samples::all();
         let unlock = reference::frame(PROTOCOL_VERSION, b'C', 1, &bytes_of(&Command::Unlock(UNLOCK_WORD)));
@@ -80,8 +80,8 @@ impl Target for LinkCommands {
         Claim::Nothing
     }
 
-    /// Every whole frame is answered under its number. The configuration stays good, and without an unlock what it was, as
-    /// does the memory.
+    /// Every complete frame is answered under its number. The configuration stays valid. Without an unlock the
+    /// configuration and the memory stay the same.
     fn judge(&self, input: &[u8]) -> Outcome {
         CALIBRATOR.with_borrow_mut(|calibrator| serve(input, calibrator))
     }
@@ -92,12 +92,12 @@ fn serve(input: &[u8], calibrator: &mut Memories) -> Outcome {
     let memory = Memory { stored: Some(samples::record(1)), ..Memory::default() };
     let mut board = Board { memory, ..Board::default() };
     let mut link = Link::new();
-    let mut instrument =
-        Instrument::power_up(config.clone(), &Restart::PowerOn, &mut link, calibrator, &mut board).expect("it is good");
+    let mut instrument = Instrument::power_up(config.clone(), &Restart::PowerOn, &mut link, calibrator, &mut board)
+        .expect("a valid configuration");
     for (index, byte) in input.iter().enumerate() {
         board.now_us = 1000 * index as u64;
         if index == 0 || *byte == 0 {
-            board.sample = Some(raw_sample(&Reading { time_us: 5000 * (1 + index as u64), ..STANDING }));
+            board.sample = Some(raw_sample(&Reading { time_us: 5000 * (1 + index as u64), ..AT_REST }));
         }
         board.received = Some(*byte);
         instrument.turn(&mut board);
@@ -124,7 +124,7 @@ fn serve(input: &[u8], calibrator: &mut Memories) -> Outcome {
     }
 }
 
-/// A board that has a memory and a serial line, and a gimbal that does not answer.
+/// A board with a memory, a serial line, and a gimbal that does not answer.
 #[derive(Default)]
 struct Board {
     now_us: u64,

@@ -13,19 +13,19 @@ use std::fmt;
 /// The frame that follows every stream.
 const PROBE: (u16, &[u8]) = (0x0100, &[1, 0, 2]);
 
-/// Streams.
+/// Streams of frames.
 pub struct LinkFrames {
     payloads: Vec<(u8, Vec<u8>)>,
 }
 
 impl LinkFrames {
-    /// Frames with these payloads.
+    /// Makes frames with the sample payloads.
     pub fn new() -> Self {
         let samples = samples::all();
         Self { payloads: samples.all.clone() }
     }
 
-    /// A good frame; mostly a short one.
+    /// A good frame, in most cases a short frame.
     fn frame(&self, source: &mut Source) -> Vec<u8> {
         let (kind, payload) = source.pick(&self.payloads);
         let long = source.one_in(16);
@@ -82,8 +82,8 @@ impl Target for LinkFrames {
         }
     }
 
-    /// What comes is what the reference finds, all damage is counted, and of the two frames that follow the second is
-    /// received in any case, the first if a zero byte was before it.
+    /// The decoder finds the same frames as the reference, and all damage is counted. Two frames follow the stream. The
+    /// second is always received. The first is received if a zero byte comes before it.
     fn judge(&self, input: &[u8]) -> Outcome {
         let mut decoder = Decoder::new();
         let found = received(&mut decoder, input);
@@ -104,7 +104,7 @@ impl Target for LinkFrames {
     }
 }
 
-/// What the reference finds; of unknown kinds the payload is not looked at.
+/// The frames that the reference finds. Payloads of unknown kinds are not compared.
 fn expected(input: &[u8]) -> Vec<Found> {
     let known = |found| match found {
         Found::Frame(kind, number, _) if !b"CAM".contains(&kind) => Found::Frame(kind, number, Vec::new()),

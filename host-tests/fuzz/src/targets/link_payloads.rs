@@ -1,4 +1,5 @@
-//! Frames whose CRC is right, around payloads that are not: the instrument refuses, the host's end shows no nonsense.
+//! Frames with a right CRC and a wrong payload. The instrument must refuse them, and the host must not show wrong
+//! values.
 
 use super::samples;
 use super::stable_bytes;
@@ -15,7 +16,7 @@ pub struct LinkPayloads {
 }
 
 impl LinkPayloads {
-    /// Damage to these.
+    /// Damages the sample payloads.
     pub fn new() -> Self {
         let samples = samples::all();
         Self { by_kind: [b'C', b'A', b'M'].map(|kind| (kind, samples.of(kind))) }
@@ -64,7 +65,8 @@ impl Target for LinkPayloads {
     }
 }
 
-/// What the instrument takes the frame for. What is no command it refuses, under the frame's number.
+/// The command that the instrument reads from the frame. If the frame is not a command, the instrument refuses it under
+/// the number of the frame.
 fn as_instrument(frame: &[u8], number: u16, fits: bool) -> Option<Command> {
     let mut link = Link::new();
     let commands: Vec<_> = frame.iter().filter_map(|byte| link.receive(*byte)).collect();
@@ -87,7 +89,7 @@ fn as_instrument(frame: &[u8], number: u16, fits: bool) -> Option<Command> {
     }
 }
 
-/// What the host's end takes the frame for; it can show whatever it is.
+/// The event that the host reads from the frame. The host must be able to show every event.
 fn as_host(frame: &[u8]) -> Option<Event> {
     let event = events(frame).into_iter().next()?;
     let mut view = View::default();

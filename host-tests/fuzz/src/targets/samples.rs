@@ -1,4 +1,4 @@
-//! Messages, commands and answers as they are, for damage to begin with.
+//! Good messages, commands and answers, from which damaged inputs are made.
 
 use super::bytes_of;
 use host_tests::bench::power_up::{Switched, in_process, shared};
@@ -26,7 +26,7 @@ pub struct Samples {
     pub all: Vec<(u8, Vec<u8>)>,
 }
 
-/// The samples of a short run, every command, and every answer. The run takes place once.
+/// The messages of a short run, every command, and every answer. The run is made once.
 pub fn all() -> &'static Samples {
     static SAMPLES: LazyLock<Samples> = LazyLock::new(Samples::new);
     &SAMPLES
@@ -75,7 +75,7 @@ pub fn record(number: u32) -> StoredCalibration {
     }
 }
 
-/// All that an instrument tells in a run.
+/// All messages that an instrument sends in a run.
 fn messages() -> Vec<(u8, Vec<u8>)> {
     let config = SelfCalibrationConfig { policy: PowerUpPolicy::Always, ..config() };
     let (plant, off) = Switched::new(DrivenRins::new(&VirtualUnit::default(), 1));
@@ -85,7 +85,8 @@ fn messages() -> Vec<(u8, Vec<u8>)> {
         messages.push(kept(message));
         off.set(matches!(message, Message::Corrected { .. }));
     };
-    in_process::<f64, BASIC_STATES, _>(&Assignment::SelfCalibrate(config), None, &bench, note).expect("it runs");
+    in_process::<f64, BASIC_STATES, _>(&Assignment::SelfCalibrate(config), None, &bench, note)
+        .expect("a valid assignment");
     messages.push(kept(&Message::Refused(ConfigError::Travel { leg: 3, axis: 1 })));
     messages
 }

@@ -10,11 +10,11 @@ use rins_selfcal::keep::record::{Damage, SLOT_BYTES, decode, encode};
 const HEADER_BYTES: usize = 12;
 const CRC_BYTES: usize = 4;
 
-/// A slot; what of it is not there is blank.
+/// Contents of a slot. Missing bytes are blank.
 pub struct Records(Vec<Vec<u8>>);
 
 impl Records {
-    /// Damage to good ones.
+    /// The good records to damage.
     pub fn new() -> Self {
         let slot = |number| {
             let mut slot = [0; SLOT_BYTES];
@@ -38,11 +38,11 @@ impl Target for Records {
         input.extend(source.pick(&self.0));
         match source.below(4) {
             0 => {
-                let (sequence, record) = decode(&slot(input)).expect("it is good");
+                let (sequence, record) = decode(&slot(input)).expect("a good record");
                 Claim::Value(digest((sequence, stable_bytes(&record))))
             }
             1 => {
-                // A CRC-32 finds any three wrong bits in 91 607 or fewer.
+                // A CRC-32 detects any three wrong bits in 91 607 bits or fewer.
                 let count = 1 + source.below(3);
                 source.flip(input, count);
                 Claim::Refused
@@ -52,7 +52,7 @@ impl Target for Records {
                 Claim::Nothing
             }
             _ => {
-                // Hostile: length and CRC are right.
+                // A record from an attacker: length and CRC are right.
                 let mut payload = input[HEADER_BYTES..input.len() - CRC_BYTES].to_vec();
                 source.damage(&mut payload);
                 payload.truncate(SLOT_BYTES - HEADER_BYTES - CRC_BYTES);
@@ -66,7 +66,8 @@ impl Target for Records {
         }
     }
 
-    /// Refused where the frame is wrong; a record encodes to what it is, and tells its reasons.
+    /// A slot with a wrong frame is refused. A decoded record encodes to the same bytes, and its reasons can be
+    /// printed.
     fn judge(&self, input: &[u8]) -> Outcome {
         let slot = slot(input);
         let decoded = decode(&slot);

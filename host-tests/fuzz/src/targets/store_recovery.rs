@@ -1,4 +1,5 @@
-//! A whole store in EEPROM with damage: the newest accepted record that is whole is found, and a new one can be saved.
+//! A complete store in a damaged EEPROM. The newest undamaged record of an accepted calibration must be found, and a
+//! new record can be saved.
 
 use super::samples::record;
 use super::{bytes_of, stable_bytes};
@@ -14,11 +15,11 @@ use rins_selfcal::verdict::{Reason, Verdict};
 const EEPROM_BYTES: usize = 8192;
 const STEP_BYTES: usize = 4;
 
-/// Steps of damage to a store with a history, four bytes each: what, and where or with what.
+/// Steps of damage to a store with a history. Each step has four bytes: the kind of damage, and its place or value.
 pub struct Recovery(Vec<u8>);
 
 impl Recovery {
-    /// Damage to a store whose log has gone round.
+    /// A store whose ring of slots has wrapped around.
     pub fn new() -> Self {
         let mut store = CalibrationStore::new(Eeprom(VirtualEeprom::blank(EEPROM_BYTES)));
         for number in 0..14 {
@@ -65,7 +66,7 @@ impl Target for Recovery {
         let bytes = self.damaged(input);
         let newest = newest(&bytes);
         let mut store = CalibrationStore::new(Eeprom(VirtualEeprom::new(bytes)));
-        let loaded = store.load().expect("it answers");
+        let loaded = store.load().expect("the memory answers");
         let outcome = match loaded {
             Loaded::Found { record, damage } => {
                 assert_eq!(Some(bytes_of(&record)), newest.as_ref().map(bytes_of));
@@ -81,7 +82,8 @@ impl Target for Recovery {
     }
 }
 
-/// A new record is found after a reboot, or is refused for newer software's, and the old one is still there.
+/// A saved record is found after a reboot. If the store refuses it because a record of newer software exists, the old
+/// record is still found.
 fn save_on(mut store: CalibrationStore<Eeprom<VirtualEeprom>>, newest: Option<&StoredCalibration>) {
     let new = record(99);
     let expected = match store.save(&new) {
@@ -89,14 +91,14 @@ fn save_on(mut store: CalibrationStore<Eeprom<VirtualEeprom>>, newest: Option<&S
         Err(StoreError::Newer(_)) => newest,
         Err(error) => panic!("{error:?}"),
     };
-    let found = match CalibrationStore::new(store.release()).load().expect("it answers") {
+    let found = match CalibrationStore::new(store.release()).load().expect("the memory answers") {
         Loaded::Found { record, .. } => Some(record),
         Loaded::Empty | Loaded::Corrupt { .. } => None,
     };
     assert_eq!(found.as_ref().map(bytes_of), expected.map(bytes_of), "after a save");
 }
 
-/// Of all whole slots with an accepted record, the one ahead.
+/// The newest record of all undamaged slots with an accepted record.
 fn newest(bytes: &[u8]) -> Option<StoredCalibration> {
     let slots = bytes.as_chunks::<SLOT_BYTES>().0;
     let good = slots.iter().filter_map(|slot| decode(slot).ok()).filter(|(_, record)| record.verdict.accepted());

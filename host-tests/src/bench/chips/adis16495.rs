@@ -1,7 +1,7 @@
-//! An ADIS16495 or ADIS16497: pages of registers behind words of 16 bits, and the burst.
+//! An ADIS16495 or ADIS16497: pages of registers that are read and written by words of 16 bits, and the burst.
 
 use super::bits::{bits_of, crc};
-/// Pages that are played; behind them are the coefficients of the filters.
+/// Pages that are simulated. The pages after them hold the coefficients of the filters.
 const PAGES: usize = 5;
 
 const PAGE_ID: u8 = 0x00;
@@ -20,11 +20,11 @@ const FILTR_BNK_0: u8 = 0x16;
 
 /// Flags of SYS_E_FLAG.
 pub mod flag {
-    /// A transfer was not of whole words.
+    /// A transfer did not consist of whole words.
     pub const SPI: u16 = 1 << 3;
     /// A sensor failed.
     pub const SENSOR: u16 = 1 << 5;
-    /// The external clock is not what it should be.
+    /// The external clock is out of range.
     pub const CLOCK: u16 = 1 << 8;
 }
 
@@ -45,7 +45,7 @@ impl Model {
         [0x3, 0x7, 0xf][usize::from(self.number) - 1]
     }
 
-    /// One step of the 32 bits, rad/s and m/s^2.
+    /// Value of the lowest of the 32 bits, rad/s and m/s^2.
     fn steps(self) -> (f64, f64) {
         let gyro_deg_s = [0.006_25, 0.025, 0.1][usize::from(self.number) - 1];
         let accel_g = if self.product == 16_497 { 0.001_25 } else { 0.000_25 };
@@ -57,23 +57,23 @@ impl Model {
 #[derive(Clone, Debug)]
 pub struct Adis16495Chip {
     model: Model,
-    /// By page and half the address.
+    /// Registers by page and half the address.
     registers: [[u16; 64]; PAGES],
     page: u8,
-    /// Whether two words open a burst, as above 3.6 MHz.
+    /// Whether two words open a burst, as at clocks above 3.6 MHz.
     pub fast: bool,
-    /// Whether a word that comes before the last has been carried out is lost, as it is.
+    /// Whether the IMU loses a word that comes before the previous word has been carried out, as the real IMU does.
     pub timed: bool,
     busy_ns: u64,
     /// Words that came too early.
     pub early_words: u32,
-    /// Answer to the word before.
+    /// Answer to the previous word.
     answer: u16,
     count: u16,
 }
 
 impl Adis16495Chip {
-    /// A model after power-up, at a fast clock, which does not look at the time.
+    /// A model after power-up, at a fast clock, without timing checks.
     pub fn new(model: Model) -> Self {
         let mut chip = Self {
             model,
@@ -90,23 +90,23 @@ impl Adis16495Chip {
         chip
     }
 
-    /// Lets time go by.
+    /// Advances the time.
     pub fn elapse(&mut self, ns: u64) {
         self.busy_ns = self.busy_ns.saturating_sub(ns);
     }
 
-    /// Raises flags of SYS_E_FLAG; they stay until they are read.
+    /// Raises flags of SYS_E_FLAG. The flags stay until they are read.
     pub fn raise(&mut self, flags: u16) {
         *self.register(0, SYS_E_FLAG) |= flags;
     }
 
-    /// A sensor fails its test; bits of DIAG_STS.
+    /// Makes sensors fail their test. `sensors` are bits of DIAG_STS.
     pub fn fail_sensors(&mut self, sensors: u16) {
         *self.register(0, DIAG_STS) = sensors;
         self.raise(flag::SENSOR);
     }
 
-    /// Samples to an output and whether they are clocked from outside; `None` where data-ready is not on DIO2.
+    /// Samples per output, and whether the samples are clocked externally. `None` if data-ready is not on DIO2.
     pub fn sampling(&self) -> Option<(u16, bool)> {
         let [function, decimation] = [FNCTIO_CTRL, DEC_RATE].map(|address| self.registers[3][usize::from(address / 2)]);
         (function & 0xf == 0xd).then_some((decimation + 1, function & 0x80 != 0))
@@ -117,18 +117,18 @@ impl Adis16495Chip {
         let (gyro, accel) = self.model.steps();
         let numbers = omega.map(|rate| rate / gyro).into_iter().chain(force.map(|force| force / accel));
         for (address, number) in (X_GYRO_LOW..).step_by(4).zip(numbers) {
-            // Converting saturates, and so does the IMU.
+            // The conversion saturates as the IMU does.
             let number = number.round() as i32;
             *self.register(0, address) = number as u16;
             *self.register(0, address + 2) = (number >> 16) as u16;
         }
-        // Without a sensor it is 25 deg C.
+        // A plant without a temperature sensor reads 25 deg C.
         *self.register(0, TEMP_OUT) = ((temperature_c - 25.0) / 0.0125).round() as i16 as u16;
         *self.register(0, DATA_CNT) = self.count;
         self.count = self.count.wrapping_add(1);
     }
 
-    /// One transaction: `bytes` hold what the master sends, and after it what the IMU does.
+    /// One transaction. `bytes` holds the bytes of the master before the call and the bytes of the IMU after it.
     pub fn transfer(&mut self, bytes: &mut [u8]) {
         if bytes.len() % 2 == 1 {
             self.raise(flag::SPI);
@@ -147,7 +147,7 @@ impl Adis16495Chip {
         }
     }
 
-    /// Takes a word and gives the answer to the one before.
+    /// Takes a word and gives the answer to the previous word.
     fn word(&mut self, word: u16) -> u16 {
         if self.timed && self.busy_ns > 0 {
             self.early_words += 1;
@@ -164,7 +164,7 @@ impl Adis16495Chip {
         out
     }
 
-    /// A register; those of pages that are not played are all the same.
+    /// A register. All registers of pages that are not simulated are the same register.
     fn register(&mut self, page: u8, address: u8) -> &mut u16 {
         &mut self.registers[usize::from(page).min(PAGES - 1)][usize::from(address / 2)]
     }
@@ -181,7 +181,7 @@ impl Adis16495Chip {
         let (even, high) = (address & !1, address & 1 == 1);
         match (self.page, even) {
             (_, PAGE_ID) => self.page = if high { self.page } else { byte },
-            // Measurements and what the IMU is cannot be written.
+            // Measurements and identification cannot be written.
             (0, _) | (3, RANG_MDL) => {}
             (page, _) => {
                 let register = self.register(page, even);
@@ -194,7 +194,7 @@ impl Adis16495Chip {
         }
     }
 
-    /// A register is written when its high byte is.
+    /// Carries out a write, which takes effect when the high byte is written.
     fn carry_out(&mut self, page: u8, address: u8) {
         self.busy_ns = write_time_ns(page, address);
         if (page, address) == (3, GLOB_CMD) && std::mem::take(self.register(page, address)) & 0x80 != 0 {
@@ -229,7 +229,7 @@ impl Adis16495Chip {
             .chain([single(DATA_CNT)])
             .collect();
         let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
-        // CRC-32/ISO-HDLC: that of the reflected bits, reflected.
+        // CRC-32/ISO-HDLC: the CRC of the reflected bits, reflected.
         let reflected: Vec<u8> = bytes.iter().map(|byte| byte.reverse_bits()).collect();
         let crc = !crc(32, 0x04c1_1db7, u32::MAX, bits_of(&reflected)).reverse_bits();
         let opening = if self.fast { vec![0xa5a5; 2] } else { vec![0xa5a5] };
@@ -237,7 +237,7 @@ impl Adis16495Chip {
     }
 }
 
-/// How long a write takes.
+/// Duration of a write, ns.
 fn write_time_ns(page: u8, address: u8) -> u64 {
     match (page, address) {
         (3, FNCTIO_CTRL | DEC_RATE) => 340_000,

@@ -1,4 +1,4 @@
-//! A BiSS-C encoder: what its line carries while a master clocks it.
+//! A BiSS-C encoder: the bits on its line while a master clocks it.
 
 use super::bits::crc;
 use std::f64::consts::TAU;
@@ -10,22 +10,23 @@ pub struct BissChip {
     pub bits: u32,
     /// Angle of the axis at the encoder's zero, rad.
     pub zero_rad: f64,
-    /// Whether it counts left-handed about the axis.
+    /// Whether the encoder counts left-handed about the axis.
     pub reversed: bool,
-    /// Clocks that it takes for a position.
+    /// Clocks that the encoder needs to acquire a position.
     pub acknowledge: u32,
-    /// Clocks after a frame until it is ready again.
+    /// Clocks after a frame until the encoder is ready again.
     pub timeout: u32,
-    /// It does not vouch for its position.
+    /// The error bit: the position is not valid.
     pub error: bool,
-    /// It asks for attention.
+    /// The warning bit.
     pub warning: bool,
-    /// It has no power.
+    /// The encoder has no power.
     pub dead: bool,
 }
 
 impl BissChip {
-    /// Right-handed with its zero at the axis'; at 4 MHz ready after 5 us, and again 12.5 us after a frame.
+    /// A right-handed encoder with its zero at the zero of the axis. At 4 MHz it has a position after 5 us and is ready
+    /// again 12.5 us after a frame.
     pub fn new(bits: u32) -> Self {
         Self {
             bits,
@@ -39,7 +40,7 @@ impl BissChip {
         }
     }
 
-    /// The line while the bytes, at most 16, are clocked, with the axis at this angle, rad.
+    /// Fills the bytes, at most 16, with the line's bits while they are clocked, with the axis at this angle, rad.
     pub fn clock(&self, angle_rad: f64, bytes: &mut [u8]) {
         bytes.fill(0xff);
         if !self.dead {
@@ -47,7 +48,8 @@ impl BissChip {
         }
     }
 
-    /// Idle until the second rising edge, acknowledgement, start, zero, content, timeout; from the top.
+    /// The bits of the line from the highest bit on: idle until the second rising edge, acknowledgement, start, zero,
+    /// content, timeout.
     fn line(&self, angle_rad: f64) -> u128 {
         let content = self.content(angle_rad);
         let bits = self.bits + 2;
@@ -69,7 +71,7 @@ impl BissChip {
         fields.into_iter().fold((0, 0), append).0
     }
 
-    /// Position, error and warning, which are low if there is one.
+    /// Position, error and warning. The error and warning bits are active low.
     fn content(&self, angle_rad: f64) -> u64 {
         let turned_rad = if self.reversed { self.zero_rad - angle_rad } else { angle_rad - self.zero_rad };
         let steps = 2_f64.powi(self.bits as i32);

@@ -1,6 +1,6 @@
 //! Bits and CRCs by their definitions.
 
-/// CRC of `width` bits, high bit first, by its definition: the remainder of a division, a bit at a time.
+/// CRC of `width` bits, high bit first, by its definition: the remainder of a polynomial division, bit by bit.
 pub(super) fn crc(width: u32, polynomial: u32, initial: u32, bits: impl IntoIterator<Item = bool>) -> u32 {
     let mask = u32::MAX >> (32 - width);
     bits.into_iter().fold(initial, |crc, bit| {

@@ -1,20 +1,20 @@
-//! A motor bridge with PWM and direction: what its outputs do.
+//! A motor bridge with PWM and direction pins, and its outputs.
 
 use crate::bench::wire::DUTY_STEPS;
 use crate::virtual_unit::plant::Output;
 
-/// The bridge, as its pins are.
+/// The bridge by the state of its pins.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BridgeChip {
-    /// Duty of the PWM, of [`DUTY_STEPS`].
+    /// Duty of the PWM, in [`DUTY_STEPS`].
     pub duty: u16,
     /// The direction pin is high.
     pub forward: bool,
     /// The enable pin is high.
     pub enabled: bool,
-    /// It has found an overcurrent: outputs open and the fault line low until the enable pin goes low.
+    /// An overcurrent was found. The outputs are open and the fault line is low until the enable pin goes low.
     pub overcurrent: bool,
-    /// Times that the direction changed while the PWM was on.
+    /// Number of times that the direction changed while the PWM was on.
     pub hard_turns: u32,
 }
 
@@ -28,7 +28,7 @@ impl BridgeChip {
         (self.duty, self.forward, self.enabled) = (duty, forward, enabled);
     }
 
-    /// What the outputs do.
+    /// State of the outputs.
     pub fn output(&self) -> Output {
         let part = f64::from(self.duty.min(DUTY_STEPS)) / f64::from(DUTY_STEPS);
         match (self.enabled && !self.overcurrent, self.duty, self.forward) {

@@ -1,8 +1,8 @@
-//! A transaction on SPI, as a chip sees it.
+//! A transaction on SPI from the chip's side.
 
 use embedded_hal::spi::Operation;
 
-/// One transaction with a chip that sees so many bytes, both ways, whatever operations they are.
+/// One transaction with a chip. The chip gets all bytes of the operations in one buffer and answers in it.
 pub fn exchange(operations: &mut [Operation<'_, u8>], chip: impl FnOnce(&mut [u8])) {
     let mut bytes = Vec::new();
     for operation in operations.iter() {

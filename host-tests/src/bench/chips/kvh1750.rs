@@ -1,17 +1,17 @@
-//! A KVH 1750 or 1775 that sends format A, rates in rad/s and temperature in deg C, at each request.
+//! A KVH 1750 or 1775 that sends a message of format A at each request, with rates in rad/s and temperature in deg C.
 
 use super::bits::{bits_of, crc};
 
 /// Baud rate.
 const BAUD: u64 = 921_600;
-/// From a request to the first bit: 30 to 100 us.
+/// Time from a request to the first bit, us. The data sheet gives 30 to 100 us.
 const LATENCY_US: u64 = 65;
 
 /// The unit.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Kvh1750Chip {
     sequence: u8,
-    /// Sensors that are not valid, as bits of the status.
+    /// Sensors whose values are not valid, as bits of the status.
     pub invalid: u8,
 }
 
@@ -31,12 +31,12 @@ impl Kvh1750Chip {
     }
 }
 
-/// A bit for each that is none.
+/// A bit for each value that is not a finite number.
 fn not_numbers(numbers: [f64; 3]) -> u8 {
     (0..).zip(numbers).filter(|(_, number)| !number.is_finite()).fold(0, |bits, (bit, _)| bits | 1 << bit)
 }
 
-/// From a request until a byte of its message, counted from 0, has come whole, us; a byte has ten bits.
+/// Time from a request until a byte of its message, counted from 0, is complete, us. A byte has ten bits on the line.
 pub fn arrival_us(byte: usize) -> u64 {
     LATENCY_US + (byte as u64 + 1) * 10_000_000 / BAUD
 }

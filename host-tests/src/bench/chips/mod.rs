@@ -1,6 +1,6 @@
-//! The devices of the instrument, played from their data sheets' side: what the drivers of the core are tested against.
+//! The simulated devices of the instrument. The drivers of the core are tested against them.
 //!
-//! One file to a chip. Bits, registers and CRCs are written from the data sheets that the drivers name, not with the
+//! Each chip has one file. Bits, registers and CRCs are written from the data sheets that the drivers name, without the
 //! drivers' code.
 
 pub mod adis16495;

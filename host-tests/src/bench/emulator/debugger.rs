@@ -1,5 +1,5 @@
-//! A debugger at the emulator: stops the firmware and changes it, to see what becomes of it. The image stays as it ships; a
-//! reset restores it.
+//! A debugger for the emulator. It stops the firmware and changes its memory, so that tests can provoke faults. The
+//! image file is not changed, and a reset restores the memory.
 
 use anyhow::{Context, Result, bail};
 use object::{Object, ObjectSymbol, SymbolKind};
@@ -9,7 +9,7 @@ use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// How long the emulator may take to listen, and to answer.
+/// Longest time that the emulator may take to listen and to answer.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// The line to the emulator: packets of GDB's remote serial protocol.
@@ -22,20 +22,20 @@ impl Debugger {
     /// Waits until the emulator listens at this socket, and stops the processor.
     ///
     /// # Errors
-    /// It does not.
+    /// The emulator does not listen in time.
     pub fn attach(socket: &Path) -> Result<Self> {
         let start = Instant::now();
         let line = loop {
             match UnixStream::connect(socket) {
                 Ok(line) => break line,
                 Err(_) if start.elapsed() < PATIENCE => std::thread::sleep(Duration::from_millis(5)),
-                Err(error) => return Err(error).context("the emulator takes no debugger"),
+                Err(error) => return Err(error).context("the emulator does not accept a debugger"),
             }
         };
         line.set_read_timeout(Some(PATIENCE))?;
         let mut debugger = Self { line };
-        // Whoever has asked for the description of the registers can set them. That the processor has stopped is told
-        // before, where it was running.
+        // The emulator lets a debugger set registers only after the debugger has asked for their description. If the
+        // processor was running, the emulator first reports that the processor has stopped.
         let mut answer = debugger.ask("qXfer:features:read:target.xml:0,ff")?;
         while !answer.starts_with(['l', 'm']) {
             answer = debugger.packet()?;
@@ -46,7 +46,7 @@ impl Debugger {
     /// Writes into the memory, code included.
     ///
     /// # Errors
-    /// The emulator does not.
+    /// The emulator does not answer, or refuses.
     pub fn write(&mut self, address: u32, bytes: &[u8]) -> Result<()> {
         self.done(&format!("M{address:x},{:x}:{}", bytes.len(), hex(bytes)))
     }
@@ -54,7 +54,7 @@ impl Debugger {
     /// Reads r0 to r15 by their numbers.
     ///
     /// # Errors
-    /// The emulator does not.
+    /// The emulator does not answer, or refuses.
     pub fn register(&mut self, register: u8) -> Result<u32> {
         let answer = self.ask(&format!("p{register:x}"))?;
         let value = u32::from_str_radix(&answer, 16).with_context(|| format!("register {register}: {answer:?}"))?;
@@ -64,12 +64,12 @@ impl Debugger {
     /// Sets r0 to r15 by their numbers.
     ///
     /// # Errors
-    /// The emulator does not.
+    /// The emulator does not answer, or refuses.
     pub fn set(&mut self, register: u8, value: u32) -> Result<()> {
         self.done(&format!("P{register:x}={}", hex(&value.to_le_bytes())))
     }
 
-    /// Lets the processor go on, and leaves.
+    /// Lets the processor continue and disconnects.
     ///
     /// # Errors
     /// The emulator does not answer.
@@ -99,7 +99,7 @@ impl Debugger {
                 byte => answer.push(byte.into()),
             }
         }
-        // The sum, which a socket does not damage.
+        // The checksum is ignored, because a socket does not damage data.
         self.byte()?;
         self.byte()?;
         self.line.write_all(b"+")?;
@@ -123,7 +123,7 @@ fn hex(bytes: &[u8]) -> String {
 /// Address of the first instruction of the one function of an ELF file whose name has all these parts.
 ///
 /// # Errors
-/// There is none, or more than one.
+/// No function or more than one function has such a name.
 pub fn function(elf: &[u8], parts: &[&str]) -> Result<u32> {
     let file = object::File::parse(elf)?;
     let named = |symbol: &object::Symbol<'_, '_>| {

@@ -1,4 +1,4 @@
-//! The firmware's images: built by cargo, for each board with what it needs.
+//! The firmware's images, which cargo builds for each board with its own configuration.
 
 use crate::bench::imu::Imu;
 use anyhow::{Context, Result, bail, ensure};
@@ -13,19 +13,19 @@ pub const TARGET: &str = "thumbv7em-none-eabihf";
 /// The profile of the firmware in `Cargo.toml`.
 const PROFILE: &str = "firmware";
 
-/// What an image runs on.
+/// A board or emulated machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Board {
     /// QEMU's Cortex-M7 with double precision.
     Mps2An500,
     /// QEMU's Cortex-M4F: `f32`.
     Mps2An386,
-    /// NUCLEO-H743ZI2, which no emulator plays.
+    /// NUCLEO-H743ZI2, which no emulator supports.
     Stm32h743,
 }
 
 impl Board {
-    /// Name as a feature of the firmware and, of those in the emulator, as its machine.
+    /// Name of the firmware's feature and, for emulated boards, of the emulator's machine.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Mps2An500 => "mps2-an500",
@@ -34,12 +34,12 @@ impl Board {
         }
     }
 
-    /// Whether the emulator plays it.
+    /// Whether the emulator supports the board.
     pub const fn is_emulated(self) -> bool {
         !matches!(self, Self::Stm32h743)
     }
 
-    /// Cargo's further configuration for its processor.
+    /// Additional cargo configuration for the processor.
     const fn configuration(self) -> Option<&'static str> {
         match self {
             Self::Mps2An500 | Self::Stm32h743 => None,
@@ -48,19 +48,19 @@ impl Board {
     }
 }
 
-/// What an image is built for.
+/// The target of an image: board, filter size and IMU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Variant {
     /// The board.
     pub board: Board,
-    /// Whether its filter has room for the optional states.
+    /// Whether the filter has room for the optional states.
     pub optional_states: bool,
     /// The board's IMU.
     pub imu: Imu,
 }
 
 impl Variant {
-    /// Its features, in one name.
+    /// The features, combined in one name.
     pub fn features(self) -> String {
         let states = if self.optional_states { ",optional-states" } else { "" };
         let imu = match self.imu {
@@ -72,20 +72,20 @@ impl Variant {
 }
 
 impl From<Board> for Variant {
-    /// Without optional states, and with an ADIS16495.
+    /// The board without optional states and with an ADIS16495.
     fn from(board: Board) -> Self {
         Self { board, optional_states: false, imu: Imu::Adis16495 }
     }
 }
 
-/// An image and the board it is for.
+/// An image and its board.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Image {
     /// The ELF file.
     pub path: PathBuf,
     /// The board.
     pub board: Board,
-    /// Its IMU.
+    /// The board's IMU.
     pub imu: Imu,
 }
 
@@ -93,7 +93,7 @@ impl Image {
     /// The ELF file's bytes.
     ///
     /// # Errors
-    /// It cannot be read.
+    /// The file cannot be read.
     pub fn read(&self) -> Result<Vec<u8>> {
         fs::read(&self.path).with_context(|| format!("cannot read {}", self.path.display()))
     }
@@ -102,15 +102,15 @@ impl Image {
 /// Builds the firmware and returns its image. Installs the target if the toolchain lacks it.
 ///
 /// # Errors
-/// One line that says what is missing and the command that installs it, or cargo's own output.
+/// One line that names the missing part and the command that installs it, or the output of cargo.
 pub fn build(variant: impl Into<Variant>) -> Result<Image> {
     let variant = variant.into();
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("host-tests has no parent")?;
     let targets = env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |dir| root.join(dir));
-    // Directories of their own: a running `cargo test` holds the lock of the usual one, and the images differ.
+    // Each image has its own directory, because a running `cargo test` locks the usual directory and the images differ.
     let directory = targets.join(variant.features().replace(',', "-"));
     fs::create_dir_all(&directory).with_context(|| format!("cannot make {}", directory.display()))?;
-    // One build and one installation at a time, whichever process asks.
+    // Only one process builds or installs at a time.
     let lock = File::create(directory.join(".lock"))?;
     lock.lock()?;
     ensure_target(root)?;

@@ -1,8 +1,8 @@
 //! The firmware image in QEMU, with the host as its bench.
 //!
-//! Starts the emulator on an image and serves the pipes that `src/bin/firmware/mps2.rs` opens: `requests` and `answers` carry
-//! the transfers on SPI, `telemetry` frames of `rins_selfcal::link`, `log` defmt frames; the files are `configuration` (to the
-//! firmware), `run` and `fault` (from it).
+//! The host starts the emulator on an image and serves the pipes that `src/bin/firmware/mps2.rs` opens. `requests` and
+//! `answers` carry the transfers on SPI. `telemetry` carries frames of `rins_selfcal::link`. `log` carries defmt
+//! frames. The firmware reads the file `configuration` and writes the files `run` and `fault`.
 
 use super::image::Image;
 use crate::base::apt::ensure_installed;
@@ -41,15 +41,16 @@ const TICKS_PER_S: f64 = wire::TICKS_PER_S as f64;
 pub struct MachineSetup<'a> {
     /// The image.
     pub image: &'a Image,
-    /// Content of the EEPROM, kept from run to run; a blank one is made where there is none. `None`: blank, not kept.
+    /// File with the content of the EEPROM, which is kept from run to run. A missing file is created blank. `None`: the
+    /// EEPROM is blank and is not kept.
     pub eeprom: Option<&'a Path>,
-    /// What the firmware reads as its configuration.
+    /// Bytes that the firmware reads as its configuration.
     pub configuration: &'a [u8],
-    /// Longest silence of the firmware before it counts as hung.
+    /// Longest silence of the firmware before it is reported as hung.
     pub patience: Duration,
-    /// Whether the machine goes on after a reset. If not, a reset is an error that says why.
+    /// Whether the machine continues after a reset. If not, a reset is an error that gives the cause.
     pub reboots: bool,
-    /// Cuts the power as soon as it is set: the emulator is killed.
+    /// Cuts the power when it becomes true: the emulator is killed.
     pub cut: Option<&'a Cell<bool>>,
     /// Unix socket at which the emulator offers the firmware's serial line.
     pub serial: Option<&'a Path>,
@@ -74,36 +75,37 @@ impl<'a> MachineSetup<'a> {
     }
 }
 
-/// What a run was.
+/// Figures of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Run {
     /// Whether the firmware ended with success.
     pub success: bool,
-    /// Transfers on SPI.
+    /// Number of transfers on SPI.
     pub transfers: u64,
-    /// Time of the host, s.
+    /// Duration on the host, s.
     pub wall_s: f64,
-    /// Time of the firmware from power-up, s.
+    /// Virtual time of the firmware since power-up, s.
     pub elapsed_s: f64,
-    /// Instructions executed, the emulator's exact count in units of 20.
+    /// Instructions executed: the emulator's exact count, in multiples of 20.
     pub instructions: f64,
-    /// Most stack used, bytes.
+    /// Largest use of the stack, bytes.
     pub stack_used_bytes: u64,
     /// Size of the stack, bytes.
     pub stack_bytes: u64,
-    /// Control periods that began after the next one's time, because the processor was busy.
+    /// Control periods that began later than the next period was due, because the processor was busy.
     pub late_periods: u64,
-    /// Commands to the gimbal that came too late to take effect when they should have.
+    /// Commands to the gimbal that came too late to take effect on time.
     pub late_commands: u64,
-    /// Instructions, to 20, from a control period's beginning until its interrupt runs, the most.
+    /// Most instructions from the beginning of a control period until its interrupt runs, to 20.
     pub control_latency: f64,
-    /// The same for the IMU's interrupt, from when it is asked for, while the control interrupt runs.
+    /// Most instructions from the request of the IMU's interrupt until it runs, while the control interrupt runs, to
+    /// 20.
     pub data_ready_latency: f64,
-    /// Most samples that waited in the queue at once.
+    /// Largest number of samples in the queue.
     pub queue_deepest: u64,
-    /// Samples that the queue holds.
+    /// Capacity of the queue, samples.
     pub queue_length: u64,
-    /// Instructions by kind of work, in the order of [`WORKS`], without transfers and telemetry.
+    /// Instructions by kind of work, in the order of [`WORKS`]. Transfers and telemetry are left out.
     pub loads: [Load; WORKS.len()],
 }
 
@@ -119,14 +121,14 @@ pub const WORKS: [&str; 8] = [
     "anything else",
 ];
 
-/// What one kind of work took.
+/// Cost of one kind of work.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Load {
-    /// How often it was done.
+    /// Number of times that the work was done.
     pub spans: u64,
-    /// Instructions on average, in all exact to 20.
+    /// Mean instructions. The total is exact to 20.
     pub mean_instructions: f64,
-    /// Instructions of the longest, to 20.
+    /// Most instructions, to 20.
     pub most_instructions: f64,
 }
 
@@ -141,11 +143,11 @@ fn instructions(ticks: u64) -> f64 {
     ticks as f64 / TICKS_PER_S / (NS_PER_INSTRUCTION * 1e-9)
 }
 
-/// Runs an image on a bench until the plant is exhausted and the firmware has ended. `on_log` gets each line of its log,
-/// `on_message` each message.
+/// Runs an image on a bench until the plant is exhausted and the firmware has ended. `on_log` gets each line of the
+/// firmware's log, and `on_message` gets each message.
 ///
 /// # Errors
-/// The emulator cannot be started, the firmware faults, hangs, or ends without its report.
+/// The emulator cannot be started, or the firmware faults, hangs, or ends without its report.
 pub fn run<P: Plant>(
     setup: &MachineSetup<'_>,
     bench: &mut Bench<P>,
@@ -227,7 +229,7 @@ pub fn run<P: Plant>(
     })
 }
 
-/// The numbers of the file `run`: some of the whole run, then three for each kind of work.
+/// The numbers of the file `run`: those of the whole run, then three for each kind of work.
 fn words(bytes: &[u8]) -> Option<([u64; 10], [[u64; 3]; WORKS.len()])> {
     let (words, rest) = bytes.as_chunks::<8>();
     let words: Vec<u64> = words.iter().map(|word| u64::from_le_bytes(*word)).collect();
@@ -236,7 +238,7 @@ fn words(bytes: &[u8]) -> Option<([u64; 10], [[u64; 3]; WORKS.len()])> {
     (rest.is_empty() && more.is_empty()).then_some((*whole, loads.try_into().ok()?))
 }
 
-/// The emulator and the host's ends of its pipes. Dropped, it takes the emulator with it.
+/// The emulator and the host's ends of its pipes. Dropping it ends the emulator.
 struct Host {
     child: Child,
     requests: File,
@@ -251,7 +253,7 @@ struct Host {
 
 impl Drop for Host {
     fn drop(&mut self) {
-        // It may have ended by itself.
+        // The emulator may have ended by itself.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
@@ -301,13 +303,13 @@ impl Host {
         let mut last_sign = Instant::now();
         loop {
             let mut busy = false;
-            // The next request comes within microseconds: a few looks are quicker than a sleep.
-            for look in 1..=LOOKS {
+            // The next request comes within microseconds, so polling is faster than sleeping.
+            for poll in 1..=POLLS {
                 if self.serve_requests(bench)? {
                     busy = true;
                     break;
                 }
-                if look % LOOKS_PER_YIELD == 0 {
+                if poll % POLLS_PER_YIELD == 0 {
                     std::thread::yield_now();
                 }
             }
@@ -333,19 +335,19 @@ impl Host {
         }
     }
 
-    /// Waits until a pipe has something, at most for some milliseconds.
+    /// Waits until a pipe has data, at most for some milliseconds.
     fn sleep(&self) -> Result<()> {
         let mut pipes =
             [&self.requests, &self.log, &self.telemetry].map(|pipe| PollFd::new(pipe.as_fd(), PollFlags::POLLIN));
         poll(&mut pipes, PollTimeout::from(10_u8))?;
         if pipes.iter().all(|pipe| !pipe.revents().is_some_and(|events| events.contains(PollFlags::POLLIN))) {
-            // Only hung-up pipes: the emulator is about to end.
+            // All ready pipes have hung up, so the emulator is about to end.
             std::thread::sleep(Duration::from_micros(200));
         }
         Ok(())
     }
 
-    /// Answers what has been asked; whether there was anything.
+    /// Answers the requests that have come. Returns whether a request had come.
     fn serve_requests<P: Plant>(&mut self, bench: &mut Bench<P>) -> Result<bool> {
         let mut bytes = [0; 512];
         let count = read_some(&mut self.requests, &mut bytes)?;
@@ -359,7 +361,7 @@ impl Host {
             let chip = Chip::numbered(*chip).ok_or_else(|| anyhow!("the firmware asks for chip {chip}"))?;
             bench.transfer(chip, frame);
             match self.answers.write_all(frame) {
-                // The emulator has ended; its status says how.
+                // The emulator has ended. Its exit status gives the cause.
                 Err(error) if error.kind() == ErrorKind::BrokenPipe => {}
                 result => result.context("cannot answer the firmware")?,
             }
@@ -370,19 +372,19 @@ impl Host {
         Ok(true)
     }
 
-    /// What the emulator itself had to say.
+    /// The emulator's own error output.
     fn complaints(&self, directory: &Path) -> String {
         fs::read_to_string(directory.join("stderr")).unwrap_or_default().trim().to_owned()
     }
 }
 
-/// Looks for a request before the host goes to sleep, some tenths of a millisecond. Measured on two cores: 48 us to a
-/// transfer without, 14 us with.
-const LOOKS: u32 = 1000;
-/// Looks before the processor is offered to others, which keeps two runs on two cores from starving each other.
-const LOOKS_PER_YIELD: u32 = 8;
+/// Number of polls for a request before the host sleeps, some tenths of a millisecond. Measured on two cores: a
+/// transfer takes 48 us without polling and 14 us with polling.
+const POLLS: u32 = 1000;
+/// Number of polls before the host yields the processor. Yielding keeps two runs on two cores from starving each other.
+const POLLS_PER_YIELD: u32 = 8;
 
-/// Bytes there are, without waiting; none is none yet or none any more.
+/// Reads the available bytes without waiting. Returns zero if no bytes have come yet or the pipe has ended.
 fn read_some(pipe: &mut File, bytes: &mut [u8]) -> Result<usize> {
     match pipe.read(bytes) {
         Ok(count) => Ok(count),
@@ -398,7 +400,7 @@ fn drain(pipe: &mut File, sink: &mut dyn FnMut(&[u8])) -> Result<bool> {
     Ok(count > 0)
 }
 
-/// How the emulator is told to listen at a Unix socket.
+/// The emulator's argument for listening at a Unix socket.
 fn listening(socket: &Path) -> Result<String> {
     let socket = std::path::absolute(socket)?.display().to_string();
     Ok(format!("unix:{},server=on,wait=off", socket.replace(',', ",,")))
@@ -418,7 +420,7 @@ fn spawn(setup: &MachineSetup<'_>, eeprom: &Path, directory: &Path) -> Result<Ch
         .args(["-machine", image.board.name(), "-display", "none", "-monitor", "none", "-parallel", "none"])
         .arg("-serial")
         .arg(setup.serial.map_or_else(|| Ok("none".into()), listening)?)
-        // Time is the instruction count, and sleep takes none of the host's.
+        // Virtual time is the instruction count, and the firmware's sleep takes no time of the host.
         .args(["-icount", "shift=1,sleep=off", "-semihosting-config", "enable=on,target=native"])
         .args(["-device", &format!("at24c-eeprom,address=0x50,rom-size={EEPROM_BYTES},drive=ee")])
         .arg("-drive")
@@ -429,7 +431,7 @@ fn spawn(setup: &MachineSetup<'_>, eeprom: &Path, directory: &Path) -> Result<Ch
         .stdout(Stdio::null())
         .stderr(File::create(directory.join("stderr"))?);
     #[cfg(target_os = "linux")]
-    // Safety: the call between fork and exec only sets an attribute of the child.
+    // Safety: the call between fork and exec sets an attribute of the child and does nothing else.
     unsafe {
         command.pre_exec(|| Ok(nix::sys::prctl::set_pdeathsig(nix::sys::signal::Signal::SIGKILL)?));
     }
