@@ -19,7 +19,7 @@ use clap::{Parser, Subcommand};
 
 /// Self-calibration of a dual-axis rotational INS.
 ///
-/// The default command is `calibrate`. Exit status: 0 done or calibration accepted, 1 error, 2 calibration not accepted.
+/// The default command is `calibrate`. Exit status: 0 done or accepted, 1 error, 2 calibration not accepted.
 #[derive(Debug, Parser)]
 #[command(name = "rins", version, args_conflicts_with_subcommands = true)]
 pub struct Arguments {
@@ -49,8 +49,8 @@ pub enum Command {
     Replay(ReplayArguments),
     /// Describe a log: columns, rate, gaps, noise, stops and moves, scheme, observable parameters
     ///
-    /// `inspect` recognizes columns of any names and units by their values while the axes turn. `replay` and `apply` can
-    /// use the mapping that it proposes.
+    /// Columns of any names and units are recognized by their values while the axes turn. `replay` and `apply` can use the
+    /// proposed mapping.
     #[command(
         after_help = "Examples:\n  rins inspect log.csv\n  rins inspect foreign.csv --write-mapping map.toml --write-config unit.toml\n  rins replay foreign.csv --mapping map.toml --config unit.toml"
     )]

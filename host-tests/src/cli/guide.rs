@@ -40,8 +40,8 @@ fn contents() -> String {
     format!("Chapters of the guide, each printed by `rins guide CHAPTER`:\n\n{}", rows.collect::<String>().trim_end())
 }
 
-/// Renders Markdown for a terminal. Paragraphs and lists are wrapped, links are replaced by their text, and comments are
-/// left out. Headings, tables and code lines are not wrapped.
+/// Renders Markdown for a terminal. Paragraphs and lists are wrapped, links are replaced by their text, and comments
+/// are left out. Headings, tables and code lines are not wrapped.
 fn rendered(markdown: &str, width: usize) -> String {
     let mut page = Page { text: String::new(), paragraph: None, width };
     let mut in_code = false;

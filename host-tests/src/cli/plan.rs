@@ -141,14 +141,14 @@ pub fn run(arguments: &PlanArguments) -> anyhow::Result<Ending> {
     Ok(Ending::Done)
 }
 
-/// Refuses a scheme that leaves parameters other than the heading unobserved. The instrument would refuse the scheme too,
-/// before any axis turns.
+/// Refuses a scheme that leaves parameters other than the heading unobserved. The instrument would refuse the scheme
+/// too, before any axis turns.
 fn refuse_unobserved(prediction: &Prediction) -> anyhow::Result<()> {
     let heading = PARAMETER_INFO[HEADING].name;
     let missing: Vec<_> = prediction.unobserved.iter().copied().filter(|name| *name != heading).collect();
     ensure!(
         missing.is_empty(),
-        "the best scheme found leaves {} unobserved, so the instrument would refuse it; no file is written; give more --time or \
+        "the best scheme found leaves {} unobserved, and the instrument would refuse it; no file is written; give more --time or \
          --evaluations, finer --angles, wider --limits, or --weights for these parameters too",
         missing.join(", ")
     );

@@ -84,7 +84,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
         let (config, log) = (config.display(), arguments.log.display());
         let measured = (measured * 1e3).round() / 1e3;
         note!(
-            "{config}: rate_hz = {configured}, but {measured} Hz by the stamps of {log}; gaps are counted at {configured} Hz"
+            "{config}: rate_hz = {configured}, but the time stamps of {log} give {measured} Hz; gaps are counted at {configured} Hz"
         );
     }
     let mut signals = Signals::default();

@@ -10,7 +10,7 @@ use std::path::Path;
 
 #[derive(Debug, Args)]
 pub struct SchemeArguments {
-    /// A scheme of the library (`rins observability --all` lists them), or a file [default: fast-180; bai for two-stage]
+    /// Scheme of the library (`rins observability --all` lists them), or a file [default: fast-180; bai for two-stage]
     #[arg(long, value_name = "NAME|FILE")]
     scheme: Option<String>,
     /// Duration of every stop, s [default: that of the scheme]
