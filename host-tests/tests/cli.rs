@@ -1,7 +1,7 @@
-//! The program `rins` from outside: what it accepts, what it refuses and how, and whether its numbers are right.
+//! The program `rins` from outside: accepted and refused arguments, error messages, and correctness of its numbers.
 //!
-//! Bounds of errors are 4.5 standard deviations: one of 28 parameters is beyond by chance in 2 of 10 000 runs. Seeds are
-//! fixed.
+//! Bounds of errors are 4.5 standard deviations: one of 28 parameters is beyond by chance in 2 of 10 000 runs. Seeds
+//! are fixed.
 
 use host_tests::base::quantity::values;
 use host_tests::log::{LogReader, LogWriter};
@@ -478,8 +478,9 @@ fn an_imu_of_another_make_finds_the_same_errors() {
         let [first, second] = [parameter, &second["parameters"][name]].map(|p| p["value"].as_f64().unwrap());
         (first - second).abs() / parameter["sigma"].as_f64().unwrap()
     });
-    // A message comes a control period after the interval's end, and with it a younger status of the gimbal: a stop may begin
-    // or end a sample sooner. Of 1000 samples that moves the mean by a sigma of 0.045 of its own; 4.5 times that: 7e-6 by chance.
+    // A message comes a control period after the interval's end, and with it a younger status of the gimbal: a stop may
+    // begin or end a sample sooner. Of 1000 samples that moves the mean by a sigma of 0.045 of its own; 4.5 times that:
+    // 7e-6 by chance.
     let most = off.fold(0.0, f64::max);
     assert!(most > 0.0 && most < 0.2, "{most}");
 }

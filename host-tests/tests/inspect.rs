@@ -1,4 +1,4 @@
-//! `rins inspect`: what it says of logs whose columns, units and stamps are others', and that the mapping it proposes works.
+//! `rins inspect` on logs with other columns, units and time stamps: its report is right, and its mapping works.
 
 use host_tests::calibration::virtual_run::VirtualRun;
 use host_tests::files::unit_file::Noise;
@@ -65,8 +65,8 @@ fn worst_error(result: &Value, truth: &Value) -> f64 {
     normalized.fold(0.0, f64::max)
 }
 
-/// Milliseconds, deg/h, mg, a reversed outer encoder in degrees with its zero at 90, an inner one in counts; both wrapped;
-/// axes in another order, decimal commas, a line above the header, a counter, words, gaps and repeated rows.
+/// Milliseconds, deg/h, mg, a reversed outer encoder in degrees with its zero at 90, an inner one in counts; both
+/// wrapped; axes in another order, decimal commas, a line above the header, a counter, words, gaps and repeated rows.
 fn foreign_log(run: &VirtualRun) -> (String, usize) {
     let mut text = String::from("Messung 7\nNr;Stempel;a;b;c;d;e;f;A;B;Zustand\n");
     let (mut rows, mut missing) = (0, 0);

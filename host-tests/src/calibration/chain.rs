@@ -202,7 +202,8 @@ impl<T: Real, const FILTER_STATES: usize> Chain for CoreChain<T, FILTER_STATES> 
     }
 }
 
-/// Present covariance of an estimator's parameters and optional states, SI units; zero for states that are not estimated.
+/// Present covariance of an estimator's parameters and optional states, SI units; zero for states that are not
+/// estimated.
 pub fn covariance<T: Real, const SEGMENTS: usize, const FILTER_STATES: usize>(
     estimator: &Estimator<T, SEGMENTS, FILTER_STATES>,
 ) -> Matrix<f64, STATES, STATES> {

@@ -90,8 +90,8 @@ impl Fastest {
         }
     }
 
-    /// Ratio of both rates, if the ratio fits angles in degrees (57.3). The ratio is smaller if both axes turn at once, or if
-    /// the gyros are noisy.
+    /// Ratio of both rates, if the ratio fits angles in degrees (57.3). The ratio is smaller if both axes turn at once,
+    /// or if the gyros are noisy.
     fn of_degrees(&self) -> Option<f64> {
         let ratio = self.encoder / self.gyro;
         (self.encoder > LEAST_RATE && (40.0..75.0).contains(&ratio)).then_some(ratio)
@@ -116,8 +116,8 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// Runs the chain on the log. `on_rows` is called every 10 000 rows with the number of rows so far, `on_reading` with
-    /// every reading.
+    /// Runs the chain on the log. `on_rows` is called every 10 000 rows with the number of rows so far, `on_reading`
+    /// with every reading.
     ///
     /// # Errors
     /// The file is not a log, has a wrong row, or shows no stop or no move.
@@ -160,8 +160,8 @@ impl Replay {
         Ok(self.unit.sampling.rate_hz.unwrap_or(rate_hz))
     }
 
-    /// The configured rate and the rate of the time stamps, Hz, if they differ. The configured rate is used: it determines
-    /// how many samples are expected, and samples that are not in the log count as missing.
+    /// The configured rate and the rate of the time stamps, Hz, if they differ. The configured rate is used: it
+    /// determines how many samples are expected, and samples that are not in the log count as missing.
     ///
     /// # Errors
     /// The file is not a log, or has a wrong row among the first few thousand.

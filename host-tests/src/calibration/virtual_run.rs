@@ -98,7 +98,8 @@ mod tests {
         assert!((run.duration_s() - (289.0 + 19.0 * SETTLING_S)).abs() < 1e-9);
     }
 
-    /// With both methods, each segment reports its innovations once, and their squares sum to the chi-square of the solution.
+    /// With both methods, each segment reports its innovations once, and their squares sum to the chi-square of the
+    /// solution.
     #[test]
     fn innovations_of_the_last_sweep_make_up_the_chi_square() {
         let config = UnitConfig::default();
@@ -117,7 +118,8 @@ mod tests {
         }
     }
 
-    /// Errors that the method does not model must not be magnified: with optimal weights the worst error was 130 arcsec.
+    /// Errors that the method does not model must not be magnified: with optimal weights the worst error was 130
+    /// arcsec.
     #[test]
     fn the_two_stage_method_does_not_magnify_the_errors_of_a_real_unit() {
         let config = UnitConfig { noise: Noise::bai(), ..UnitConfig::default() };

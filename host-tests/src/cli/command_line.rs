@@ -49,8 +49,8 @@ pub enum Command {
     Replay(ReplayArguments),
     /// Describe a log: columns, rate, gaps, noise, stops and moves, scheme, observable parameters
     ///
-    /// Columns of any names and units are recognized by their values while the axes turn. `replay` and `apply` can use the
-    /// proposed mapping.
+    /// Columns of any names and units are recognized by their values while the axes turn. `replay` and `apply` can use
+    /// the proposed mapping.
     #[command(
         after_help = "Examples:\n  rins inspect log.csv\n  rins inspect foreign.csv --write-mapping map.toml --write-config unit.toml\n  rins replay foreign.csv --mapping map.toml --config unit.toml"
     )]

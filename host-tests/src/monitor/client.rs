@@ -139,8 +139,8 @@ impl Client {
         self.port.write_all(&[0]).and_then(|()| self.port.write_all(frame)).context("cannot write to the line")
     }
 
-    /// Sends a command and waits for its answer. Sends the command again if no answer arrives. `other` receives all other
-    /// events.
+    /// Sends a command and waits for its answer. Sends the command again if no answer arrives. `other` receives all
+    /// other events.
     ///
     /// # Errors
     /// The instrument refuses (with its reason) or does not answer, or the line is broken.

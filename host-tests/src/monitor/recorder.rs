@@ -14,7 +14,8 @@ const HEADER: &str = "time_s,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s,accel_x_m_s2
 /// an interrupted recording ends with a whole row.
 const BUFFER_BYTES: usize = 32 * 1024;
 
-/// A recording of corrected samples as CSV. Numbers have all their digits, so that reading them back gives the same bits.
+/// A recording of corrected samples as CSV. Numbers have all their digits, so that reading them back gives the same
+/// bits.
 #[derive(Debug)]
 pub struct Recorder {
     path: PathBuf,

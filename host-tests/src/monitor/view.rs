@@ -102,8 +102,8 @@ impl View {
         self.status.is_some_and(|status| status.unlocked)
     }
 
-    /// Lines of the screen, `width` characters wide. The most important lines come first, so that a low screen shows them
-    /// too.
+    /// Lines of the screen, `width` characters wide. The most important lines come first, so that a low screen shows
+    /// them too.
     pub fn screen(&self, width: usize, dropped: Dropped, missing: u32) -> Vec<String> {
         let mut lines = vec![self.hello.as_ref().map_or_else(|| "waiting for the instrument".into(), named)];
         if let Some(status) = &self.status {

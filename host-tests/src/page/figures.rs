@@ -77,8 +77,8 @@ fn values_of(outcome: &Outcome, index: usize) -> Vec<(f64, f64, f64)> {
     values
 }
 
-/// Singular values of the stripped observability matrix of Bai's twelve against scheme time, and their rank. (Bai et al.,
-/// Figure 6)
+/// Singular values of the stripped observability matrix of Bai's twelve against scheme time, and their rank. (Bai et
+/// al., Figure 6)
 pub fn singular_values(scheme: &Scheme, site: &Site, base: &InstrumentErrors<f64>) -> [Drawn; 2] {
     let mut trace = Vec::new();
     along_scheme(scheme, site, base, |time_s, seen| trace.push((time_s, *seen)));

@@ -1,9 +1,9 @@
 //! Comparison of two results of one unit, in sigmas of the difference.
 //!
-//! The results come from different runs and are taken as independent, so the variance of a difference is the sum of both
-//! variances. Attitude and heading belong to the vehicle, which may have moved. They are shown, but not counted. With
-//! probability CONFIDENCE the largest of n standard normal numbers stays below `quantile((1 + CONFIDENCE^(1/n)) / 2)` in
-//! magnitude. This value is the limit for agreement.
+//! The results come from different runs and are taken as independent, so the variance of a difference is the sum of
+//! both variances. Attitude and heading belong to the vehicle, which may have moved. They are shown, but not counted.
+//! With probability CONFIDENCE the largest of n standard normal numbers stays below this limit in magnitude:
+//! `quantile((1 + CONFIDENCE^(1/n)) / 2)`. Results agree up to the limit.
 
 use super::report::SiteReport;
 use super::saved::Saved;
@@ -18,7 +18,8 @@ pub const CONFIDENCE: f64 = 0.999;
 const SITE_DEG: f64 = 0.01;
 /// Smallest difference of height between two sites, m.
 const SITE_M: f64 = 10.0;
-/// Smallest relative difference of gravity between two sites. It acts as a common scale-factor error of the accelerometers.
+/// Smallest relative difference of gravity between two sites. It acts as a common scale-factor error of the
+/// accelerometers.
 const SITE_GRAVITY: f64 = 1e-6;
 /// Smallest temperature difference that is noted, K.
 const TEMPERATURE_K: f64 = 2.0;
@@ -132,7 +133,8 @@ mod tests {
 
     #[test]
     fn the_limit_holds_for_the_largest_of_many_changes() {
-        // One normal number exceeds the limit in 0.1 % of cases, two-sided. Each of 25 may exceed it in one of 25 000 cases.
+        // One normal number exceeds the limit in 0.1 % of cases, two-sided. Each of 25 may exceed it in one of 25 000
+        // cases.
         assert!((limit(1) - 3.2905).abs() < 1e-4);
         assert!((limit(25) - 4.1073).abs() < 2e-3, "{}", limit(25));
     }
