@@ -428,8 +428,7 @@ fn a_small_memory_is_refused() {
     assert_eq!(store(capacity).erase(), Err(StoreError::Capacity(capacity)));
 }
 
-// ------------------------------------------------------------------------------------------------ versions and
-// verdicts
+// ----------------------------------------------------------------------------------------------- versions and verdicts
 
 /// A slot with this version and payload.
 fn framed(version: u8, sequence: u32, payload: &[u8]) -> Vec<u8> {

@@ -25,7 +25,7 @@ pub struct InspectArguments {
     /// Mapping of the log's columns and units [default: recognized from the data]
     #[arg(long, value_name = "MAP.toml")]
     pub mapping: Option<PathBuf>,
-    /// Site of the unit, and noise for channels where it cannot be measured [default: Bai's site, noise "navigation"]
+    /// Site of the unit, and its noise if the log does not show the noise [default: Bai's site, noise "navigation"]
     #[arg(long, value_name = "UNIT.toml")]
     pub config: Option<PathBuf>,
     /// Write the proposed mapping to this file

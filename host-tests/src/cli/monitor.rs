@@ -319,7 +319,7 @@ fn watch(client: &mut Client, show: &mut Show, arguments: &MonitorArguments) -> 
     }
 }
 
-/// Shows events on a live screen. Without a terminal it prints lines.
+/// Shows events on a live screen, or prints lines if the output is not a terminal.
 struct Show {
     view: View,
     screen: Option<Screen>,

@@ -89,7 +89,7 @@ mod tests {
     use rand_xoshiro::rand_core::SeedableRng;
 
     #[test]
-    fn bounds_are_those_of_tables() {
+    fn chi_square_bounds_agree_with_tables() {
         // chi-square with 10 and 100 degrees of freedom at 0.5 % and 99.5 % (Abramowitz and Stegun, table 26.8).
         let [low, high] = chi_square_mean_bounds(1, 10.0, 0.99);
         assert!((low - 2.15586).abs() < 1e-4 && (high - 25.1882).abs() < 1e-3);
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_outside_by_chance_is_what_draws_show() {
+    fn the_expected_number_outside_agrees_with_random_draws() {
         // 500 errors, a tenth of them with three times the sigma, scatter as 500 (0.9 + 0.9)^2 / (0.9 + 8.1) = 180
         // equal errors.
         let sigmas = |run: usize| if run % 10 == 9 { 3.0 } else { 1.0 };
