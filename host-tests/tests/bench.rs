@@ -1,4 +1,4 @@
-//! The drivers on the bench, without the emulator.
+//! The drivers on the simulated bench, without the emulator.
 
 use host_tests::bench::power_up::{Interrupts, share, shared};
 use host_tests::bench::{Bench, Chip, Imu, Trouble, acquisition, control};
@@ -49,7 +49,8 @@ fn samples_go_through_the_drivers() {
     assert_eq!(bench.borrow().outputs(), [Output::Shorted; 2], "nothing is driven without a command");
 }
 
-/// A message comes in the period behind its interval, and is stamped with the middle of that interval, to the microsecond.
+/// A message comes in the period behind its interval, and is stamped with the middle of that interval, to the
+/// microsecond.
 #[test]
 fn bytes_go_through_the_driver() {
     let bench = share(Bench::with_imu(at_rest(3), Imu::Kvh1750));

@@ -1,4 +1,4 @@
-//! The program `rins` from outside: what it accepts, what it refuses and how, and whether its numbers are right.
+//! The program `rins` from outside: accepted and refused arguments, error messages, and correctness of its numbers.
 //!
 //! Bounds of errors are 4.5 standard deviations: one of 28 parameters is beyond by chance in 2 of 10 000 runs. Seeds
 //! are fixed.
@@ -212,7 +212,7 @@ fn wrong_logs_are_refused_by_file_line_and_column() {
     let message = replay_refused(&log("header.csv", &format!("{HEADER}\n")));
     assert_eq!(message, "header.csv:2: no samples after the header row");
     let message = replay_refused(&log("single.csv", &format!("{HEADER}\n0,0,0,0,0,0,9.8,0,0\n")));
-    assert_eq!(message, "single.csv:2: column time_s: a single time, so no sample rate");
+    assert_eq!(message, "single.csv:2: column time_s: only one time, so the sample rate is unknown");
 }
 
 #[test]
@@ -226,7 +226,7 @@ fn logs_without_stops_or_moves_and_what_is_no_log_are_refused() {
     let message = replay_refused(&log("turning.csv", &format!("{HEADER}\n{}", turning.collect::<String>())));
     assert_eq!(
         message,
-        format!("turning.csv:2001: {columns}: no stop up to the last line, where both keep within 20 arcsec")
+        format!("turning.csv:2001: {columns}: no stop, in which both keep within 20 arcsec, up to the last line")
     );
     assert!(replay_refused(&scratch("")).ends_with("is a directory"));
     assert!(replay_refused(&scratch("nowhere.csv")).starts_with("nowhere.csv: No such file"));
@@ -339,7 +339,12 @@ fn a_configured_rate_that_is_not_that_of_the_stamps_is_noted() {
     };
     assert_eq!(with_rate(198.0), "");
     let note = with_rate(250.0);
-    assert!(note.contains("rate_hz = 250, but 200 Hz by the stamps") && note.lines().count() == 1, "{note}");
+    assert!(
+        note.contains("rate_hz = 250, but the time stamps of ")
+            && note.contains(" give 200 Hz; ")
+            && note.lines().count() == 1,
+        "{note}"
+    );
 }
 
 #[test]
@@ -364,12 +369,11 @@ fn logs_in_other_units_are_rejected_for_that_alone() {
     };
     let path = with_change("in-deg", in_degrees);
     let message = refused(&["replay", &path, "--config", &unit]);
-    let said =
-        "in-deg.csv.gz: outer_rad and inner_rad turn 57 times as fast as the gyros: degrees in place of radians?";
+    let said = "in-deg.csv.gz: outer_rad and inner_rad turn 57 times as fast as the gyros; are they in degrees in place of radians?";
     assert_eq!(message, said);
     let path = with_change("in-ms", |reading| reading.time_us *= 1000);
     let message = refused(&["replay", &path, "--config", &unit]);
-    assert_eq!(message, "in-ms.csv.gz: time_s: 0.200 Hz by the stamps; are they in ms or us in place of s?");
+    assert_eq!(message, "in-ms.csv.gz: time_s: the time stamps give 0.200 Hz; are they in ms or us in place of s?");
     let all = reasons_with("all-in-deg", &unit, |reading| {
         in_degrees(reading);
         reading.omega_g = reading.omega_g.map(f64::to_degrees);

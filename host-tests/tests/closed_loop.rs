@@ -1,5 +1,5 @@
-//! The core calibrates the virtual RINS in closed loop, its servos turning the gimbals, and brings it to rest when something
-//! fails.
+//! The core calibrates the virtual RINS in closed loop: its servos turn the gimbals, and bring them to rest after a
+//! failure.
 
 use host_tests::bench::power_up::{Interrupts, in_process, shared};
 use host_tests::bench::{Bench, Chip, Trouble};
@@ -31,8 +31,8 @@ use rins_selfcal::verdict::{Reason, Verdict, VerdictLimits};
 
 /// Longer than the scheme and the way back.
 const RUN_S: f64 = 400.0;
-/// Time into the run at which the axes surely turn: the first turn away from (0, 0) begins after 1 s of waiting, 0.3 s of
-/// settling and 10 s of standing.
+/// Time into the run at which the axes surely turn: the first turn away from (0, 0) begins after 1 s of waiting, 0.3 s
+/// of settling and 10 s of standing.
 const TURNING_S: f64 = 13.5;
 /// Time into the run at which they surely stand, at the second stop.
 const STANDING_S: f64 = 20.0;
@@ -261,8 +261,8 @@ fn usual(scheme: Scheme) -> SelfCalibrationConfig {
     SelfCalibrationConfig::new(calibrator, scheme)
 }
 
-/// A main loop by hand: `act` gets every sample with its number, and says what the gimbal shall do. The unit after it, and
-/// where the run is.
+/// A main loop by hand: `act` gets every sample with its number, and says what the gimbal shall do. The unit after it,
+/// and where the run is.
 fn by_hand(
     config: SelfCalibrationConfig,
     run_s: f64,

@@ -1,4 +1,4 @@
-//! The drivers of the core against the chips, bit errors included.
+//! The drivers of the core with models of the chips, including bit errors.
 
 use embedded_hal::delay::DelayNs;
 use embedded_hal::digital::{ErrorType as PinErrorType, InputPin, OutputPin};
@@ -241,8 +241,8 @@ fn an_encoder_without_a_position_says_so() {
     assert_eq!(encoder.read(), Err(BissFault::NoAnswer));
 }
 
-/// A wrong bit in a thousand: one read in eleven has one. Three in a frame, which a CRC of six bits lets pass one time in
-/// 64, come 1e-5 times a read; a wrong angle 2e-7 times, so none is expected of these.
+/// A wrong bit in a thousand: one read in eleven has one. Three in a frame, which a CRC of six bits lets pass one time
+/// in 64, come 1e-5 times a read; a wrong angle 2e-7 times, so none is expected of these.
 #[test]
 fn no_damaged_frame_passes_for_an_angle() {
     let chip = BissChip::new(32);
@@ -322,8 +322,8 @@ fn every_whole_message_of_a_damaged_stream_is_read_and_no_other() {
     assert!(missed <= lost && missed + told >= lost - 1, "{missed} missed, {told} told of {lost}");
 }
 
-/// Byte by byte at 921 600 baud, as in the interrupt of a UART: 200 intervals of a 200 Hz unit whose outer axis turns at
-/// 20 deg/s, of which every tenth message arrives damaged.
+/// Byte by byte at 921 600 baud, as in the interrupt of a UART: 200 intervals of a 200 Hz unit whose outer axis turns
+/// at 20 deg/s, of which every tenth message arrives damaged.
 #[test]
 fn a_streaming_imu_fills_the_queue_with_the_angles_of_its_stamps() {
     let (mut chip, mut queue) = (Kvh1750Chip::default(), SampleQueue::<f64, 256>::new());
@@ -356,7 +356,8 @@ fn a_streaming_imu_fills_the_queue_with_the_angles_of_its_stamps() {
     }
 }
 
-/// A single precision number of the KVH and the steps of the ADIS16495 against the noise of a navigation unit at 200 Hz.
+/// A single precision number of the KVH and the steps of the ADIS16495 against the noise of a navigation unit at 200
+/// Hz.
 #[test]
 fn steps_of_the_numbers_are_lost_in_the_noise() {
     let mut rng = random(7);

@@ -1,7 +1,8 @@
-//! Effects that a unit may have: the sigmas stay honest, and a sound run is accepted.
+//! With the effects that a unit may have, the sigmas stay correct, and a good run is accepted.
 //!
-//! Means of squared normalized errors: of `runs` times 28 squares, hardly correlated between runs and little within one;
-//! bounds are five sigma of as many independent ones in four, sqrt(2 / (7 runs)).
+//! The tests compare means of `runs` times 28 squared normalized errors. They are hardly correlated between runs, and
+//! little correlated within a run. The bounds are five sigma, sqrt(2 / (7 runs)), of a quarter as many independent
+//! squares.
 
 use host_tests::calibration::Precision;
 use host_tests::files::unit_file::UnitConfig;

@@ -232,8 +232,8 @@ fn a_unit_with_a_kvh_1750_calibrates() {
     assert_eq!(losses, LossCounts::default());
 }
 
-/// Every fiftieth message meets a wrong bit or loses a byte, in turn, each time at the next place: it is lost and counted, no
-/// other is, and the unit calibrates. One with a sound header is told by its CRC, else it is missed.
+/// Every fiftieth message meets a wrong bit or loses a byte, in turn, each time at the next place: it is lost and
+/// counted, no other is, and the unit calibrates. One with a sound header is told by its CRC, else it is missed.
 #[test]
 fn so_does_one_whose_line_is_bad() {
     let (losses, messages) = calibrates_with_kvh_1750(|plant| {
@@ -285,7 +285,8 @@ fn calibrates_with_kvh_1750(put: Put) -> (LossCounts, u64) {
     assert_eq!(told(&outcome.messages), told(&in_process), "every bit of every message");
     let (taken, losses) = outcome.queue();
     let messages = taken + u64::from(losses.total());
-    // When the unit was switched off, the last one may have been on its way, and that before it missed but not yet known to be.
+    // When the unit was switched off, the last one may have been on its way, and that before it missed but not yet
+    // known to be.
     assert!((messages..messages + 3).contains(&sent.into()), "{messages} of {sent}");
     (losses, messages)
 }

@@ -1,11 +1,11 @@
-//! No fault ends with a moving axis, a lost calibration, a hang, or a wrong answer that is accepted.
+//! No failure ends with a moving axis, a lost calibration, a hang, or an accepted wrong result.
 
 use host_tests::study::fault_table::{Failing, Phase, fate, good_calibration};
 use rins_selfcal::run::state::State;
 
-/// Under control an axis stops from 20 deg/s in a third of a second, by its shorted winding in less than one. To notice comes
-/// first: 0.1 s without samples; a bridge that keeps its duty, or a weak motor, when the axis has left its profile, which
-/// that of a quarter turn may let it do in the ramp down only.
+/// Under control an axis stops from 20 deg/s in a third of a second, by its shorted winding in less than one. To notice
+/// comes first: 0.1 s without samples; a bridge that keeps its duty, or a weak motor, when the axis has left its
+/// profile, which that of a quarter turn may let it do in the ramp down only.
 const STOPPED_MS: u64 = 4000;
 
 #[test]

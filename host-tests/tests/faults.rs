@@ -1,4 +1,5 @@
-//! The one promise, in small: faults of every kind, and no wrong answer accepted; clean runs, and hardly one rejected.
+//! A small fault campaign: no wrong result is accepted with any kind of fault, and runs without a fault are rarely
+//! rejected.
 
 use host_tests::calibration::virtual_run::VirtualRun;
 use host_tests::calibration::{Precision, Setup};

@@ -1,4 +1,4 @@
-//! The core's gimbal control on simulated motors: what it does, and what it does when something fails.
+//! The core's gimbal control on simulated motors, in normal operation and with failures.
 
 use host_tests::bench::Trouble;
 use host_tests::bench::gimbal_plant::GimbalPlant;
@@ -131,7 +131,8 @@ enum Failing {
     Jammed,
 }
 
-/// Lets an axis fail at cruise, both axes turning; how long both took to stop, ms, how far they went, deg, and the fault.
+/// Lets an axis fail at cruise, both axes turning; how long both took to stop, ms, how far they went, deg, and the
+/// fault.
 fn stopped_after(axis: usize, trouble: Failing) -> (u32, f64, Fault) {
     let mut plant = plant_at::<f64>([0.0, 0.0]);
     plant.command(move_to(-90.0, -90.0));

@@ -1,4 +1,4 @@
-//! The guide and the README: `rins guide` prints every chapter, and whatever they name exists.
+//! The guide and the README: `rins guide` prints every chapter, and all commands, files and links in them exist.
 
 use rins_selfcal::guide::CHAPTERS;
 use std::collections::BTreeSet;

@@ -1,5 +1,4 @@
-//! `rins inspect`: what it says of logs whose columns, units and stamps are others', and that the mapping it proposes
-//! works.
+//! `rins inspect` on logs with other columns, units and time stamps: its report is right, and its mapping works.
 
 use host_tests::calibration::virtual_run::VirtualRun;
 use host_tests::files::unit_file::Noise;
@@ -139,7 +138,7 @@ fn noise_scheme_and_observability_of_a_standard_log_are_seen() {
     let (unit_file, predicted) = (scratch("noise.toml"), scratch("predicted.json"));
     let writes = ["--json", &seen, "--write-scheme", &scheme_file, "--write-config", &unit_file];
     let [stdout, _] = run(0, &[&["inspect", &log][..], &writes].concat());
-    assert!(stdout.contains("columns: those of a standard log\n"), "{stdout}");
+    assert!(stdout.contains("columns: the standard ones\n"), "{stdout}");
     let seen = read(&seen);
     assert_eq!(seen["mapping"], Value::Null);
     assert_eq!(seen["segments"].as_array().unwrap().len(), 37);

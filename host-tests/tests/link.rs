@@ -1,4 +1,4 @@
-//! The link of an instrument in this process: commands in every state, damaged and hostile bytes.
+//! The link of an instrument in this process: commands in every state, damaged bytes and hostile bytes.
 
 use host_tests::bench::line::Line;
 use host_tests::bench::power_up::{Memory, Switched, self_calibrate, shared};

@@ -1,4 +1,4 @@
-//! Logs and configuration files: what is right passes, and what is wrong is named in one line.
+//! Logs and configuration files: correct files are read, and the fault of a wrong file is reported in one line.
 
 use host_tests::files::scheme_file::{read_scheme, scheme_named, write_scheme};
 use host_tests::files::truth::Truth;

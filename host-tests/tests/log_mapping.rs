@@ -1,4 +1,5 @@
-//! Logs of other columns, units and formats: a mapping makes the same readings of them, and what is wrong is named.
+//! Logs with other columns, units and formats: a mapping gives the same readings, and the fault of a wrong mapping is
+//! reported.
 
 use host_tests::log::{COLUMNS, LogReader, LogWriter, Mapping};
 use host_tests::virtual_unit::plant::Reading;

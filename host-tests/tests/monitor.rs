@@ -1,5 +1,5 @@
-//! `rins monitor` at a pseudo-terminal, with an instrument in this process at the other end, and at the serial port of the
-//! firmware in the emulator.
+//! `rins monitor` on a pseudo-terminal with an instrument in this process at the other end, and on the serial port of
+//! the firmware in the emulator.
 
 use host_tests::bench::Bench;
 use host_tests::bench::emulator::image::{Board, build};

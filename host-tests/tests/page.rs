@@ -1,4 +1,4 @@
-//! The pages as a browser sees them.
+//! The pages in a browser.
 
 use host_tests::base::apt::ensure_installed;
 use host_tests::base::bai;

@@ -1,4 +1,4 @@
-//! The library of schemes and the planner, from outside: what they promise and what they refuse.
+//! The library of schemes and the planner from outside: their predictions and their refusals.
 
 use host_tests::calibration::{Precision, Setup};
 use host_tests::files::scheme_file::{read_scheme, write_scheme};
@@ -128,7 +128,7 @@ fn plans_that_cannot_be_are_refused_in_one_line() {
     let with = |arguments: &[&str]| refused(&[&out[..], arguments].concat());
     assert!(with(&["--time", "3"]).contains("no scheme was found that fits"));
     assert!(with(&["--time", "60", "--limits=10..90,0..90"]).contains("--limits"));
-    assert!(with(&["--time", "60", "--weights", "delta"]).contains("delta: no such parameter"));
+    assert!(with(&["--time", "60", "--weights", "delta"]).contains("delta: unknown parameter"));
     assert!(with(&["--time", "60", "--name", &"x".repeat(33)]).contains("32 bytes"));
     assert!(with(&["--time", "-60"]).contains("--time"));
     assert!(!scratch("never.toml").exists());

@@ -1,5 +1,5 @@
-//! The power is cut while the firmware stores a calibration: the emulator is killed. What the next power-up finds is the
-//! calibration before or the new one, whole, and it is told where the cut has left damage.
+//! The power is cut while the firmware stores a calibration, by killing the emulator. The next power-up finds the
+//! earlier calibration or the new one, intact, and reports the damage if the cut has left any.
 
 use anyhow::Result;
 use host_tests::bench::Bench;
@@ -40,8 +40,8 @@ impl Plant for Counted<'_> {
     }
 }
 
-/// Powers the unit up; with `periods`, its power is cut so many after it has begun to store. Else it is switched off when
-/// samples are corrected. What it told.
+/// Powers the unit up; with `periods`, its power is cut so many after it has begun to store. Else it is switched off
+/// when samples are corrected. What it told.
 fn boot(image: &Image, eeprom: &Path, policy: PowerUpPolicy, seed: u64, periods: Option<u32>) -> Result<Vec<Message>> {
     let unit = VirtualUnit::default();
     let scheme = Scheme::named("fast-60").expect("in the library");

@@ -1,5 +1,5 @@
-//! What becomes of the firmware that fails in the middle of a move: the motors stop, a reset follows, and the next start says
-//! why. A debugger does the harm, so that the image is the one that ships.
+//! The firmware fails in the middle of a move: the motors stop, a reset follows, and the next start reports the cause.
+//! A debugger injects the failure, so that the image is the one that ships.
 
 use anyhow::Result;
 use host_tests::bench::Bench;
@@ -64,8 +64,8 @@ impl Plant for Watched<'_> {
     }
 }
 
-/// Harms the firmware in its first move; why it has started the second time, and for how many control periods the motors
-/// were still on.
+/// Harms the firmware in its first move; why it has started the second time, and for how many control periods the
+/// motors were still on.
 fn restart_after(harm: impl Fn(&[u8], &mut Debugger) -> Result<()> + Sync) -> (Restart, u32) {
     let image = build(Board::Mps2An500).unwrap_or_else(|error| panic!("{error:#}"));
     let elf = image.read().expect("the image");

@@ -1,4 +1,4 @@
-//! A wrong setting is named, with the right number; and nothing else is taken for one.
+//! A wrong setting is reported with the right number, and no other fault is taken for a wrong setting.
 
 use host_tests::calibration::virtual_run::VirtualRun;
 use host_tests::calibration::{Precision, Setup};

@@ -1,5 +1,5 @@
-//! The calibration store on virtual memories: power cut at every byte, word and erase, stuck cells, bit rot, old and new
-//! versions. Each exhaustive test prints its number of cases.
+//! The calibration store on virtual memories: power cuts at every byte, word and erasure, stuck cells, bit rot, old and
+//! new versions. Each exhaustive test prints its number of cases.
 
 use crc::{CRC_32_ISO_HDLC, Crc};
 use host_tests::bench::memory::{MemoryFault, Power, Stuck, Torn, VirtualEeprom, VirtualFlash};
@@ -246,7 +246,8 @@ fn slots<M: Virtual>() -> usize {
     M::blank().capacity() / M::BLOCK_BYTES * M::SLOTS_PER_BLOCK
 }
 
-/// Every byte of a slot that is written next, and of the one after, stuck at 0 and at 1: each save goes well, and is found.
+/// Every byte of a slot that is written next, and of the one after, stuck at 0 and at 1: each save goes well, and is
+/// found.
 fn every_stuck_byte<M: Virtual>(saves: u32) -> usize {
     let each = |(memory, count): &(M, u32)| {
         let mut store = CalibrationStore::new(memory.clone());
@@ -427,7 +428,7 @@ fn a_small_memory_is_refused() {
     assert_eq!(store(capacity).erase(), Err(StoreError::Capacity(capacity)));
 }
 
-// ------------------------------------------------------------------------------------------------ versions and verdicts
+// ----------------------------------------------------------------------------------------------- versions and verdicts
 
 /// A slot with this version and payload.
 fn framed(version: u8, sequence: u32, payload: &[u8]) -> Vec<u8> {

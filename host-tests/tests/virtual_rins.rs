@@ -1,6 +1,6 @@
-//! The virtual RINS against closed forms, against statistics, against the core's model, and against a log from elsewhere.
+//! Comparison of the virtual RINS with closed forms, statistics, the core's model, and the log of another simulator.
 //!
-//! Statistical bounds are five standard deviations of the statistic, derived beside it; seeds are fixed.
+//! Statistical bounds are five standard deviations of the statistic, which are derived in the test. Seeds are fixed.
 
 use host_tests::files::truth::Truth;
 use host_tests::files::unit_file::{Noise, UnitConfig};
@@ -93,8 +93,8 @@ fn a_full_turn_sums_to_two_pi_about_its_axis() {
     let outer_axis_s = [gamma.cos(), -gamma.sin(), 0.0];
     let inner_axis_s = [d.sin(), 0.0, d.cos()];
     for (errors, direction, axis_s) in [(plain, [1.0, 0.0], outer_axis_s), (tilted, [0.0, 1.0], inner_axis_s)] {
-        // Full turns at 0.36 rad/s there and back: Earth rate and bias do the same both times and drop out. The ramps at
-        // both ends are one interval long, so n samples turn as far as n - 1 intervals at full rate.
+        // Full turns at 0.36 rad/s there and back: Earth rate and bias do the same both times and drop out. The ramps
+        // at both ends are one interval long, so n samples turn as far as n - 1 intervals at full rate.
         let samples = 3601;
         let rate = TAU / (f64::from(samples - 1) * 0.005);
         let mut rins = VirtualRins::new(&silent_unit(errors), 1);
@@ -432,8 +432,8 @@ fn sample_log_agrees_over_every_move() {
     let truth = RigidTruth::new(&unit);
     let stops = stops_of(&readings);
     let mut sum_of_squares = 0.0;
-    // White noise over 5.5 s: 0.14 arcsec; 0.5 arcsec at both ends of the turning axis: 0.71; the other axis' mean error,
-    // 0.35, times the quarter turn: 0.55. Together 0.91 arcsec at most.
+    // White noise over 5.5 s: 0.14 arcsec. 0.5 arcsec at both ends of the turning axis: 0.71 arcsec. The mean error of the
+    // other axis, 0.35 arcsec, over a quarter turn: 0.55 arcsec. Together 0.91 arcsec at most.
     let sigma = 0.91 * ARCSEC;
     for pair in stops.windows(2) {
         let mut difference = [0.0; 3];
@@ -449,7 +449,8 @@ fn sample_log_agrees_over_every_move() {
     assert!(sum_of_squares < 54.0 + 5.0 * 10.4, "{sum_of_squares}");
 }
 
-/// Motion over the interval around a reading, from the encoders: that simulator's samples are means around their stamps.
+/// Motion over the interval around a reading, from the encoders: that simulator's samples are means around their
+/// stamps.
 fn around(readings: &[Reading], index: usize) -> Motion {
     let angles = |reading: &Reading| [reading.outer_rad, reading.inner_rad];
     let [before, here, after] = [index - 1, index, index + 1].map(|index| angles(&readings[index]));

@@ -85,7 +85,7 @@ use crate::run::telemetry::Message;
 /// }
 ///
 /// let Assignment::SelfCalibrate(config) = Assignment::default() else { unreachable!() };
-/// let sample = |number| RawSample {
+/// let sample = |number: u64| RawSample {
 ///     time_us: 5000 * number,
 ///     force_a: Vector3::new(0.0, 0.0, 9.79),
 ///     ..RawSample::default()

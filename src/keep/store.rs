@@ -85,7 +85,8 @@ struct Good {
 ///
 /// ```
 /// use embedded_storage::{ReadStorage, Storage};
-/// use rins_selfcal::keep::store::{CalibrationStore, Loaded, medium::Eeprom};
+/// use rins_selfcal::keep::medium::Eeprom;
+/// use rins_selfcal::keep::store::{CalibrationStore, Loaded};
 /// use rins_selfcal::run::result::StoredCalibration;
 ///
 /// /// An EEPROM of 16 KiB. On a board this is the type of a driver.

@@ -7,25 +7,25 @@ use host_tests::study::faults::FaultKind;
 use indicatif::ProgressBar;
 use std::time::Instant;
 
-/// Many runs of the joint method with one random fault each: is a wrong answer ever accepted?
+/// Runs the joint method many times with one random fault each, and counts accepted wrong results
 #[derive(Parser)]
 struct Arguments {
     /// Number of runs
     #[arg(long, default_value_t = 1000)]
     runs: u64,
-    /// Everything random comes from it
+    /// Seed of all random numbers
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Without faults: is a right answer rejected?
+    /// Run without faults, and count rejected correct results
     #[arg(long, conflicts_with = "only")]
     clean: bool,
-    /// Only faults whose name contains this
+    /// Only the fault whose name contains this text
     #[arg(long)]
     only: Option<String>,
-    /// Scalar of the core
+    /// Floating-point type of the core
     #[arg(long, value_enum, default_value_t)]
     precision: Precision,
-    /// Print each accepted wrong answer and each rejected run without fault
+    /// Print each accepted wrong result and each rejected run without a fault
     #[arg(long)]
     list: bool,
 }
@@ -37,7 +37,7 @@ fn main() {
         None => Faults::All,
         Some(part) => {
             let Some(kind) = FaultKind::ALL.into_iter().find(|kind| kind.name().contains(part.as_str())) else {
-                eprintln!("no fault is called {part}");
+                eprintln!("no fault has a name with {part}");
                 std::process::exit(1);
             };
             Faults::Only(kind)

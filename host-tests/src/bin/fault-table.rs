@@ -1,15 +1,15 @@
-//! Prints what the instrument does when something fails, at several phases of a run.
+//! Prints how the instrument reacts to each failure at several phases of a run.
 
 use clap::Parser;
 use host_tests::study::fault_table::{Failing, Fate, Phase, fate, good_calibration};
 
-/// Lets each fault come up at each phase of a run: what the firmware does, and what the user is told
+/// Injects each failure at each phase of a run, and prints the reaction and the reports of the firmware
 #[derive(Parser)]
 struct Arguments {
-    /// Only faults whose name contains this
+    /// Only failures whose name contains this text
     #[arg(long, default_value = "")]
     only: String,
-    /// Axis that fails: 0 outer, which turns first, or 1 inner
+    /// Axis that fails: 0 for outer, which turns first, or 1 for inner
     #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..2))]
     axis: u8,
 }
@@ -17,7 +17,7 @@ struct Arguments {
 fn main() {
     let arguments = Arguments::parse();
     let before = good_calibration();
-    println!("{:<25}{:<15}{:>11}  {:<11}{:<6}told", "fault", "phase", "stopped ms", "ends in", "kept");
+    println!("{:<25}{:<15}{:>11}  {:<11}{:<6}reported", "fault", "phase", "stopped ms", "ends in", "kept");
     for (failing, name) in Failing::ALL.into_iter().filter(|(_, name)| name.contains(&arguments.only)) {
         for phase in Phase::ALL {
             print(name, phase, &fate(failing, phase, arguments.axis.into(), &before));

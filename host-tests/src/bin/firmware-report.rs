@@ -1,7 +1,8 @@
-//! What the firmware's images take and what is linked into them.
+//! Prints the sizes of the firmware's images, and checks what is linked into them.
 //!
-//! Builds the images of all boards, of the first also with optional states. Prints flash, static RAM and stack and, of those
-//! that run in the emulator, depth of the queue, latencies and instructions by kind of work of a whole calibration.
+//! Builds the images of all boards, and of the first board also the image with optional states. Prints flash, static
+//! RAM and stack. For images that run in the emulator, also prints the depth of the queue, latencies and instructions
+//! by kind of work over a whole calibration.
 
 use anyhow::Result;
 use clap::Parser;
@@ -26,20 +27,20 @@ use rins_selfcal::scheme::Scheme;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Size, stack, queue and instructions of the firmware's images. Exit status 1 if an allocation is linked, a panic on a board
-/// of the emulator, or a size is not as in host-tests/data/firmware-sizes.toml.
+/// Size, stack, queue and instructions of the firmware's images. Exit status 1 if an allocation is linked, if a panic
+/// is linked on a board of the emulator, or if a size differs from host-tests/data/firmware-sizes.toml.
 #[derive(Parser)]
 struct Arguments {
-    /// An image for mps2-an500 with an ADIS16495, in place of those of all boards; it is not compared.
+    /// An image for mps2-an500 with an ADIS16495, in place of the images of all boards; its sizes are not compared.
     image: Option<PathBuf>,
-    /// Writes the data file anew, in place of comparing with it.
+    /// Write the sizes to the data file in place of comparing them.
     #[arg(long, conflicts_with = "image")]
     update: bool,
 }
 
-/// Parts of the demangled names of functions that only an allocation brings in.
+/// Parts of the demangled names of functions that are linked only with an allocation.
 const ALLOCATION: [&str; 3] = ["__rust_alloc", "__rg_alloc", "alloc::"];
-/// Of those that only a panic does.
+/// Parts of the demangled names of functions that are linked only with a panic.
 const PANIC: [&str; 11] = [
     "core::panicking",
     "core::option::expect_failed",
@@ -91,18 +92,18 @@ fn update(sizes: &SizesByImage) -> Result<bool> {
     Ok(true)
 }
 
-/// Whether all sizes are as in the data file.
+/// Whether all sizes agree with the data file.
 fn compare(sizes: &SizesByImage) -> Result<bool> {
     let differences = firmware_sizes::differences(&firmware_sizes::read(&firmware_sizes::data_file())?, sizes);
     differences.iter().for_each(|line| println!("{line}"));
     match differences.as_slice() {
-        [] => println!("all sizes as in the data file"),
-        _ => println!("if that is meant, --update takes it over"),
+        [] => println!("all sizes agree with the data file"),
+        _ => println!("if the differences are intended, --update writes them to the data file"),
     }
     Ok(differences.is_empty())
 }
 
-/// Prints the figures of one image; its sizes, and whether nothing forbidden is linked.
+/// Prints the figures of one image. Returns its sizes, and whether nothing forbidden is linked.
 fn report_image(name: &str, image: &Image) -> Result<(Sizes, bool)> {
     let bytes = image.read()?;
     let file = object::File::parse(&*bytes)?;
@@ -113,21 +114,21 @@ fn report_image(name: &str, image: &Image) -> Result<(Sizes, bool)> {
     if image.board.is_emulated() {
         sizes.stack_used = Some(report_calibration(image)?);
     } else {
-        println!("  stack                       - bytes of {}: no emulator plays the board", sizes.stack_room);
+        println!("  stack                       - bytes of {}: there is no emulator of the board", sizes.stack_room);
     }
-    // The HAL of a real board can panic while it sets up, and the library cannot be told from it.
+    // The HAL of a real board can panic during its set-up, and its panics cannot be told from those of the library.
     let may_panic = !image.board.is_emulated();
     let (allocations, panics) = (linked(&file, &ALLOCATION), linked(&file, &PANIC));
     match panics.len() {
         0 => println!("  no panic linked"),
-        count if may_panic => println!("  {count} functions for panics linked, by its HAL"),
+        count if may_panic => println!("  {count} functions for panics linked by the HAL"),
         _ => panics.iter().for_each(|name| println!("  linked: {name}")),
     }
     allocations.iter().for_each(|name| println!("  linked: {name}"));
     Ok((sizes, allocations.is_empty() && (may_panic || panics.is_empty())))
 }
 
-/// Prints what a calibration takes; its stack, bytes.
+/// Prints the load of a calibration. Returns the used stack, bytes.
 fn report_calibration(image: &Image) -> Result<u64> {
     let calibration = calibration(image)?;
     println!("  stack used           {:>8} bytes of {}", calibration.stack_used_bytes, calibration.stack_bytes);
@@ -140,11 +141,11 @@ fn report_calibration(image: &Image) -> Result<u64> {
     Ok(calibration.stack_used_bytes)
 }
 
-/// The processor's clock on the NUCLEO-H743ZI2, Hz.
+/// Clock of the processor on the NUCLEO-H743ZI2, Hz.
 const CORE_HZ: f64 = 480e6;
 
-/// What control at 1 kHz and sampling at 200 Hz ask of the processor, were every instruction a cycle at 480 MHz. Every byte of a
-/// KVH 1750 is counted as the one that takes longest.
+/// Prints the processor load of control at 1 kHz and sampling at 200 Hz, with one cycle per instruction at 480 MHz.
+/// Every byte of a KVH 1750 is counted with the time of the slowest byte.
 fn print_timing(run: &Run, imu: Imu) {
     let [control, acquire, ..] = run.loads;
     let interrupts = match imu {
@@ -163,7 +164,7 @@ fn print_timing(run: &Run, imu: Imu) {
     println!("  late periods {}, late commands {}", run.late_periods, run.late_commands);
 }
 
-/// A whole calibration with short stops: its last part takes the most stack.
+/// Runs a whole calibration with short stops. Its last part needs the most stack.
 fn calibration(image: &Image) -> Result<Run> {
     let unit = VirtualUnit::default();
     let scheme = Scheme::bai(1.0, 1);
@@ -173,7 +174,7 @@ fn calibration(image: &Image) -> Result<Run> {
     rins.expect_moves(&move_durations_s(&scheme, unit.rate_hz));
     let (plant, off) = Switched::new(rins);
     let switch = |message: &Message| {
-        // Samples are corrected before the record is stored, which the queue has to bear.
+        // Correction starts before the record is stored, so the queue must hold the samples during storing.
         if matches!(message, Message::State { state: State::Correcting | State::Parked, .. }) {
             off.set(true);
         }
@@ -181,7 +182,7 @@ fn calibration(image: &Image) -> Result<Run> {
     in_emulator(&assignment, image, None, &mut Bench::with_imu(plant, image.imu), |_| (), switch)
 }
 
-/// Names of the linked functions that should not be.
+/// Names of linked functions that must not be linked.
 fn linked(file: &object::File<'_>, parts: &[&str]) -> Vec<String> {
     let names = file.symbols().filter(|symbol| symbol.is_definition()).filter_map(|symbol| symbol.name().ok());
     let demangled = names.map(|name| format!("{:#}", rustc_demangle::demangle(name)));

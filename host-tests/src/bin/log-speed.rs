@@ -1,4 +1,4 @@
-//! Rows per second and peak memory of reading and replaying a long log, in every format.
+//! Measures rows per second and peak memory while reading and replaying a long log in every format.
 
 use anyhow::{Context, Result, ensure};
 use clap::Parser;
@@ -22,14 +22,14 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-/// A matrix of the standard columns.
+/// Mapping of a matrix with the standard columns.
 const MATRIX_MAPPING: &str = "[time]\ncolumn = 1\nstamp = \"middle\"\n[gyro]\ncolumns = [2, 3, 4]\nunit = \"rad/s\"\n[accel]\n\
                               columns = [5, 6, 7]\nunit = \"m/s^2\"\n";
 
-/// Simulates a log of 7829 s of scheme bai, writes it in every format, and replays each in a process of its own.
+/// Simulates a log of 7829 s of scheme bai, writes it in every format, and replays each file in a separate process.
 #[derive(Parser)]
 struct Arguments {
-    /// Time of every stop, s; a row is 5 ms
+    /// Duration of every stop, s; a row is 5 ms
     #[arg(long, default_value_t = 200.0)]
     stop: f64,
     /// Only measure this log
@@ -115,7 +115,7 @@ fn measure(log: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Processor time, s, and the largest memory so far, MB.
+/// Processor time, s, and peak memory so far, MB.
 fn usage() -> Result<(f64, f64)> {
     let usage = getrusage(UsageWho::RUSAGE_SELF).context("the use of resources")?;
     let seconds = |time: nix::sys::time::TimeVal| time.tv_sec() as f64 + time.tv_usec() as f64 * 1e-6;

@@ -1,4 +1,5 @@
-//! Prints what each optional effect costs: on data with it and without, while it is estimated and while it is not.
+//! Prints the cost of each optional effect, with data that have the effect or not, and with the effect estimated or
+//! not.
 
 use anyhow::Context;
 use clap::Parser;
@@ -16,24 +17,24 @@ use rins_selfcal::model::error_model::block;
 use rins_selfcal::model::options::Options;
 use rins_selfcal::scheme::Scheme;
 
-/// Lets each effect beyond the 28 parameters act or not, and be estimated or not: error and chi-square
+/// Errors and chi-square for each effect beyond the 28 parameters, present or not, and estimated or not
 #[derive(Parser)]
 struct Arguments {
     /// Runs of each row
     #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..))]
     runs: u64,
-    /// Everything random comes from it
+    /// Seed of all random numbers
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// A scheme of the library
     #[arg(long, default_value = "fast-180")]
     scheme: String,
-    /// Scalar of the core
+    /// Floating-point type of the core
     #[arg(long, value_enum, default_value_t)]
     precision: Precision,
 }
 
-/// An effect, as a unit has it and as the joint method estimates it or allows for it.
+/// An effect of a unit, and the options with which the joint method models the effect.
 struct Row {
     name: &'static str,
     effects: Effects,
@@ -84,7 +85,7 @@ fn rows() -> [Row; 5] {
 fn main() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
     let name = &arguments.scheme;
-    let scheme = Scheme::named(name).with_context(|| format!("no scheme of the library is called {name}"))?;
+    let scheme = Scheme::named(name).with_context(|| format!("the library has no scheme {name}"))?;
     let rows = rows();
     let bar = ProgressBar::new(arguments.runs * (1 + 3 * rows.len() as u64));
     let statistics = |effects: &Effects, options: Options| {
@@ -118,12 +119,15 @@ fn main() -> anyhow::Result<()> {
         column.set_cell_alignment(CellAlignment::Right);
     }
     bar.finish_and_clear();
-    println!("{} runs each of the unit \"real\" on {}, joint method; of the twelve:", arguments.runs, arguments.scheme);
+    println!(
+        "{} runs per row of the unit \"real\" on {}, joint method; figures of the twelve installation errors:",
+        arguments.runs, arguments.scheme
+    );
     println!("{table}");
     Ok(())
 }
 
-/// Of the twelve installation errors, the worst and the mean.
+/// Row with the worst RMS error and the mean squared normalized error of the twelve installation errors.
 fn cells(name: &str, acts_and_estimated: [&str; 2], found: &MethodStatistics) -> [String; 7] {
     let twelve = || found.states[..block::ACCEL_BIAS].iter().flatten();
     let worst = twelve().map(|state| state.rms_error).fold(0.0, f64::max);

@@ -1,4 +1,4 @@
-//! Prints how the servo moves and holds an axis, of which it knows more or less.
+//! Prints how the servo moves and holds an axis whose load differs from the servo's model.
 
 use comfy_table::{Table, presets};
 use host_tests::bench::servo_bench::{MoveFigures, ServoBench};
@@ -7,7 +7,7 @@ use rins_selfcal::base::profile::Point;
 use rins_selfcal::base::units::{ARCSEC, DEG};
 use rins_selfcal::gimbal::servo::MotorAndLoad;
 
-/// What is not as the servo takes it: name, inertia, friction, bits of the encoder.
+/// Loads: name, factors of inertia and friction relative to the servo's model, bits of the encoder.
 const LOADS: [(&str, f64, f64, u8); 9] = [
     ("as assumed", 1.0, 1.0, 26),
     ("32-bit encoder", 1.0, 1.0, 32),
@@ -25,7 +25,7 @@ fn main() {
         let data = MotorAndLoad { encoder_bits, ..MotorAndLoad::default() };
         let bandwidth = data.bandwidth_rad_s();
         println!(
-            "encoder of {name} bit: bandwidth of the rate loop {bandwidth:.0} rad/s, of the position loop a quarter of it"
+            "encoder with {name} bits: the bandwidth of the rate loop is {bandwidth:.0} rad/s, that of the position loop a quarter"
         );
     }
     println!(

@@ -1,4 +1,4 @@
-//! One calibration on the host: the core's chain in either precision, and its outcome, widened to `f64`.
+//! One calibration on the host: the core's chain in single or double precision, and its outcome as `f64`.
 
 use crate::base::quantity::{STATES, states};
 use crate::files::unit_file::{Noise, UnitConfig};
@@ -27,10 +27,10 @@ use rins_selfcal::segment::intake::IntakeCounts;
 use rins_selfcal::verdict::{Reason, Verdict, VerdictLimits};
 use serde::Serialize;
 
-/// Segments that fit on the host: any log that a day of calibration can give.
+/// Capacity for segments on the host, enough for a calibration of a whole day.
 pub const HOST_SEGMENTS: usize = 1024;
 
-/// Scalar of the core.
+/// Floating-point type of the core.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
@@ -49,37 +49,37 @@ pub fn method_name(method: Method) -> &'static str {
     }
 }
 
-/// Which parameters a method estimates; the two-stage method takes biases, scale-factor errors and non-perpendicularity
-/// as zero.
+/// Whether a method estimates a parameter. The two-stage method takes biases, scale-factor errors and
+/// non-perpendicularity as zero.
 pub fn is_estimated(method: Method, parameter: usize) -> bool {
     method == Method::Joint || !(block::ACCEL_BIAS..block::ATTITUDE).contains(&parameter)
 }
 
-/// Everything that a calibration must know.
+/// Everything that a calibration needs to know.
 #[derive(Clone, Debug)]
 pub struct Setup {
     /// Joint or two-stage.
     pub method: Method,
-    /// Scalar of the core.
+    /// Floating-point type of the core.
     pub precision: Precision,
     /// Sample rate, Hz.
     pub rate_hz: f64,
-    /// Where the unit stands.
+    /// Site of the unit.
     pub site: Site,
-    /// Its noise.
+    /// Noise of the unit.
     pub noise: Noise,
-    /// Where the heading comes from.
+    /// Source of the heading.
     pub heading: HeadingSource,
     /// Optional states and noise of the joint method.
     pub options: Options,
-    /// Moves of period one, where there are several and the scheme is known.
+    /// Number of moves in period one, if the scheme is known and has several periods.
     pub period_moves: Option<u16>,
-    /// Name of the scheme, where it is known.
+    /// Name of the scheme, if it is known.
     pub scheme: Option<String>,
 }
 
 impl Setup {
-    /// For the unit that a file describes; the scheme is unknown.
+    /// Setup for a unit that a file describes. The scheme is unknown.
     pub fn new(unit: &UnitConfig, rate_hz: f64, method: Method, precision: Precision) -> Self {
         let configured = |heading_deg: f64| HeadingSource::Configured {
             heading_rad: heading_deg * DEG,
@@ -98,14 +98,14 @@ impl Setup {
         }
     }
 
-    /// With a known scheme.
+    /// The same setup with a known scheme.
     #[must_use]
     pub fn on_scheme(self, scheme: &Scheme) -> Self {
         let period_moves = (scheme.periods > 1).then_some(scheme.legs.len() as u16);
         Self { period_moves, scheme: Some(scheme.name.as_str().into()), ..self }
     }
 
-    /// What the core must know.
+    /// Configuration for the core.
     pub fn config(&self) -> CalibratorConfig {
         let mut config = CalibratorConfig::new(self.method, self.site, self.noise.psd(), self.rate_hz);
         config.estimator.heading = self.heading;
@@ -114,7 +114,7 @@ impl Setup {
         config
     }
 
-    /// Sigmas of all states before any data, SI; zero where one is not estimated.
+    /// Sigmas of all states before any data, SI units; zero for states that are not estimated.
     pub fn prior_sigmas(&self) -> [f64; STATES] {
         let config = self.config().estimator;
         let optional = if self.method == Method::Joint { config.options.prior_sigmas() } else { Default::default() };
@@ -124,7 +124,7 @@ impl Setup {
         sigmas
     }
 
-    /// A chain before its first sample.
+    /// A chain that has had no sample yet.
     pub fn chain(&self) -> Box<dyn Chain> {
         match (self.precision, self.options.needs_states()) {
             (Precision::F64, false) => Box::new(CoreChain::<f64, BASIC_STATES>::new(self)),
@@ -135,7 +135,7 @@ impl Setup {
     }
 }
 
-/// A reading as the core takes it.
+/// A reading as a sample of the core.
 pub fn raw_sample<T: Real>(reading: &Reading) -> RawSample<T> {
     RawSample {
         time_us: reading.time_us,
@@ -147,18 +147,18 @@ pub fn raw_sample<T: Real>(reading: &Reading) -> RawSample<T> {
     }
 }
 
-/// From readings to the outcome, whatever the scalar.
+/// A calibration from readings to outcome, of either floating-point type.
 pub trait Chain: Send {
-    /// Takes in a reading; the live estimate if it completes a segment.
+    /// Processes a reading. Returns the live estimate if the reading completes a segment.
     fn step(&mut self, reading: &Reading) -> Option<Progress>;
 
-    /// Closes the last stop, at the end of the readings; the live estimate if there was one.
+    /// Ends the last stop after the last reading. Returns the live estimate if a stop has ended.
     fn finish(&mut self) -> Option<Progress>;
 
-    /// Closes the last stop if that is not done, solves and judges.
+    /// Ends the last stop if `finish` has not, solves, and judges.
     fn conclude(&mut self) -> Outcome;
 
-    /// Covariance of all states now, SI; zero where one is not estimated.
+    /// Present covariance of all states, SI units; zero for states that are not estimated.
     fn covariance(&self) -> Matrix<f64, STATES, STATES>;
 }
 
@@ -202,7 +202,8 @@ impl<T: Real, const FILTER_STATES: usize> Chain for CoreChain<T, FILTER_STATES> 
     }
 }
 
-/// Covariance of an estimator's parameters and optional states now, SI; zero where one is not estimated.
+/// Present covariance of an estimator's parameters and optional states, SI units; zero for states that are not
+/// estimated.
 pub fn covariance<T: Real, const SEGMENTS: usize, const FILTER_STATES: usize>(
     estimator: &Estimator<T, SEGMENTS, FILTER_STATES>,
 ) -> Matrix<f64, STATES, STATES> {
@@ -215,38 +216,38 @@ pub fn covariance<T: Real, const SEGMENTS: usize, const FILTER_STATES: usize>(
     covariance
 }
 
-/// What came out, and of what.
+/// Outcome of a calibration.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// What the calibration knew.
+    /// Setup of the calibration.
     pub setup: Setup,
     /// Parameters, sigmas and fit.
     pub solution: Solution,
-    /// Accepted, or why not.
+    /// Verdict with its reasons.
     pub verdict: Verdict,
-    /// Whether the instrument could store it; none where there is nothing to store, or no store.
+    /// Whether the instrument could store the result; `None` if there is nothing to store, or no store.
     pub stored: Option<bool>,
-    /// Covariance of the parameters, SI.
+    /// Covariance of the parameters, SI units.
     pub covariance: Matrix<f64, PARAMETERS, PARAMETERS>,
-    /// Sigmas before any data, SI.
+    /// Sigmas before any data, SI units.
     pub prior_sigmas: [f64; PARAMETERS],
-    /// What became of the samples.
+    /// Counts of admitted, missing and refused samples.
     pub counts: IntakeCounts,
-    /// Samples lost between the IMU and the core; unknown of a log.
+    /// Samples lost between the IMU and the core; unknown for a log.
     pub losses: Option<LossCounts>,
-    /// Stops found.
+    /// Number of stops.
     pub stops: usize,
-    /// Moves found.
+    /// Number of moves.
     pub moves: usize,
     /// The live estimate after every segment.
     pub live: Vec<Progress>,
-    /// How far every segment is from what all others say.
+    /// Innovations of every segment in the last sweep.
     pub innovations: Vec<SegmentInnovations>,
-    /// What a virtual unit's errors were at the end of the last segment, when the estimate holds.
+    /// True errors of a virtual unit at the end of the last segment, the time to which the estimate refers.
     pub truth: Option<InstrumentErrors<f64>>,
 }
 
-/// What is kept of the messages of a run.
+/// Record of the messages of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Record {
     solution: Option<(Solution, IntakeCounts)>,
@@ -262,7 +263,7 @@ pub struct Record {
 }
 
 impl Record {
-    /// Takes in a message.
+    /// Adds a message.
     pub fn note(&mut self, message: &Message) {
         match message {
             Message::Segment(progress) => {
@@ -289,12 +290,12 @@ impl Record {
         }
     }
 
-    /// Why the run was given up, if it was.
+    /// Why the run was aborted, if it was aborted.
     pub fn aborted(&self) -> Option<Abort> {
         self.aborted
     }
 
-    /// The outcome, once there is one.
+    /// The outcome, if the run was solved and judged.
     pub fn outcome(self, setup: &Setup) -> Option<Outcome> {
         let (solution, counts) = self.solution?;
         Some(Outcome {
@@ -326,7 +327,7 @@ impl Outcome {
         is_estimated(self.setup.method, parameter)
     }
 
-    /// Sigmas of all states, report units.
+    /// Sigmas of all states, in report units.
     pub fn state_sigmas(&self) -> [f64; STATES] {
         let found = self.estimate().sigmas.into_iter().chain(self.solution.optional.sigmas);
         let mut sigmas = [0.0; STATES];
@@ -336,7 +337,7 @@ impl Outcome {
         sigmas
     }
 
-    /// Optional states that were estimated: name and unit, value and sigma in report units.
+    /// Optional states that were estimated: name and unit, value and sigma, in report units.
     pub fn optional_states(&self) -> impl Iterator<Item = (&'static ParameterInfo, f64, f64)> {
         let optional = &self.solution.optional;
         let states = OPTIONAL_INFO.iter().zip(optional.values.iter().zip(&optional.sigmas));
@@ -358,7 +359,7 @@ impl Outcome {
         reasons
     }
 
-    /// Whether the result is accepted, and in the store where there is one.
+    /// Whether the result is accepted, and stored if there is a store.
     pub fn is_in_use(&self) -> bool {
         self.verdict.accepted() && self.stored != Some(false)
     }

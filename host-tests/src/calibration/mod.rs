@@ -1,4 +1,4 @@
-//! Readings through the core's chain: of a virtual unit or of a log.
+//! Runs the core's chain on readings of a virtual unit or of a log.
 
 mod chain;
 pub mod refusal;

@@ -1,4 +1,4 @@
-//! Schemes that the core refuses, in its words and with the numbers.
+//! Refusals of schemes: the reason of the core, with the numbers of the scheme.
 
 use anyhow::{Error, Result, anyhow};
 use rins_selfcal::base::units::DEG;
@@ -9,7 +9,7 @@ use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig, check_motion
 use rins_selfcal::run::self_calibration::SelfCalibration;
 use rins_selfcal::scheme::Scheme;
 
-/// Checks a scheme in itself and against the axes.
+/// Checks a scheme by itself and against the limits of the axes.
 ///
 /// # Errors
 /// One line that names the scheme and the leg.
@@ -17,16 +17,16 @@ pub fn check_axes(scheme: &Scheme, axes: &[AxisLimits; 2]) -> Result<()> {
     check_motion(scheme, axes).map_err(|error| refused(error, scheme, axes))
 }
 
-/// Checks whether the core would begin a calibration.
+/// Checks whether the core would start a calibration.
 ///
 /// # Errors
-/// What it has against the configuration.
+/// The reason why the core refuses the configuration.
 pub fn check(config: &SelfCalibrationConfig) -> Result<(), ConfigError> {
     let mut calibrator = Box::new(Calibrator::<f64, MAX_SEGMENTS, FULL_STATES>::UNCONFIGURED);
     SelfCalibration::new(config.clone(), None, &mut calibrator).map(|_| ())
 }
 
-/// The refusal of a configuration.
+/// Error for a configuration that the core refuses.
 pub fn refused(error: ConfigError, scheme: &Scheme, axes: &[AxisLimits; 2]) -> Error {
     anyhow!("the configuration with scheme {} is refused: {error}{}", scheme.name, numbers(error, scheme, axes))
 }
@@ -50,7 +50,8 @@ fn numbers(error: ConfigError, scheme: &Scheme, axes: &[AxisLimits; 2]) -> Strin
             )
         }
         ConfigError::Unobserved(_) => {
-            "; `rins observability` shows all of it, and --run-unobserved runs it nevertheless".into()
+            "; `rins observability` lists all unobserved parameters, and --run-unobserved runs the scheme nevertheless"
+                .into()
         }
         _ => String::new(),
     }

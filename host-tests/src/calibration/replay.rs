@@ -1,4 +1,4 @@
-//! A log through the core's chain.
+//! Runs the core's chain on a log.
 
 use super::{Outcome, Precision, Setup};
 use crate::base::quantity::significant;
@@ -11,47 +11,47 @@ use std::f64::consts::PI;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
-/// Rows between two calls of the progress function.
+/// Number of rows between two calls of the progress function.
 const ROWS_PER_TICK: u64 = 10_000;
 
-/// Sample rates of IMUs, Hz, and some for rounded stamps.
+/// Range of sample rates, Hz: 10 Hz to 10 kHz, with a margin of 1 % for rounded time stamps.
 const RATES_HZ: RangeInclusive<f64> = 9.9..=10_100.0;
-/// Part by which a configured rate may differ from that of the stamps.
+/// Relative difference that is allowed between the configured rate and the rate of the time stamps.
 const RATE_TOLERANCE: f64 = 0.05;
-/// An axis that turns, deg/s where that is the unit.
+/// Lowest encoder rate of a turning axis, in rad/s, or in deg/s if the angles are in degrees.
 const LEAST_RATE: f64 = 0.1;
 
-/// Why a log gives no calibration.
+/// Reasons why a log gives no calibration.
 #[derive(Debug, thiserror::Error)]
 pub enum ReplayError {
-    /// It cannot be read.
+    /// The log cannot be read.
     #[error(transparent)]
     Log(#[from] LogError),
-    /// The sample rate cannot be told.
-    #[error("{}:2: column time_s: a single time, so no sample rate", path.display())]
+    /// The log has a single time, so the sample rate is unknown.
+    #[error("{}:2: column time_s: only one time, so the sample rate is unknown", path.display())]
     SingleTime {
         /// The file.
         path: PathBuf,
     },
-    /// No IMU samples at this rate.
-    #[error("{}: time_s: {} Hz by the stamps; are they in ms or us in place of s?", path.display(), significant(*rate_hz))]
+    /// The rate of the time stamps is outside the range of IMUs.
+    #[error("{}: time_s: the time stamps give {} Hz; are they in ms or us in place of s?", path.display(), significant(*rate_hz))]
     Rate {
         /// The file.
         path: PathBuf,
-        /// By the stamps, Hz.
+        /// Rate of the time stamps, Hz.
         rate_hz: f64,
     },
-    /// The axes turn much faster than the gyros say.
-    #[error("{}: outer_rad and inner_rad turn {ratio:.0} times as fast as the gyros: degrees in place of radians?",
+    /// The encoders turn much faster than the gyros.
+    #[error("{}: outer_rad and inner_rad turn {ratio:.0} times as fast as the gyros; are they in degrees in place of radians?",
             path.display())]
     Degrees {
         /// The file.
         path: PathBuf,
-        /// Largest rate of an encoder over that of the gyros.
+        /// Largest rate of the encoders, divided by the largest rate of the gyros.
         ratio: f64,
     },
-    /// The axes never stand.
-    #[error("{}:{line}: columns outer_rad and inner_rad: no stop up to the last line, where both keep within 20 arcsec",
+    /// The axes are never at rest.
+    #[error("{}:{line}: columns outer_rad and inner_rad: no stop, in which both keep within 20 arcsec, up to the last line",
             path.display())]
     NoStop {
         /// The file.
@@ -69,7 +69,7 @@ pub enum ReplayError {
     },
 }
 
-/// The largest rates of a log, rad/s by its columns' names.
+/// Largest rates of a log, in rad/s as the names of the columns say.
 #[derive(Default)]
 struct Fastest {
     encoder: f64,
@@ -83,43 +83,44 @@ impl Fastest {
         if let Some(before) = self.before.replace(*reading) {
             let time_s = (reading.time_us - before.time_us) as f64 * 1e-6;
             let steps = [reading.outer_rad - before.outer_rad, reading.inner_rad - before.inner_rad].map(f64::abs);
-            // An angle that wraps is no rate.
+            // A step of half a turn or more is a wrap of the angle.
             for step in steps.into_iter().filter(|step| time_s > 0.0 && *step < PI) {
                 self.encoder = self.encoder.max(step / time_s);
             }
         }
     }
 
-    /// The ratio of both, if it is that of degrees to radians: less where both axes turn at once, or the gyros are noisy.
+    /// Ratio of both rates, if the ratio fits angles in degrees (57.3). The ratio is smaller if both axes turn at once,
+    /// or if the gyros are noisy.
     fn of_degrees(&self) -> Option<f64> {
         let ratio = self.encoder / self.gyro;
         (self.encoder > LEAST_RATE && (40.0..75.0).contains(&ratio)).then_some(ratio)
     }
 }
 
-/// What to do with a log.
+/// Replay of a log.
 #[derive(Clone, Debug)]
 pub struct Replay {
     /// The log.
     pub path: PathBuf,
-    /// What it has in which columns.
+    /// Columns and units of the log.
     pub layout: Layout,
     /// Unit and site.
     pub unit: UnitConfig,
     /// Joint or two-stage.
     pub method: Method,
-    /// Scalar of the core.
+    /// Floating-point type of the core.
     pub precision: Precision,
     /// Optional states and noise of the joint method.
     pub options: Options,
 }
 
 impl Replay {
-    /// Streams the log through the chain. `on_rows` is called now and then with the number of rows so far, `on_reading`
-    /// with every one.
+    /// Runs the chain on the log. `on_rows` is called every 10 000 rows with the number of rows so far, `on_reading`
+    /// with every reading.
     ///
     /// # Errors
-    /// The log is no log, has a wrong row, or shows no stop or no move.
+    /// The file is not a log, has a wrong row, or shows no stop or no move.
     pub fn run(
         &self,
         mut on_rows: impl FnMut(u64),
@@ -159,11 +160,11 @@ impl Replay {
         Ok(self.unit.sampling.rate_hz.unwrap_or(rate_hz))
     }
 
-    /// The configured rate and that of the stamps, Hz, where they differ. The configured one is taken: it says how many
-    /// samples there should be, and those that are not there count as missing.
+    /// The configured rate and the rate of the time stamps, Hz, if they differ. The configured rate is used: it
+    /// determines how many samples are expected, and samples that are not in the log count as missing.
     ///
     /// # Errors
-    /// The log is no log, or has a wrong row among the first few thousand.
+    /// The file is not a log, or has a wrong row among the first few thousand.
     pub fn other_rate_hz(&self) -> Result<Option<[f64; 2]>, ReplayError> {
         let Some(configured) = self.unit.sampling.rate_hz else { return Ok(None) };
         let interval_us = LogReader::open_as(&self.path, &self.layout)?.interval_us();
@@ -182,7 +183,7 @@ impl Replay {
     }
 }
 
-/// The unit description that lies beside a log, by its name: `LOG.toml` beside `LOG.csv` or `LOG.csv.gz`.
+/// The unit description in the folder of a log: `LOG.toml` for `LOG.csv` or `LOG.csv.gz`.
 pub fn config_beside(log: &Path) -> Option<PathBuf> {
     let name = log.file_name()?.to_str()?;
     let stem = name.strip_suffix(".gz").unwrap_or(name);

@@ -1,4 +1,4 @@
-//! A virtual unit on a scheme: what simulation, prediction and statistics run.
+//! A virtual unit that runs a scheme, for simulation, prediction and statistics.
 
 use super::{Outcome, Setup};
 use crate::virtual_unit::drive::SchemeDrive;
@@ -7,15 +7,15 @@ use crate::virtual_unit::unit::VirtualUnit;
 use crate::virtual_unit::virtual_rins::VirtualRins;
 use rins_selfcal::scheme::Scheme;
 
-/// Standing time after each arrival before the stop counts, s: the sequencer's.
+/// Settling time at the end of each move, before the stop counts, s. It is the sequencer's.
 pub const SETTLING_S: f64 = rins_selfcal::scheme::SETTLING_S;
 
-/// Independent streams of random numbers of one seed.
+/// Independent streams of random numbers from one seed.
 #[derive(Clone, Copy, Debug)]
 pub enum Stream {
     /// Errors of the unit.
     Errors,
-    /// Noise of its sensors and encoders.
+    /// Noise of the sensors and encoders.
     Noise,
 }
 
@@ -38,22 +38,22 @@ pub struct VirtualRun {
     pub unit: VirtualUnit,
     /// The scheme.
     pub scheme: Scheme,
-    /// Of the noise.
+    /// Seed of the noise.
     pub seed: u64,
 }
 
 impl VirtualRun {
-    /// The unit at the start of the scheme, open loop.
+    /// The unit at the start of the scheme, in open loop.
     pub fn drive(&self) -> SchemeDrive {
         SchemeDrive::new(VirtualRins::new(&self.unit, self.seed), &self.scheme, SETTLING_S)
     }
 
-    /// The outcomes of calibrations that all see the same readings.
+    /// Runs several calibrations on the same readings.
     pub fn calibrate(&self, setups: &[Setup]) -> Vec<Outcome> {
         self.calibrate_noting(setups, |_| ())
     }
 
-    /// As [`Self::calibrate`]; `note` sees each reading too.
+    /// As [`Self::calibrate`]; `note` is called with every reading.
     pub fn calibrate_noting(&self, setups: &[Setup], mut note: impl FnMut(&Reading)) -> Vec<Outcome> {
         let mut chains: Vec<_> = setups.iter().map(|setup| setup.clone().on_scheme(&self.scheme).chain()).collect();
         let mut drive = self.drive();
@@ -68,7 +68,7 @@ impl VirtualRun {
         chains.iter_mut().map(|chain| Outcome { truth, ..chain.conclude() }).collect()
     }
 
-    /// Duration with ramps and settling, s.
+    /// Duration including ramps and settling, s.
     pub fn duration_s(&self) -> f64 {
         self.drive().total_samples() as f64 / self.unit.rate_hz
     }
@@ -93,12 +93,13 @@ mod tests {
     }
 
     #[test]
-    fn duration_has_ramps_and_settling() {
+    fn the_duration_includes_ramps_and_settling() {
         let run = VirtualRun { unit: VirtualUnit::default(), scheme: Scheme::bai(10.0, 1), seed: 0 };
         assert!((run.duration_s() - (289.0 + 19.0 * SETTLING_S)).abs() < 1e-9);
     }
 
-    /// Of both methods: told once for each segment, and together the chi-square of the solution.
+    /// With both methods, each segment reports its innovations once, and their squares sum to the chi-square of the
+    /// solution.
     #[test]
     fn innovations_of_the_last_sweep_make_up_the_chi_square() {
         let config = UnitConfig::default();
@@ -112,14 +113,15 @@ mod tests {
             let (count, sum) = all.fold((0, 0.0), |(count, sum), value| (count + 1, sum + f64::from(value * value)));
             let fit = &outcome.solution.fit;
             assert_eq!(count, fit.measurements);
-            // The estimate may still move by a hundredth of a sigma.
+            // The estimate may still change by a hundredth of a sigma after the last sweep.
             assert!((sum / fit.chi_square - 1.0).abs() < 1e-3, "{sum} for {}", fit.chi_square);
         }
     }
 
-    /// What it does not know of must not come out magnified: with optimal weights the worst of the twelve was off by 130".
+    /// Errors that the method does not model must not be magnified: with optimal weights the worst error was 130
+    /// arcsec.
     #[test]
-    fn the_two_stage_method_bears_the_errors_of_a_real_unit() {
+    fn the_two_stage_method_does_not_magnify_the_errors_of_a_real_unit() {
         let config = UnitConfig { noise: Noise::bai(), ..UnitConfig::default() };
         let unit =
             VirtualUnit { errors: presets::real(1), noise: config.noise, rate_hz: 50.0, ..VirtualUnit::default() };
@@ -127,7 +129,7 @@ mod tests {
         let setup = Setup::new(&config, 50.0, Method::TwoStage, Precision::F64);
         let outcome = run.calibrate(&[setup]).remove(0);
         let errors = quantity::errors(&outcome.estimate().errors, &run.unit.errors);
-        // 30 ug of bias are 6.2" of tilt, and the other errors add to it.
+        // A bias of 30 ug acts as a tilt of 6.2 arcsec, and the other errors add to the tilt.
         assert!(errors[..block::ACCEL_BIAS].iter().all(|error| error.abs() < 8.0), "{errors:?}");
         assert!(!outcome.verdict.accepted());
     }

@@ -14,34 +14,34 @@ use std::path::PathBuf;
 
 #[derive(Debug, Args)]
 pub struct ApplyArguments {
-    /// The log, as for replay
+    /// Log to correct, in any format that `replay` reads
     #[arg(value_name = "LOG")]
     pub log: PathBuf,
     /// Result of `replay --json` or `calibrate --json`
     #[arg(long, value_name = "CAL.json")]
     pub calibration: PathBuf,
-    /// What the log has in which columns and units [default: the standard ones]
+    /// Mapping of the log's columns and units [default: the standard columns]
     #[arg(long, value_name = "MAP.toml")]
     pub mapping: Option<PathBuf>,
-    /// Corrected log to write: CSV, compressed if its name ends in .gz, or Parquet
+    /// Corrected log to write: CSV, CSV compressed with gzip if the name ends in .gz, or Parquet
     #[arg(long, value_name = "CORRECTED.csv")]
     pub out: PathBuf,
-    /// Frame of the corrected rates and forces
+    /// Frame of the corrected angular rates and specific forces
     #[arg(long, value_enum, default_value_t)]
     pub frame: FrameArgument,
 }
 
-/// Frame of corrected rates and forces.
+/// Frame of the corrected angular rates and specific forces.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum FrameArgument {
-    /// s: x along accelerometer x
+    /// IMU frame s: x along accelerometer x
     #[default]
     Imu,
-    /// r: x along the outer axis at inner angle 0, z along the inner axis
+    /// Rotation frame r: x along the outer axis at inner angle 0, z along the inner axis
     Rotation,
 }
 
-/// Rows between two looks at the counter.
+/// Rows between two updates of the progress counter.
 const TICK: u64 = 10_000;
 
 pub fn run(arguments: &ApplyArguments) -> anyhow::Result<Ending> {
@@ -58,7 +58,7 @@ pub fn run(arguments: &ApplyArguments) -> anyhow::Result<Ending> {
     let layout = replay::layout(&arguments.log, arguments.mapping.as_deref())?;
     let reader = LogReader::open_as(&arguments.log, &layout)?;
     let rows = correct(reader, &saved.calibration(), arguments).inspect_err(|_| {
-        // Half a log is none.
+        // An incomplete log must not be taken for a complete log.
         if arguments.out.is_file() {
             let _ = std::fs::remove_file(&arguments.out);
         }

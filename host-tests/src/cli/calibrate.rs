@@ -43,51 +43,52 @@ pub struct CalibrateArguments {
     pub axes: AxisArguments,
     #[command(flatten)]
     pub terms: TermsArguments,
-    /// Interface of the IMU; how good it is, --noise says
+    /// Interface of the IMU; --noise sets the noise of the IMU
     #[arg(long, value_enum, default_value_t)]
     pub imu: Imu,
-    /// Run the firmware in the emulator, twice: calibrate, then find the stored calibration
+    /// Run the firmware in the emulator twice: the first boot calibrates, the second boot finds the stored calibration
     #[arg(long)]
     pub firmware: bool,
-    /// Content of the firmware's EEPROM, kept from run to run [default: blank]
+    /// File with the content of the firmware's EEPROM, kept from run to run [default: a blank EEPROM]
     #[arg(long, value_name = "FILE", requires = "firmware")]
     pub eeprom: Option<PathBuf>,
-    /// Run the firmware in real time until interrupted, its serial line at this Unix socket, for `rins monitor --port SOCKET`
+    /// Run the firmware in real time until it is interrupted; its serial line is at this Unix socket, for
+    /// `rins monitor --port SOCKET`
     #[arg(long, value_name = "SOCKET", requires = "firmware")]
     pub serial: Option<PathBuf>,
-    /// Write the result
+    /// Write the result to this file
     #[arg(long, value_name = "OUT.json")]
     pub json: Option<PathBuf>,
-    /// Write the report
+    /// Write the report to this file
     #[arg(long, value_name = "OUT.html", default_value = "rins-report.html")]
     pub report: PathBuf,
-    /// Compare with the result of another calibration, in the report
+    /// Compare with the result of an earlier calibration, in the report
     #[arg(long, value_name = "CAL.json")]
     pub previous: Option<PathBuf>,
 }
 
-/// When a run begins and ends, and what it must reach.
+/// When a run begins and ends, and which sigma it must reach.
 #[derive(Debug, Args)]
 pub struct TermsArguments {
     /// When a calibration begins at power-up
     #[arg(long, value_enum, default_value_t)]
     policy: PolicyArgument,
-    /// With --policy when-due: greatest age of the stored calibration, h [default: any]
+    /// With --policy when-due: greatest age of the stored calibration, h [default: no limit]
     #[arg(long, value_name = "H", value_parser = positive)]
     longest_age: Option<f64>,
-    /// With --policy when-due: greatest difference of temperature to the stored calibration, K [default: any]
+    /// With --policy when-due: greatest temperature difference to the stored calibration, K [default: no limit]
     #[arg(long, value_name = "K", value_parser = positive)]
     temperature_change: Option<f64>,
     /// Required sigma of the 12 installation errors, arcsec [default: none]
     #[arg(long, value_name = "ARCSEC", value_parser = positive)]
     required_sigma: Option<f64>,
-    /// End the run as soon as the required sigma is reached and the fit is good
+    /// End the run as soon as it reaches the required sigma with a good fit
     #[arg(long, requires = "required_sigma")]
     early_finish: bool,
-    /// End the run after this time, s, with the stop under way
+    /// End the run after this time, s, at the end of the stop that is under way
     #[arg(long, value_name = "S", value_parser = positive)]
     longest_run: Option<f64>,
-    /// Stay up to this many times as long at a stop whose noise has as many times the configured variance
+    /// Lengthen a noisy stop in proportion to its noise variance over the configured one, up to this factor
     #[arg(long, value_name = "RATIO", default_value_t = 1.0, value_parser = at_least_one)]
     noise_margin: f64,
     #[command(flatten)]
@@ -99,7 +100,7 @@ pub struct TermsArguments {
 enum PolicyArgument {
     /// At every power-up
     Always,
-    /// When none is stored, or it is too old or of another temperature
+    /// When no calibration is stored, or the stored one is too old or was made at another temperature
     #[default]
     WhenDue,
     /// On command only
@@ -133,7 +134,7 @@ impl TermsArguments {
 
 pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
     let [errors, noise, config] = arguments.unit.inputs();
-    // The EEPROM is read and written; nothing else may be written there.
+    // The EEPROM file is an input too, so no output may overwrite the file.
     let inputs = [
         arguments.scheme.input(),
         errors,
@@ -243,7 +244,8 @@ fn conclude(
     }
 }
 
-/// A run as it goes: time, leg, angles of the axes, worst sigma of the twelve, in 80 columns; what is out of the ordinary stays to be read.
+/// Live view of a run in 80 columns: time, leg, angles of the axes, worst sigma of the twelve installation errors.
+/// Faults and warnings are printed as lines that stay.
 struct Live<'a> {
     progress: Progress,
     power_up: &'a PowerUp<'a>,
@@ -274,7 +276,7 @@ impl<'a> Live<'a> {
             _ => return,
         }
         let angles = self.power_up.signals().borrow().points().last().map_or_else(String::new, |point| {
-            // Without the sign of a zero.
+            // Adding zero turns -0 into 0.
             let [outer, inner] = point.angles_rad.map(|angle| (angle.to_degrees() * 10.0).round() / 10.0 + 0.0);
             format!("outer {outer:.1}, inner {inner:.1} deg")
         });
@@ -287,7 +289,7 @@ fn in_words(state: State, legs: u16) -> String {
     let last = legs.saturating_sub(1);
     match state {
         State::PowerUp => "power-up".into(),
-        State::AwaitStill => "waiting until all is still".into(),
+        State::AwaitStill => "waiting until the unit is at rest".into(),
         State::Turn(leg) => format!("leg {leg} of {last}, turning"),
         State::Settle(leg) | State::Dwell(leg) | State::Weigh(leg) => format!("leg {leg} of {last}, measuring"),
         State::Compute | State::Verdict => "solving".into(),

@@ -19,11 +19,11 @@ use clap::{Parser, Subcommand};
 
 /// Self-calibration of a dual-axis rotational INS.
 ///
-/// Without a command: `calibrate`. Exit status: 0 accepted or done, 1 error, 2 calibration not accepted.
+/// The default command is `calibrate`. Exit status: 0 done or accepted, 1 error, 2 calibration not accepted.
 #[derive(Debug, Parser)]
 #[command(name = "rins", version, args_conflicts_with_subcommands = true)]
 pub struct Arguments {
-    /// Say how it ends, and nothing else: no progress, tables or notes
+    /// Print the outcome only: no progress, no tables, no notes
     #[arg(long, short, global = true)]
     pub quiet: bool,
     #[command(subcommand)]
@@ -34,12 +34,12 @@ pub struct Arguments {
 
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// A virtual RINS powers up and calibrates itself, closed loop
+    /// Power up a virtual RINS that calibrates itself in closed loop
     #[command(
         after_help = "Examples:\n  rins calibrate --scheme fast-60 --seed 3\n  rins calibrate --firmware --eeprom eeprom.bin\n  rins calibrate --errors random --noise tactical --json cal.json --report page.html"
     )]
     Calibrate(CalibrateArguments),
-    /// Write the log of a virtual RINS on a scheme, and the truth about it
+    /// Write the log of a virtual RINS that runs a scheme, and its true parameters
     #[command(after_help = "Example: rins simulate --out log.csv --truth truth.json --write-config unit.toml")]
     Simulate(SimulateArguments),
     /// Calibrate from a log
@@ -47,53 +47,53 @@ pub enum Command {
         after_help = "Examples:\n  rins replay log.csv.gz --config unit.toml --json cal.json\n  rins replay flight.parquet --mapping map.toml --config unit.toml"
     )]
     Replay(ReplayArguments),
-    /// Say what a log is: columns, rate, gaps, noise, stops and moves, scheme, what is observable
+    /// Describe a log: columns, rate, gaps, noise, stops and moves, scheme, observable parameters
     ///
-    /// Columns of any names and units are recognized by what they show while the axes turn; the mapping that is proposed
-    /// is good for `replay` and `apply`.
+    /// Columns of any names and units are recognized by their values while the axes turn. `replay` and `apply` can use
+    /// the proposed mapping.
     #[command(
         after_help = "Examples:\n  rins inspect log.csv\n  rins inspect foreign.csv --write-mapping map.toml --write-config unit.toml\n  rins replay foreign.csv --mapping map.toml --config unit.toml"
     )]
     Inspect(InspectArguments),
-    /// Correct a log by a result
+    /// Correct a log with the result of a calibration
     #[command(after_help = "Example: rins apply log.csv --calibration cal.json --out corrected.csv")]
     Apply(ApplyArguments),
-    /// Say what changed between two results, in sigmas; status 2 if more than chance
+    /// Compare two results in sigmas; exit status 2 if they differ by more than chance
     #[command(after_help = "Example: rins compare before.json after.json")]
     Compare(CompareArguments),
-    /// Predict sigmas, rank and condition number of a scheme
+    /// Predict the sigmas, the rank and the condition number of a scheme
     #[command(
         after_help = "Examples:\n  rins observability --all\n  rins observability --scheme bai --stop 10 --noise tactical\n  rins observability --scheme mine.toml --config unit.toml --plot sigmas.svg"
     )]
     Observability(ObservabilityArguments),
-    /// Find a scheme for the time given; one to two minutes by default
+    /// Find the best scheme of a given duration; the search takes one to two minutes by default
     #[command(
         after_help = "Examples:\n  rins plan --time 120 --out mine.toml\n  rins plan --time 90 --limits=-180..180,-90..90 --axis-rate 30 --out mine.toml\n  rins plan --time 60 --weights gyro_scale_z,gamma=3 --angles 45 --out mine.toml"
     )]
     Plan(PlanArguments),
-    /// Calibrate many virtual units: errors against bounds, sigmas against errors
+    /// Calibrate many virtual units, and compare the errors with their bounds and sigmas
     #[command(
         after_help = "Examples:\n  rins montecarlo --runs 1000 --scheme fast-120 --closed-loop\n  rins montecarlo --method two-stage --errors table1 --noise bai"
     )]
     Montecarlo(MonteCarloArguments),
-    /// Repeat what Bai et al. publish, and lay it beside theirs on a page; one to two minutes
+    /// Repeat the studies of Bai et al., and compare the results on a page; takes one to two minutes
     #[command(after_help = "Example: rins replicate --report replication.html --json replication.json")]
     Replicate(ReplicateArguments),
-    /// Show an instrument on a serial line live, and command it
+    /// Show an instrument on a serial line live, and send it commands
     #[command(
         after_help = "Examples:\n  rins monitor --port /dev/ttyACM0\n  rins monitor --port /dev/ttyACM0 --start --quiet\n  rins monitor --port tcp:10.0.0.7:4000 --read calibration --json cal.json"
     )]
     Monitor(MonitorArguments),
-    /// Show the calibrations that an instrument keeps, from an image of its memory
+    /// Show the calibrations stored in an image of an instrument's memory
     #[command(after_help = "Example: rins history eeprom.bin --json history.json")]
     History(HistoryArguments),
-    /// Explain a code that is printed with a reason, or list all codes
+    /// Explain the code that is printed with a reason, or list all codes
     #[command(after_help = "Examples:\n  rins explain\n  rins explain noise-level")]
     Explain(ExplainArguments),
     /// Print a chapter of the guide, or the list of chapters
     #[command(after_help = "Examples:\n  rins guide\n  rins guide tutorial")]
     Guide(GuideArguments),
-    /// Print the completions of a shell
+    /// Print the completion script of a shell
     #[command(after_help = "Example: rins completions bash > ~/.local/share/bash-completion/completions/rins")]
     Completions(CompletionsArguments),
     /// Print the manual page

@@ -41,5 +41,5 @@ fn table(comparison: &Comparison, first: &Saved, second: &Saved) -> String {
             significant(change.sigma),
             fixed(change.normalized(), 2) + if Comparison::counts(index) { "" } else { " *" },
         ])
-    }) + "* of the vehicle: does not count\n"
+    }) + "* attitude of the vehicle: not counted\n"
 }

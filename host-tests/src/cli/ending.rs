@@ -3,8 +3,8 @@
 /// How a command ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// Done, or the calibration is accepted: status 0.
+    /// The command is done, or the calibration is accepted: exit status 0.
     Done,
-    /// The calibration is not accepted, or two results differ: status 2.
+    /// The calibration is not accepted, or two results differ: exit status 2.
     NotAccepted,
 }

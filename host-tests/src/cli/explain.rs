@@ -10,7 +10,7 @@ use rins_selfcal::guide::CHAPTERS;
 const CHAPTER: &str = "reasons";
 /// Widest text, columns.
 const WIDTH: usize = 100;
-/// Codes that are proposed in place of an unknown one.
+/// Number of codes that are proposed for an unknown code.
 const PROPOSALS: usize = 3;
 
 #[derive(Debug, Args)]
@@ -43,7 +43,9 @@ pub fn run(arguments: &ExplainArguments) -> Result<Ending> {
     let wanted = code.trim_matches(['[', ']']).to_lowercase();
     match pages.iter().find(|page| page.code == wanted) {
         Some(page) => must_sayln!("{} ({})\n\n{}", page.code, page.group, wrapped(page.text)),
-        None => bail!("there is no code `{code}`; near it: {}. `rins explain` lists all codes", near(&wanted, &pages)),
+        None => {
+            bail!("there is no code `{code}`; similar codes: {}. `rins explain` lists all codes", near(&wanted, &pages))
+        }
     }
     Ok(Ending::Done)
 }
@@ -73,7 +75,7 @@ fn list(pages: &[Page]) -> String {
     text.trim_end().into()
 }
 
-/// The codes that are most like an unknown one.
+/// The codes that are most similar to an unknown code.
 fn near(wanted: &str, pages: &[Page]) -> String {
     let mut codes: Vec<_> = pages.iter().map(|page| page.code).collect();
     codes.sort_by_key(|code| (!(code.contains(wanted) || wanted.contains(code)), distance(wanted, code)));
@@ -81,7 +83,7 @@ fn near(wanted: &str, pages: &[Page]) -> String {
     codes.join(", ")
 }
 
-/// Letters to insert, remove or replace to get from one word to the other (Levenshtein).
+/// Levenshtein distance: number of letters to insert, remove or replace.
 fn distance(from: &str, to: &str) -> usize {
     let mut row: Vec<usize> = (0..=to.chars().count()).collect();
     for (above, letter) in from.chars().enumerate() {
@@ -95,7 +97,7 @@ fn distance(from: &str, to: &str) -> usize {
     row[to.chars().count()]
 }
 
-/// Lines of at most [`WIDTH`] columns; those of a list are indented.
+/// Wraps a text to [`WIDTH`] columns; the continued lines of a list are indented.
 fn wrapped(text: &str) -> String {
     let mut lines = Vec::new();
     for paragraph in text.lines() {
@@ -121,7 +123,7 @@ mod tests {
     use rins_selfcal::verdict::Reason;
 
     #[test]
-    fn the_page_of_a_code_is_found_and_an_unknown_code_has_near_ones() {
+    fn the_page_of_a_code_is_found_and_similar_codes_are_proposed() {
         let pages = pages();
         let code = Reason::NotConverged(24).code();
         let page = pages.iter().find(|page| page.code == code).expect("a page");

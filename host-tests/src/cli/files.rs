@@ -1,4 +1,4 @@
-//! The files of a command, looked at before it runs: none is lost to another one, and all that are asked for can be
+//! Checks the files of a command before the command runs: no file overwrites another one, and every output can be
 //! written.
 
 use anyhow::{Context, bail};
@@ -6,13 +6,13 @@ use std::fs::{self, File, OpenOptions};
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// An option, or the name of an argument, and its file where there is one.
+/// Name of an option or argument, and its file if it was given.
 pub type NamedFile<'a> = (&'static str, Option<&'a Path>);
 
-/// Checks that no output is an input or another output, and that all outputs can be written. Leaves no trace.
+/// Checks that no output is an input or another output, and that every output can be written. Changes no file.
 ///
 /// # Errors
-/// One line that names options and file.
+/// One line that names the options and the file.
 pub fn check(inputs: &[NamedFile<'_>], outputs: &[NamedFile<'_>]) -> anyhow::Result<()> {
     let given = |files: &[NamedFile<'_>]| -> Vec<(&'static str, PathBuf)> {
         let paths = files.iter().filter_map(|(name, path)| Some((*name, path.as_ref()?.to_path_buf())));
@@ -32,7 +32,7 @@ pub fn check(inputs: &[NamedFile<'_>], outputs: &[NamedFile<'_>]) -> anyhow::Res
     Ok(())
 }
 
-/// The file's path without links; of a file that is not there yet, its folder's.
+/// Path of the file with all links resolved. If the file does not exist yet, the links of its folder are resolved.
 fn identity(path: &Path) -> PathBuf {
     let of_folder = || {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -45,7 +45,7 @@ fn try_to_write(path: &Path) -> io::Result<()> {
     match fs::metadata(path) {
         Ok(found) if found.is_dir() => Err(io::ErrorKind::IsADirectory.into()),
         Ok(found) if found.is_file() => OpenOptions::new().append(true).open(path).map(drop),
-        // A device or a pipe: looking at it may already be too much.
+        // Opening a device or a pipe may already have an effect.
         Ok(_) => Ok(()),
         Err(_) => {
             File::create(path)?;
@@ -59,7 +59,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn files_that_collide_or_cannot_be_written_are_refused_without_a_trace() {
+    fn colliding_and_unwritable_files_are_refused_and_no_file_changes() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         fs::write(at("log.csv"), "kept").unwrap();

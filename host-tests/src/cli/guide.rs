@@ -8,7 +8,7 @@ use clap::builder::PossibleValuesParser;
 use console::{Term, style};
 use rins_selfcal::guide::CHAPTERS;
 
-/// Widest text, columns; a wider terminal gets no longer lines.
+/// Widest text, columns, on a terminal of any width.
 const WIDEST: usize = 80;
 /// Indentation of code blocks.
 const CODE_INDENT: &str = "    ";
@@ -29,7 +29,7 @@ pub fn run(arguments: &GuideArguments) -> Result<Ending> {
     Ok(Ending::Done)
 }
 
-/// Columns of the text.
+/// Width of the text, columns: that of the terminal, at most [`WIDEST`].
 fn width() -> usize {
     Term::stdout().size_checked().map_or(WIDEST, |(_, columns)| WIDEST.min(columns.into()))
 }
@@ -40,8 +40,8 @@ fn contents() -> String {
     format!("Chapters of the guide, each printed by `rins guide CHAPTER`:\n\n{}", rows.collect::<String>().trim_end())
 }
 
-/// Markdown for a terminal: paragraphs and lists are wrapped, links are named, comments are left out. Headings, tables and
-/// the lines of code blocks stay as they are.
+/// Renders Markdown for a terminal. Paragraphs and lists are wrapped, links are replaced by their text, and comments
+/// are left out. Headings, tables and code lines are not wrapped.
 fn rendered(markdown: &str, width: usize) -> String {
     let mut page = Page { text: String::new(), paragraph: None, width };
     let mut in_code = false;
@@ -65,14 +65,14 @@ fn rendered(markdown: &str, width: usize) -> String {
     page.text
 }
 
-/// A paragraph or an item of a list that has not ended yet.
+/// The paragraph or list item that is being read.
 struct Paragraph {
-    /// Indentation of all lines but the first.
+    /// Indentation of all lines except the first.
     indent: usize,
     lines: Vec<String>,
 }
 
-/// What has been rendered so far.
+/// The text that has been rendered so far, and the open paragraph.
 struct Page {
     text: String,
     paragraph: Option<Paragraph>,
@@ -80,7 +80,7 @@ struct Page {
 }
 
 impl Page {
-    /// A line that is not wrapped. An empty one after an empty one is left out.
+    /// Adds a line without wrapping. Of several empty lines only the first is kept.
     fn line(&mut self, line: &str) {
         self.end_paragraph();
         if !line.is_empty() || !self.text.ends_with("\n\n") {
@@ -89,7 +89,7 @@ impl Page {
         }
     }
 
-    /// A line of a paragraph or a list.
+    /// Adds a line of a paragraph or a list.
     fn prose(&mut self, line: &str) {
         let indent = line.len() - line.trim_start().len();
         let marker = marker_length(line.trim_start());
@@ -125,7 +125,7 @@ impl Paragraph {
     }
 }
 
-/// Length of the marker of a list's item with the space after it, 0 where there is none.
+/// Length of the marker of a list item with the space after it; 0 if the line has no marker.
 fn marker_length(line: &str) -> usize {
     let digits = line.chars().take_while(char::is_ascii_digit).count();
     match line.get(digits..) {
@@ -135,7 +135,7 @@ fn marker_length(line: &str) -> usize {
     }
 }
 
-/// Links as their text; that of a web page with its address.
+/// Replaces each link by its text; the address of a web page follows in brackets.
 fn without_links(line: &str) -> String {
     let (mut text, mut rest) = (String::new(), line);
     while let Some((before, link)) = rest.split_once('[') {

@@ -10,22 +10,22 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
 pub struct HistoryArguments {
-    /// Image of an instrument's memory: of its EEPROM, or of the sectors of its flash
+    /// Image of an instrument's memory: the EEPROM, or the sectors of the flash
     memory: PathBuf,
-    /// What the image is of [default: a flash from 256 KiB on]
+    /// Kind of memory [default: flash if the image has 256 KiB or more]
     #[arg(long, value_enum)]
     kind: Option<KindArgument>,
-    /// Write the entries, newest first
+    /// Write the entries to this file, newest first
     #[arg(long, value_name = "OUT.json")]
     json: Option<PathBuf>,
 }
 
-/// What an image is of.
+/// Kind of memory that an image was taken from.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum KindArgument {
-    /// From its address 0 on
+    /// The EEPROM from address 0 on
     Eeprom,
-    /// Whole sectors of 128 KiB
+    /// Whole flash sectors of 128 KiB
     Flash,
 }
 
@@ -39,7 +39,7 @@ pub fn run(arguments: &HistoryArguments) -> anyhow::Result<Ending> {
     Ok(Ending::Done)
 }
 
-/// Shows a history, and writes it where it is wanted.
+/// Prints a history, and writes it to a file if one is given.
 pub fn show(history: &History, json: Option<&Path>) -> anyhow::Result<()> {
     say!("{history}");
     if let Some(path) = json {

@@ -19,25 +19,25 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
 pub struct InspectArguments {
-    /// The log, of any columns and units: CSV, Parquet or a raw matrix; all but Parquet also compressed with gzip
+    /// Log with any columns and units: CSV, Parquet or a raw matrix; CSV and matrix may be compressed with gzip
     #[arg(value_name = "LOG")]
     pub log: PathBuf,
-    /// What the log has in which columns and units [default: as it shows]
+    /// Mapping of the log's columns and units [default: recognized from the data]
     #[arg(long, value_name = "MAP.toml")]
     pub mapping: Option<PathBuf>,
-    /// Site of the unit, and noise where none is seen [default: Bai's site, noise "navigation"]
+    /// Site of the unit, and its noise if the log does not show the noise [default: Bai's site, noise "navigation"]
     #[arg(long, value_name = "UNIT.toml")]
     pub config: Option<PathBuf>,
-    /// Write the mapping that is proposed
+    /// Write the proposed mapping to this file
     #[arg(long, value_name = "MAP.toml", conflicts_with = "mapping")]
     pub write_mapping: Option<PathBuf>,
-    /// Write the unit description, with the noise that is seen
+    /// Write the unit description with the measured noise to this file
     #[arg(long, value_name = "UNIT.toml")]
     pub write_config: Option<PathBuf>,
-    /// Write the scheme that the log follows
+    /// Write the scheme that the log follows to this file
     #[arg(long, value_name = "SCHEME.toml")]
     pub write_scheme: Option<PathBuf>,
-    /// Write all that is seen
+    /// Write all findings to this file
     #[arg(long, value_name = "OUT.json")]
     pub json: Option<PathBuf>,
 }
@@ -88,8 +88,10 @@ fn write(arguments: &InspectArguments, unit: &UnitConfig, found: &Inspection) ->
         write_toml(path, &UnitConfig { noise: found.noise, ..*unit })?;
     }
     if let Some(path) = &arguments.write_scheme {
-        let scheme =
-            found.scheme.as_ref().context("--write-scheme: no scheme that begins with a stop at (0, 0) is seen")?;
+        let scheme = found
+            .scheme
+            .as_ref()
+            .context("--write-scheme: the log shows no scheme that begins with a stop at (0, 0)")?;
         write_scheme(path, scheme)?;
     }
     if let Some(path) = &arguments.json {
@@ -158,7 +160,7 @@ fn sampling(log: &Path, sampling: &Sampling) -> String {
 }
 
 fn columns(found: &Inspection) -> String {
-    let Some(mapping) = &found.mapping else { return "columns: those of a standard log\n".into() };
+    let Some(mapping) = &found.mapping else { return "columns: the standard ones\n".into() };
     let used = |role: &str| if role.is_empty() { "not used".to_string() } else { role.to_string() };
     let rows = found.columns.iter().map(|taken| vec![taken.column.clone(), used(&taken.role)]);
     let toml = toml::to_string(mapping).unwrap_or_default();
@@ -194,7 +196,7 @@ fn scheme(found: &Inspection) -> String {
     });
     match &found.nearest_scheme {
         Some(near) => format!(
-            "scheme: like {}, {} period{}: angles within {} deg; stops of {:.1} s on average, there {:.1} s{own}\n",
+            "scheme: like {}, {} period{}: angles within {} deg; stops of {:.1} s on average, in the library {:.1} s{own}\n",
             near.name,
             near.periods,
             if near.periods > 1 { "s" } else { "" },
@@ -202,7 +204,7 @@ fn scheme(found: &Inspection) -> String {
             near.stops_s[0],
             near.stops_s[1]
         ),
-        None => format!("scheme: none of the library has as many moves{own}\n"),
+        None => format!("scheme: no scheme of the library has as many moves{own}\n"),
     }
 }
 
@@ -227,7 +229,7 @@ fn noise(found: &Inspection) -> String {
     if let Some(encoders) = found.encoders {
         let [low, high] = encoders.range_arcsec.map(significant);
         text += &format!(
-            "encoders: {} arcsec ({low} to {high}) make the segments agree, {} degrees of freedom\n",
+            "encoders: the segments agree with a noise of {} arcsec ({low} to {high}), {} degrees of freedom\n",
             significant(encoders.arcsec),
             encoders.degrees_of_freedom
         );

@@ -1,4 +1,4 @@
-//! `rins completions` and `rins man`: made of the command line itself.
+//! `rins completions` and `rins man`, both generated from the definition of the command line.
 
 use super::ending::Ending;
 use super::output::must_sayln;
@@ -6,19 +6,19 @@ use clap::Args;
 
 #[derive(Debug, Args)]
 pub struct CompletionsArguments {
-    /// The shell
+    /// Shell that will use the script
     #[arg(value_enum)]
     pub shell: clap_complete::Shell,
 }
 
-/// Of the command line.
+/// Prints the completion script of a shell.
 pub fn completions(arguments: &CompletionsArguments, mut command_line: clap::Command) -> anyhow::Result<Ending> {
     let mut text = Vec::new();
     clap_complete::generate(arguments.shell, &mut command_line, "rins", &mut text);
     print(&text)
 }
 
-/// All commands on one page.
+/// Prints one manual page with all commands.
 pub fn page(mut root: clap::Command) -> anyhow::Result<Ending> {
     root.build();
     let mut text = Vec::new();

@@ -1,4 +1,4 @@
-//! The program `rins`: arguments in, text and files out. What it does is in the modules around it.
+//! The program `rins`: it reads arguments and writes text and files. The other rooms do the work.
 
 mod apply;
 mod arguments;

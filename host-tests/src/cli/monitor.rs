@@ -22,9 +22,9 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Time from one picture to the next.
+/// Time between two updates of the screen.
 const PICTURE: Duration = Duration::from_millis(200);
-/// What the keys do.
+/// First line of the screen: the keys.
 const KEYS: &str = "keys     s start, a abort, u unlock, e erase, q quit";
 
 #[derive(Debug, Args)]
@@ -32,53 +32,53 @@ pub struct MonitorArguments {
     /// Serial device, pseudo-terminal, Unix socket or tcp:HOST:PORT
     #[arg(long, value_name = "PORT")]
     port: String,
-    /// Speed of a serial device
+    /// Speed of a serial device, baud
     #[arg(long, value_name = "BAUD", default_value_t = 921_600)]
     baud: u32,
-    /// How long an answer may take, s: an instrument may be erasing a sector of its flash, for 4 s
+    /// Longest time to wait for an answer, s; an instrument may be busy for 4 s while it erases a flash sector
     #[arg(long, value_name = "S", default_value_t = 5)]
     wait: u64,
-    /// Begin a run, and follow it to its end
+    /// Start a run, and follow the run to its end
     #[arg(long, conflicts_with_all = ["abort", "read", "configure", "erase"])]
     start: bool,
-    /// Give the run up
+    /// Abort the run
     #[arg(long)]
     abort: bool,
-    /// Read something
+    /// Read data from the instrument, and print them
     #[arg(long, value_enum)]
     read: Option<ReadArgument>,
-    /// Write what is read
+    /// Write the data of --read to this file
     #[arg(long, value_name = "OUT.json", requires = "read")]
     json: Option<PathBuf>,
-    /// Set what a file says, as `--read configuration` printed it, until power-off
+    /// Set the configuration until power-off, from a file in the form that `--read configuration` prints
     #[arg(long, value_name = "CONFIG.toml", requires = "unlock")]
     configure: Option<PathBuf>,
     /// Erase the stored calibrations
     #[arg(long, requires = "unlock")]
     erase: bool,
-    /// Record every corrected sample, until q, Ctrl-C or the end of the line
+    /// Record every corrected sample until q, Ctrl-C, or the line closes
     #[arg(long, value_name = "OUT.csv", conflicts_with_all = ["abort", "read", "configure", "erase"])]
     record: Option<PathBuf>,
     /// Stop recording after this time, s
     #[arg(long, value_name = "S", requires = "record")]
     seconds: Option<f64>,
-    /// Unlock what `--configure` and `--erase` need
+    /// Unlock the instrument for `--configure` and `--erase`
     #[arg(long)]
     unlock: bool,
 }
 
-/// What can be read.
+/// Data that can be read.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum ReadArgument {
     /// The stored calibration
     Calibration,
-    /// All stored calibrations, rejected ones included
+    /// All stored calibrations, including rejected ones
     History,
-    /// What happened last, and why the software has started
+    /// The black box: the last events, and why the software started
     BlackBox,
     /// The live configuration
     Configuration,
-    /// State, time left, angles, losses
+    /// State, time left, angles, lost samples and messages
     Status,
 }
 
@@ -102,24 +102,24 @@ pub fn run(arguments: &MonitorArguments) -> Result<Ending> {
     }
     if arguments.abort {
         client.ask(&Command::Abort, |_| ())?;
-        tell("the run is given up");
+        tell("the run is aborted");
     }
     let once = arguments.abort || arguments.erase || arguments.read.is_some() || config.is_some();
     if once { Ok(Ending::Done) } else { follow(&mut client, arguments) }
 }
 
-/// A configuration, every key of which is one.
+/// Reads a configuration file, and refuses unknown keys.
 fn configured(path: &Path) -> Result<SelfCalibrationConfig> {
     let file = TomlFile::read(path)?;
     let config: SelfCalibrationConfig = file.parse()?;
     let known = toml::Value::try_from(&config)?;
     match unknown_key(&file.parse()?, &known) {
-        Some((table, key)) => Err(file.wrong_value(&table, &key, "there is no such key").into()),
+        Some((table, key)) => Err(file.wrong_value(&table, &key, "unknown key").into()),
         None => Ok(config),
     }
 }
 
-/// The first key that is not among those known, with its table.
+/// The first unknown key, with its table.
 fn unknown_key(found: &toml::Value, known: &toml::Value) -> Option<(String, String)> {
     let tables = found.as_table().zip(known.as_table())?;
     tables.0.iter().find_map(|(key, value)| match tables.1.get(key) {
@@ -172,7 +172,7 @@ fn read(client: &mut Client, item: ReadArgument, json: Option<&Path>) -> Result<
             match json {
                 Some(path) => write_json(path, &events.iter().map(EventReport::from).collect::<Vec<_>>()),
                 None => {
-                    events.iter().rev().for_each(|event| must_sayln!("{}", told(event)));
+                    events.iter().rev().for_each(|event| must_sayln!("{}", event_line(event)));
                     Ok(())
                 }
             }
@@ -194,9 +194,9 @@ fn read(client: &mut Client, item: ReadArgument, json: Option<&Path>) -> Result<
     }
 }
 
-const UNEXPECTED: &str = "the instrument answers something else than was asked";
+const UNEXPECTED: &str = "the answer of the instrument does not match the request";
 
-/// What an instrument has of a kind, newest first, until it has no more.
+/// Reads all entries of one kind, newest first, until the instrument has no more.
 fn series<T>(client: &mut Client, item: impl Fn(u16) -> Item, of: impl Fn(Answer) -> Option<T>) -> Result<Vec<T>> {
     let mut all = Vec::new();
     for back in 0.. {
@@ -209,7 +209,7 @@ fn series<T>(client: &mut Client, item: impl Fn(u16) -> Item, of: impl Fn(Answer
     Ok(all)
 }
 
-/// An event as it is written.
+/// An event in the JSON file.
 #[derive(Serialize)]
 struct EventReport {
     sequence: u32,
@@ -225,11 +225,14 @@ impl From<&Entry> for EventReport {
     }
 }
 
-fn told(entry: &Entry) -> String {
+fn event_line(entry: &Entry) -> String {
     let EventReport { sequence, time_s, event, repeats } = entry.into();
     let more = if repeats == u8::MAX { " or more" } else { "" };
-    let repeats =
-        if repeats > 0 { format!("; starts that went so: {}{more}", u16::from(repeats) + 1) } else { String::new() };
+    let repeats = if repeats > 0 {
+        format!("; consecutive starts with this event: {}{more}", u16::from(repeats) + 1)
+    } else {
+        String::new()
+    };
     format!("{sequence:>6}  {time_s:>12.3} s  {event}{repeats}")
 }
 
@@ -251,7 +254,7 @@ fn configuration(client: &mut Client) -> Result<SelfCalibrationConfig> {
     Ok(config)
 }
 
-/// Sends what differs. Each part is checked by the instrument together with all others that it has.
+/// Sends the settings that differ. The instrument checks each setting together with all its other settings.
 fn configure(client: &mut Client, config: &SelfCalibrationConfig) -> Result<()> {
     let present = configuration(client)?;
     for name in SettingName::ALL {
@@ -270,7 +273,7 @@ fn print_toml(value: &impl Serialize) -> Result<()> {
 
 // ---------------------------------------------------------------------------------------------------------------- live
 
-/// Shows what comes until the user has seen enough, until the run that was started has ended, or until the recording is
+/// Shows events until the user quits, until the run that this program started has ended, or until the recording is
 /// complete.
 fn follow(client: &mut Client, arguments: &MonitorArguments) -> Result<Ending> {
     let recorder = arguments.record.as_deref().map(Recorder::create).transpose()?;
@@ -294,7 +297,7 @@ fn watch(client: &mut Client, show: &mut Show, arguments: &MonitorArguments) -> 
     loop {
         match client.poll() {
             Ok(event) => event.iter().for_each(|event| show.event(event)),
-            // The instrument was switched off: the recording is complete.
+            // The line has closed because the instrument was switched off. The recording is complete.
             Err(_) if show.recorder.is_some() => return Ok(Ending::Done),
             Err(error) => return Err(error),
         }
@@ -309,24 +312,24 @@ fn watch(client: &mut Client, show: &mut Show, arguments: &MonitorArguments) -> 
             client.ask(&Command::Stream(false), |event| show.event(event))?;
             return Ok(Ending::Done);
         }
-        if !show.obey(client)? {
+        if !show.handle_key(client)? {
             return Ok(Ending::Done);
         }
         show.picture_if_due(client);
     }
 }
 
-/// The terminal, or lines where there is none.
+/// Shows events on a live screen, or prints lines if the output is not a terminal.
 struct Show {
     view: View,
     screen: Option<Screen>,
     quiet: bool,
     started: bool,
-    /// What became of the last key.
+    /// Result of the last key.
     note: String,
-    /// Takes the corrected samples.
+    /// Writes the corrected samples to a file.
     recorder: Option<Recorder>,
-    /// Why the recording failed.
+    /// Error that has ended the recording.
     failed: Option<anyhow::Error>,
 }
 
@@ -366,12 +369,12 @@ impl Show {
         }
     }
 
-    /// How the run that was started has ended.
+    /// Whether the run that this program started has ended with success; `None` before its end.
     fn ended(&self) -> Option<bool> {
         self.view.ended().filter(|_| self.started && self.recorder.is_none())
     }
 
-    /// Writes the rest of the recording, and says how complete it is.
+    /// Writes the rest of the recording, and prints how many samples it has and how many are missing.
     fn end_recording(&mut self) -> Result<()> {
         if let Some(mut recorder) = self.recorder.take() {
             recorder.flush()?;
@@ -381,8 +384,8 @@ impl Show {
         Ok(())
     }
 
-    /// Does what keys ask for; whether to go on.
-    fn obey(&mut self, client: &mut Client) -> Result<bool> {
+    /// Sends the command of the last key. Returns whether to go on.
+    fn handle_key(&mut self, client: &mut Client) -> Result<bool> {
         let Some(screen) = &self.screen else { return Ok(true) };
         let Ok(key) = screen.keys.try_recv() else { return Ok(true) };
         let unlock = Command::Unlock(rins_selfcal::link::UNLOCK_WORD);
@@ -420,7 +423,7 @@ fn is_end(message: &rins_selfcal::run::telemetry::Message) -> bool {
 }
 
 impl Screen {
-    /// Listens to the keys in a thread of its own, which ends with the program.
+    /// Reads the keys in a separate thread that ends with the program.
     fn new(term: Term) -> Self {
         let (sender, keys) = channel();
         let keyboard = term.clone();
@@ -442,7 +445,7 @@ impl Screen {
         let (rows, columns) = self.term.size();
         let fits = |line: String| line.chars().take(columns.into()).collect::<String>();
         let text: Vec<_> = lines.take(usize::from(rows).saturating_sub(1)).map(fits).collect();
-        // If the terminal is gone, so is whoever looks.
+        // Errors are ignored: if the terminal has closed, nobody looks at the screen.
         let _ = self.term.clear_last_lines(self.lines);
         let _ = self.term.write_line(&text.join("\n"));
         (self.lines, self.drawn) = (text.len(), Some(Instant::now()));
@@ -454,7 +457,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_configuration_with_an_unknown_key_is_refused_even_where_all_is_optional() {
+    fn a_configuration_with_an_unknown_key_is_refused_in_optional_tables_too() {
         let Assignment::SelfCalibrate(config) = Assignment::default() else { panic!("the default") };
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("config.toml");
@@ -466,8 +469,8 @@ mod tests {
         assert_eq!(refusal(text.clone()), "fine");
         assert_eq!(refusal(format!("utc_s = 1700000000\n{text}")), "fine");
         let message = refusal(format!("uct_s = 1700000000\n{text}"));
-        assert!(message.ends_with("config.toml:1: uct_s: there is no such key"), "{message}");
+        assert!(message.ends_with("config.toml:1: uct_s: unknown key"), "{message}");
         let message = refusal(text.replace("[pace]\n", "[pace]\nlongest = 5.0\n"));
-        assert!(message.ends_with(": longest: there is no such key"), "{message}");
+        assert!(message.ends_with(": longest: unknown key"), "{message}");
     }
 }

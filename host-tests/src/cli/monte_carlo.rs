@@ -36,21 +36,21 @@ pub struct MonteCarloArguments {
     pub axes: AxisArguments,
     #[command(flatten)]
     pub unobserved: UnobservedArguments,
-    /// Let the core turn the axes, as at power-up, and repeat disturbed stops [default: play the scheme open loop]
+    /// Let the core turn the axes as at power-up, and repeat disturbed stops [default: open loop]
     #[arg(long)]
     pub closed_loop: bool,
-    /// Which method, or both on the same data
+    /// Method, or both methods on the same data
     #[arg(long, value_enum, default_value_t)]
     pub method: MethodsArgument,
-    /// Scalar of the core
+    /// Floating-point type of the core
     #[arg(long, value_enum, default_value_t)]
     pub precision: Precision,
     #[command(flatten)]
     pub options: OptionArguments,
-    /// table1, table3, real, random, random:1deg, random:tactical, a file, or what would be in it in one line
+    /// Errors: table1, table3, real, random, random:1deg, random:tactical, a file, or the content of a file in one line
     #[arg(long, value_name = "NAME|FILE", default_value = "random")]
     pub errors: String,
-    /// bai, navigation, tactical, or a file [default: that of --config, or navigation]
+    /// Noise: bai, navigation, tactical, or a file [default: that of --config, or navigation]
     #[arg(long, value_name = "NAME|FILE")]
     pub noise: Option<String>,
     /// Site, noise and rate of the unit
@@ -59,23 +59,23 @@ pub struct MonteCarloArguments {
     /// Sample rate, Hz [default: that of --config, or 200]
     #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true)]
     pub rate: Option<f64>,
-    /// Of everything random
+    /// Seed of all random numbers
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Write the statistics
+    /// Write the statistics to this file
     #[arg(long, value_name = "OUT.json")]
     pub json: Option<PathBuf>,
 }
 
-/// Which methods are compared.
+/// Methods that are run.
 #[derive(Clone, Copy, Debug, Default, ValueEnum)]
 pub enum MethodsArgument {
     /// All 28 parameters at once
     #[default]
     Joint,
-    /// Bai's twelve
+    /// Bai's method: the twelve installation errors
     TwoStage,
-    /// Both on the same data
+    /// Both methods on the same data
     Both,
 }
 
@@ -89,7 +89,7 @@ impl MethodsArgument {
     }
 }
 
-/// What the column is.
+/// Legend of the column with Bai's errors.
 const BAI_TABLE_1_NOTE: &str = "Bai Table 1: errors of Bai's own simulation as published (Sensors 2019, 19, 4005, Table 1), to compare with RMS error\n";
 
 pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
@@ -126,11 +126,11 @@ pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
     Ok(Ending::Done)
 }
 
-/// What has come of the runs up to now, of all methods.
+/// Summary of the runs so far, over all methods.
 #[derive(Default)]
 struct SoFar {
     refused: u64,
-    /// Largest sigma of the twelve, arcsec, and largest error in sigmas.
+    /// Largest sigma of the twelve installation errors, arcsec, and largest error in sigmas.
     worst: [f64; 2],
 }
 
@@ -150,7 +150,7 @@ impl fmt::Display for SoFar {
     }
 }
 
-/// What is run.
+/// Description of the study, printed above the tables.
 fn head(arguments: &MonteCarloArguments, monte_carlo: &MonteCarlo) -> String {
     let MonteCarlo { scheme, unit, rate_hz, seed, .. } = monte_carlo;
     let periods = if scheme.periods == 1 { "1 period".into() } else { format!("{} periods", scheme.periods) };
@@ -170,14 +170,14 @@ fn head(arguments: &MonteCarloArguments, monte_carlo: &MonteCarlo) -> String {
     )
 }
 
-/// How long the stops are.
+/// Duration of the stops, or its range.
 fn stops(scheme: &Scheme) -> String {
     let all = || scheme.legs.iter().map(|leg| leg.stop_s).chain([scheme.first_stop_s]);
     let (shortest, longest) = (all().fold(f64::INFINITY, f64::min), all().fold(0.0, f64::max));
     if shortest < longest { format!("{shortest} to {longest} s") } else { format!("{longest} s") }
 }
 
-/// What the arguments ask for.
+/// The study that the arguments describe.
 pub fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo> {
     let unit = unit_config(arguments.config.as_ref(), arguments.noise.as_deref(), arguments.rate)?;
     let longest = if matches!(arguments.method, MethodsArgument::Joint) { Method::Joint } else { Method::TwoStage };
@@ -250,11 +250,11 @@ fn summary(method: &MethodStatistics) -> String {
     let percent = CONFIDENCE * 100.0;
     format!(
         "wrong: one of the twelve installation errors off by more than 4.5 sigma and 1 arcsec\n\
-         bound: Cramer-Rao, for the true errors of each run's unit, before it is run; root mean square over the runs\n\
+         bound: Cramer-Rao bound, predicted for the true errors of each run's unit; root mean square over the runs\n\
          scatter: standard deviation of RMS/bound at this number of runs\n\
-         RMS/bound: mean {}, largest {}; off 1 by more than {tolerance:.0} %: {outside} of {all} (!), {by_chance:.1} \
+         RMS/bound: mean {}, largest {}; more than {tolerance:.0} % off 1: {outside} of {all} (!), {by_chance:.1} \
          expected by chance\n\
-         mean (error/sigma)^2: {inside} of {all} inside {low:.3} to {high:.3} ({percent} %; outside: !)\n\
+         mean (error/sigma)^2: {inside} of {all} inside {low:.3} to {high:.3} ({percent} % bounds; ! = outside)\n\
          chi-square of the fit: mean {} with {:.1} degrees of freedom, {percent} % bounds {:.2} to {:.2}\n",
         fixed(mean, 3),
         fixed(largest, 3),

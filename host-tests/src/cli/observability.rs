@@ -33,25 +33,25 @@ pub struct ObservabilityArguments {
     /// Site, noise and rate of the unit [default: Bai's site, noise "navigation", 200 Hz]
     #[arg(long, value_name = "UNIT.toml")]
     pub config: Option<PathBuf>,
-    /// bai, navigation, tactical, or a file [default: that of --config]
+    /// Noise: bai, navigation, tactical, or a file [default: that of --config]
     #[arg(long, value_name = "NAME|FILE")]
     pub noise: Option<String>,
     #[command(flatten)]
     pub method: MethodArguments,
-    /// Compare all schemes of the library, by the joint method
+    /// Compare all schemes of the library with the joint method
     #[arg(long, conflicts_with_all = ["scheme", "stop", "periods", "method", "limits", "axis_rate", "acceleration"])]
     pub all: bool,
-    /// Draw the sigmas of Bai's twelve against time
+    /// Plot the sigmas of Bai's twelve states against time in this file
     #[arg(long, value_name = "OUT.svg", conflicts_with = "all")]
     pub plot: Option<PathBuf>,
-    /// Write the prediction
+    /// Write the prediction to this file
     #[arg(long, value_name = "OUT.json")]
     pub json: Option<PathBuf>,
 }
 
-/// Parameters named for each segment: those that it brought most.
+/// Number of parameters that are named for each segment: those with the largest gain.
 const NAMED_GAINS: usize = 3;
-/// A gain below this is not worth a word, bits.
+/// Smallest gain that is printed, bits.
 const LEAST_GAIN: f64 = 0.1;
 
 pub fn run(arguments: &ObservabilityArguments) -> anyhow::Result<Ending> {
@@ -83,7 +83,7 @@ pub fn run(arguments: &ObservabilityArguments) -> anyhow::Result<Ending> {
     Ok(Ending::Done)
 }
 
-/// What is known of the unit, and the scheme.
+/// Setup of the unit, and the scheme.
 pub fn inputs(arguments: &ObservabilityArguments) -> anyhow::Result<(Setup, Scheme)> {
     Ok((setup(arguments)?, arguments.scheme.scheme(arguments.method.method())?))
 }
@@ -93,13 +93,13 @@ fn setup(arguments: &ObservabilityArguments) -> anyhow::Result<Setup> {
     Ok(arguments.method.setup(&unit))
 }
 
-/// All schemes of the library, by the joint method.
+/// Predictions of all schemes of the library with the joint method.
 fn library(setup: &Setup) -> Vec<Prediction> {
     let setup = Setup { method: Method::Joint, ..setup.clone() };
     LIBRARY.par_iter().map(|entry| predicted(&setup, &entry.scheme())).collect()
 }
 
-/// With what no scheme can go below.
+/// Prediction of a scheme, with the least sigma that is possible in its time.
 fn predicted(setup: &Setup, scheme: &Scheme) -> Prediction {
     let mut prediction = Prediction::new(setup, scheme);
     if setup.method == Method::Joint {
@@ -108,7 +108,7 @@ fn predicted(setup: &Setup, scheme: &Scheme) -> Prediction {
     prediction
 }
 
-/// By how much the worst sigma is above the least possible.
+/// How far the worst sigma is above the least possible sigma, in percent.
 fn above_least(prediction: &Prediction) -> Option<String> {
     let least = prediction.least_possible_arcsec.filter(|_| prediction.unobserved.is_empty())?;
     Some(format!("{:.0} %", (prediction.worst_arcsec / least - 1.0) * 100.0))
@@ -208,7 +208,7 @@ fn of_twelve(gain: &SegmentGain) -> impl Iterator<Item = (&'static str, f64)> {
     gain.sigmas.0.iter().take(INSTALLATION_STATES).copied()
 }
 
-/// Sigmas of Bai's twelve after every segment.
+/// Sigmas of Bai's twelve states after every segment.
 fn against_time(prediction: &Prediction) -> String {
     let names = prediction.segments.first().into_iter().flat_map(of_twelve).map(|(name, _)| name);
     let columns: Vec<_> = iter::once("end s").chain(names).collect();
@@ -219,7 +219,7 @@ fn against_time(prediction: &Prediction) -> String {
     table::of_numbers(&columns, prediction.segments.iter().map(row))
 }
 
-/// All predicted sigmas, by parameter and optional state.
+/// All predicted sigmas of parameters and optional states.
 pub fn sigmas(prediction: &Prediction) -> String {
     let both = || prediction.parameters.0.iter().chain(&prediction.optional_states.0);
     let names: Vec<_> = states().map(|info| info.name).collect();

@@ -30,34 +30,34 @@ use std::sync::Mutex;
 
 #[derive(Debug, Args)]
 pub struct PlanArguments {
-    /// Time for all of it, first stop, ramps and settling included, s
+    /// Duration of the scheme including first stop, ramps and settling, s
     #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
     time: f64,
-    /// Scheme to write
+    /// Write the scheme to this file
     #[arg(long, value_name = "SCHEME.toml")]
     pub out: PathBuf,
-    /// Name of the scheme [default: the file's]
+    /// Name of the scheme [default: the name of the file]
     #[arg(long)]
     pub name: Option<String>,
-    /// Travel of the outer and the inner axis, deg, or none [default: none, two turns either way]
+    /// Travel of the outer and the inner axis, deg; none allows two turns either way [default: none]
     #[arg(long, value_name = "LOW..HIGH,LOW..HIGH", value_parser = travel, allow_hyphen_values = true)]
     limits: Option<TravelArgument>,
-    /// Rate of a turning axis, deg/s
+    /// Rate of the moves, deg/s
     #[arg(long, value_name = "DEG_S", default_value_t = 20.0, value_parser = pace, allow_negative_numbers = true)]
     axis_rate: f64,
-    /// Its acceleration, deg/s^2
+    /// Acceleration of the moves, deg/s^2
     #[arg(long, value_name = "DEG_S2", default_value_t = 20.0, value_parser = pace, allow_negative_numbers = true)]
     acceleration: f64,
-    /// Stop at multiples of this, deg, or at any angle: free
+    /// Stop at multiples of this angle, deg, or at any angle (free)
     #[arg(long, value_name = "DEG|free", default_value = "free", value_parser = angle_step)]
     angles: AngleStep,
-    /// Time after a move until the accelerometers are good, s; the firmware waits 0.3 s in any case
+    /// Settling time of the accelerometers after a move, s; the firmware always waits at least 0.3 s
     #[arg(long, value_name = "S", default_value_t = 0.3, value_parser = settling, allow_negative_numbers = true)]
     settling: f64,
-    /// Parameters that matter, by name [default: Bai's twelve]; a factor for each as NAME=FACTOR
+    /// Parameters to optimize, each by name or as NAME=FACTOR with a weight [default: Bai's twelve states]
     #[arg(long, value_name = "NAME[=FACTOR],..", value_delimiter = ',', value_parser = weight)]
     weights: Vec<(String, f64)>,
-    /// What shall be small of their sigmas
+    /// Function of the weighted sigmas that is minimized
     #[arg(long, value_enum, default_value_t)]
     criterion: Criterion,
     #[command(flatten)]
@@ -65,16 +65,16 @@ pub struct PlanArguments {
     /// Site and noise of the unit [default: Bai's site, noise "navigation"]
     #[arg(long, value_name = "UNIT.toml")]
     pub config: Option<PathBuf>,
-    /// bai, navigation, tactical, or a file [default: that of --config]
+    /// Noise: bai, navigation, tactical, or a file [default: that of --config]
     #[arg(long, value_name = "NAME|FILE")]
     pub noise: Option<String>,
-    /// How many schemes to look at; the time that planning takes is proportional to it
+    /// Number of schemes to evaluate; the search time is proportional to this number
     #[arg(long, value_name = "N", default_value_t = 1_500_000, value_parser = clap::value_parser!(u64).range(100..))]
     evaluations: u64,
-    /// Of everything random
+    /// Seed of all random numbers
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Write the prediction
+    /// Write the prediction to this file
     #[arg(long, value_name = "OUT.json")]
     pub json: Option<PathBuf>,
 }
@@ -102,7 +102,7 @@ impl PlanArguments {
     }
 }
 
-/// Step of the stops' angles, rad, or free.
+/// Step of the stop angles, rad; `None` allows any angle.
 #[derive(Clone, Copy, Debug)]
 struct AngleStep(Option<f64>);
 
@@ -141,13 +141,14 @@ pub fn run(arguments: &PlanArguments) -> anyhow::Result<Ending> {
     Ok(Ending::Done)
 }
 
-/// A calibration by a scheme that leaves parameters unobserved, the heading apart, is refused before anything turns.
+/// Refuses a scheme that leaves parameters other than the heading unobserved. The instrument would refuse the scheme
+/// too, before any axis turns.
 fn refuse_unobserved(prediction: &Prediction) -> anyhow::Result<()> {
     let heading = PARAMETER_INFO[HEADING].name;
     let missing: Vec<_> = prediction.unobserved.iter().copied().filter(|name| *name != heading).collect();
     ensure!(
         missing.is_empty(),
-        "the best scheme found leaves {} unobserved and would be refused, so it is not written; give more --time or \
+        "the best scheme found leaves {} unobserved, and the instrument would refuse it; no file is written; give more --time or \
          --evaluations, finer --angles, wider --limits, or --weights for these parameters too",
         missing.join(", ")
     );
@@ -186,7 +187,7 @@ fn summary(request: &PlanRequest, planned: &Planned, prediction: &Prediction) ->
     };
     let value = significant(planned.value);
     let bound = planned.bound.map_or_else(
-        || "the least possible is not known for this objective".into(),
+        || "the least possible value is not known for this objective".into(),
         |bound| {
             let above = (planned.value / bound - 1.0) * 100.0;
             format!("{above:.0} % above the least possible, {}", significant(bound))

@@ -1,4 +1,4 @@
-//! Which command runs, and how the program ends.
+//! Runs the command, and ends the program with its exit status.
 
 use super::command_line::{Arguments, Command};
 use super::ending::Ending;
@@ -48,7 +48,7 @@ fn run(arguments: Arguments) -> anyhow::Result<Ending> {
     }
 }
 
-/// Help and version go to the standard output; what is wrong is said in one line.
+/// Prints help and version on the standard output, and errors of the command line in one line on the standard error.
 fn usage(error: &clap::Error) -> ExitCode {
     if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) {
         say!("{error}");
@@ -59,7 +59,7 @@ fn usage(error: &clap::Error) -> ExitCode {
     fail(said.strip_prefix("error: ").unwrap_or(said))
 }
 
-/// One line on the standard error.
+/// Prints an error as one line on the standard error.
 fn fail(message: &str) -> ExitCode {
     let line: Vec<_> = message.split_whitespace().collect();
     eprintln!("error: {}", line.join(" "));

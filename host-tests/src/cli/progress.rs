@@ -1,4 +1,4 @@
-//! Progress on the standard error: a live view on a terminal, else a line now and then.
+//! Progress on the standard error: a live view on a terminal, otherwise a line every 10 s.
 
 use super::output::is_quiet;
 use indicatif::{HumanDuration, ProgressBar, ProgressState, ProgressStyle};
@@ -7,10 +7,10 @@ use std::io::Write;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// Between two lines where the standard error is no terminal.
+/// Time between two lines if the standard error is not a terminal.
 const TELL: Duration = Duration::from_secs(10);
 
-/// Progress of a command. It vanishes when it is dropped.
+/// Progress of a command. The live view disappears when this value is dropped.
 pub struct Progress {
     bar: ProgressBar,
     unit: &'static str,
@@ -18,21 +18,21 @@ pub struct Progress {
     told: Mutex<Instant>,
 }
 
-/// A bar of `length` steps, counted in `unit`, with the time left, and below it what is told.
+/// A bar of `length` steps, counted in `unit`, with the time left; the message is on the line below.
 pub fn bar(length: u64, unit: &'static str) -> Progress {
     let template = format!("{{bar:40}} {{pos}}/{{len}} {unit}{{left}}\n{{wide_msg}}");
     Progress::new(ProgressBar::new(length), &template, unit)
 }
 
-/// For work of unknown length.
+/// A counter for work of unknown length.
 pub fn counter(unit: &'static str) -> Progress {
     Progress::new(ProgressBar::new_spinner(), &format!("{{spinner}} {{human_pos}} {unit}  {{wide_msg}}"), unit)
 }
 
-/// The time left, once something is done.
+/// Writes the time left, once the first step is done.
 fn left(state: &ProgressState, text: &mut dyn fmt::Write) {
     if state.pos() > 0 {
-        // A string takes all.
+        // Writing to a string cannot fail.
         let _ = write!(text, ", {:#} left", HumanDuration(state.eta()));
     }
 }
@@ -46,31 +46,31 @@ impl Progress {
         Self { bar: bar.with_style(style), unit, begun: now, told: Mutex::new(now) }
     }
 
-    /// So many steps are done.
+    /// Sets the number of steps that are done.
     pub fn set_position(&self, position: u64) {
         self.bar.set_position(position);
         self.tell_if_due();
     }
 
-    /// So many more steps are done.
+    /// Adds steps to those that are done.
     pub fn inc(&self, steps: u64) {
         self.bar.inc(steps);
         self.tell_if_due();
     }
 
-    /// What is to be known beside it.
+    /// Sets the message that is shown with the progress.
     pub fn set_message(&self, message: String) {
         self.bar.set_message(message);
     }
 
-    /// A line that stays.
+    /// Prints a line that stays on the terminal.
     pub fn warn(&self, line: &str) {
         if !is_quiet() {
             self.bar.suspend(|| eprintln!("{line}"));
         }
     }
 
-    /// Does what writes to the terminal.
+    /// Hides the live view while `write` prints to the terminal.
     pub fn suspend(&self, write: impl FnOnce()) {
         self.bar.suspend(write);
     }
@@ -106,9 +106,9 @@ impl Drop for Progress {
     }
 }
 
-/// Says how long the computing took, on the standard error and behind all that went to the standard output.
+/// Prints the computing time on the standard error, after everything on the standard output.
 pub fn wall_time(wall: Duration) {
-    // If nobody reads on, the time is all that is left to say.
+    // An error is ignored: if the standard output is closed, the time can still be printed.
     let _ = std::io::stdout().flush();
     if !is_quiet() {
         eprintln!("wall time: {:.2} s", wall.as_secs_f64());
@@ -120,7 +120,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_says_how_far_it_is_and_what_is_known() {
+    fn a_progress_line_has_position_time_left_and_message() {
         let mut progress = bar(100, "runs");
         progress.begun -= Duration::from_secs(30);
         progress.set_position(25);

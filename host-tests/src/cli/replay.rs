@@ -27,30 +27,30 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
 pub struct ReplayArguments {
-    /// The log: CSV, Parquet or a raw matrix; all but Parquet also compressed with gzip
+    /// Log: CSV, Parquet or a raw matrix; CSV and matrix may be compressed with gzip
     #[arg(value_name = "LOG")]
     pub log: PathBuf,
-    /// What the log has in which columns and units [default: the standard ones]
+    /// Mapping of the log's columns and units [default: the standard columns]
     #[arg(long, value_name = "MAP.toml")]
     pub mapping: Option<PathBuf>,
-    /// Site, noise and more of the unit [default: Bai's site, noise "navigation"]
+    /// Unit description: site, noise, rate and known heading [default: Bai's site, noise "navigation"]
     #[arg(long, value_name = "UNIT.toml")]
     pub config: Option<PathBuf>,
     #[command(flatten)]
     pub method: MethodArguments,
-    /// Write the result
+    /// Write the result to this file
     #[arg(long, value_name = "OUT.json")]
     pub json: Option<PathBuf>,
-    /// Write the report
+    /// Write the report to this file
     #[arg(long, value_name = "OUT.html")]
     pub report: Option<PathBuf>,
-    /// Compare with the result of another calibration, in the report
+    /// Compare with the result of an earlier calibration, in the report
     #[arg(long, value_name = "CAL.json", requires = "report")]
     pub previous: Option<PathBuf>,
     /// Compare with the true parameters
     #[arg(long, value_name = "TRUTH.json")]
     pub truth: Option<PathBuf>,
-    /// Write the live estimate after every segment
+    /// Write the live estimate after every segment to this file
     #[arg(long, value_name = "OUT.csv")]
     pub csv_estimates: Option<PathBuf>,
 }
@@ -84,7 +84,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
         let (config, log) = (config.display(), arguments.log.display());
         let measured = (measured * 1e3).round() / 1e3;
         note!(
-            "{config}: rate_hz = {configured}, but {measured} Hz by the stamps of {log}; gaps are counted at {configured} Hz"
+            "{config}: rate_hz = {configured}, but the time stamps of {log} give {measured} Hz; gaps are counted at {configured} Hz"
         );
     }
     let mut signals = Signals::default();
@@ -109,7 +109,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
     report(&content, arguments.json.as_deref(), arguments.report.as_deref(), &replay.unit.described(&origin))
 }
 
-/// A log by name and content.
+/// Name and SHA-256 hash of a log.
 fn identity(log: &Path) -> anyhow::Result<String> {
     let context = || log.display().to_string();
     let (mut file, mut bytes) = (File::open(log).with_context(context)?, vec![0; 1 << 16]);
@@ -124,10 +124,10 @@ fn identity(log: &Path) -> anyhow::Result<String> {
     Ok(format!("{}, SHA-256 {digits}", log.display()))
 }
 
-/// Writes an outcome where asked for, as JSON and as a page, and prints it below `head`.
+/// Writes an outcome as JSON and as a page if files are given, and prints the outcome below `head`.
 pub fn report(content: &Content, json: Option<&Path>, page: Option<&Path>, head: &str) -> anyhow::Result<Ending> {
     let (outcome, truth) = (content.outcome, content.truth);
-    // Before the tables: a reader who leaves them early does not lose the files.
+    // The files come before the tables, so that they are complete even if the reader of the tables closes the pipe.
     if let Some(path) = json {
         write_json(path, &CalibrationReport::from(outcome))?;
     }
@@ -150,7 +150,7 @@ pub fn report(content: &Content, json: Option<&Path>, page: Option<&Path>, head:
     Ok(if outcome.is_in_use() { Ending::Done } else { Ending::NotAccepted })
 }
 
-/// Of a log, by its mapping where it has one.
+/// Layout of a log: from its mapping file if one is given, otherwise the standard layout.
 pub fn layout(log: &Path, mapping: Option<&Path>) -> anyhow::Result<Layout> {
     Ok(mapping.map_or_else(|| Ok(Layout::standard(log)), |mapping| Mapping::read(mapping, log))?)
 }

@@ -1,4 +1,4 @@
-//! `rins replicate`: runs what the paper ran, each study as the command that gives it alone.
+//! `rins replicate`: repeats the studies of the paper. Each study has a command that repeats it alone.
 
 use super::arguments::scheme::seconds;
 use super::ending::Ending;
@@ -35,31 +35,31 @@ use std::time::Instant;
 
 #[derive(Debug, Args)]
 pub struct ReplicateArguments {
-    /// Page to write
+    /// Write the page to this file
     #[arg(long, value_name = "OUT.html", default_value = "rins-replication.html")]
     pub report: PathBuf,
-    /// Write the numbers
+    /// Write the numbers to this file
     #[arg(long, value_name = "OUT.json")]
     pub json: Option<PathBuf>,
-    /// Runs of each unit; of each effect alone at most 4
+    /// Runs of each study of a whole unit; each study of a single effect has at most 4 runs
     #[arg(long, value_name = "N", default_value_t = 40, value_parser = clap::value_parser!(u64).range(2..))]
     pub runs: u64,
-    /// Time of every stop, s, 200 in the paper
+    /// Duration of every stop, s; 200 s in the paper
     #[arg(long, value_name = "S", default_value_t = 200.0, value_parser = seconds, allow_negative_numbers = true)]
     pub stop: f64,
-    /// Of everything random
+    /// Seed of all random numbers
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
 }
 
-/// Runs of each effect alone: their mean shows it from the noise.
+/// Runs of each study of a single effect. The mean of so many runs is enough to tell the effect from the noise.
 const IGNORED_RUNS: u64 = 4;
 /// Errors of a study.
 #[derive(Clone, Copy)]
 enum Errors {
-    /// By name, or what would be in a file of them.
+    /// Name of a set of errors, or the content of an error file in one line.
     Of(&'static str),
-    /// These of the unit `real`, and more in the same words.
+    /// These parameters of the unit `real`, and further parameters as text.
     Only(&'static Listed, &'static str),
 }
 
@@ -75,17 +75,17 @@ impl fmt::Display for Errors {
     }
 }
 
-/// What is studied: name, title, errors, and further options of the joint method.
+/// The studies: name, title, errors, and further options of the joint method.
 const STUDIES: [(&str, &str, Errors, &str); 14] = [
     ("table1", "the unit of Table 1", Errors::Of("table1"), ""),
-    ("table3", "the twelve errors of Table 3, all else zero", Errors::Of("table3"), ""),
-    ("real", "the twelve errors of Table 3, and all else that a real unit has", Errors::Of("real"), ""),
-    ("nothing", "no errors at all: noise alone", Errors::Of("parameters = {}"), ""),
+    ("table3", "the twelve errors of Table 3, all other errors zero", Errors::Of("table3"), ""),
+    ("real", "the twelve errors of Table 3, and all other errors of a real unit", Errors::Of("real"), ""),
+    ("nothing", "no errors, noise only", Errors::Of("parameters = {}"), ""),
     ("accel-bias", "accelerometer biases of 30 ug", Errors::Only(REAL_ACCEL_BIAS, ""), ""),
     ("accel-scale", "accelerometer scale factors off by 100 ppm", Errors::Only(REAL_ACCEL_SCALE, ""), ""),
     ("gyro-bias", "gyro biases of 0.005 deg/h", Errors::Only(REAL_GYRO_BIAS, ""), ""),
     ("gyro-scale", "gyro scale factors off by 20 ppm", Errors::Only(REAL_GYRO_SCALE, ""), ""),
-    ("axes", "rotation axes 4 arcsec off perpendicular", Errors::Only(REAL_AXES, ""), ""),
+    ("axes", "rotation axes with a non-perpendicularity of 4 arcsec", Errors::Only(REAL_AXES, ""), ""),
     ("attitude", "base tilted by 1.7 and -2.3 deg, heading 137 deg", Errors::Only(REAL_BASE, ", heading = 137.0"), ""),
     (
         "eccentricity",
@@ -114,9 +114,9 @@ const STUDIES: [(&str, &str, Errors, &str); 14] = [
         "--effects bias-ramp",
     ),
 ];
-/// Studies, from the start, that have all runs.
+/// Number of studies, from the first one, that have all runs.
 const FULL_STUDIES: usize = 3;
-/// Schemes by the joint method, as `rins observability` takes them.
+/// Options of `rins observability` for the schemes that are compared with the joint method.
 const SCHEMES: [&str; 6] = [
     "--scheme bai",
     "--scheme bai --stop 20",
@@ -147,7 +147,7 @@ pub fn run(arguments: &ReplicateArguments) -> anyhow::Result<Ending> {
     Ok(Ending::Done)
 }
 
-/// A study as its command says.
+/// A study, and the command that repeats it.
 struct Planned {
     name: &'static str,
     title: &'static str,
@@ -172,23 +172,23 @@ fn studies(arguments: &ReplicateArguments) -> anyhow::Result<Vec<Planned>> {
     STUDIES.iter().enumerate().map(planned).collect()
 }
 
-/// The same again, with a file for the numbers.
-fn again(ReplicateArguments { runs, stop, seed, .. }: &ReplicateArguments) -> String {
+/// The command that repeats this replication and writes the numbers to a file.
+fn own_command(ReplicateArguments { runs, stop, seed, .. }: &ReplicateArguments) -> String {
     format!("rins replicate --runs {runs} --stop {stop} --seed {seed} --json replication.json")
 }
 
-/// Stops and periods of the scheme.
+/// Options for stop duration and number of periods.
 fn motion(arguments: &ReplicateArguments) -> Vec<String> {
     ["--stop", &arguments.stop.to_string(), "--periods", "2"].map(String::from).to_vec()
 }
 
-/// Arguments of a command, its name first.
+/// Parses the arguments of a command; the first word is the name of the command.
 fn parsed<A: Args + FromArgMatches>(words: &[&str]) -> anyhow::Result<A> {
     let matches = A::augment_args(clap::Command::new("rins")).try_get_matches_from(words);
     A::from_arg_matches(&matches.with_context(|| words.join(" "))?).with_context(|| words.join(" "))
 }
 
-/// As a shell takes it.
+/// Command line with the quotes that a shell needs.
 fn command_line(words: &[&str]) -> String {
     let plain = |word: &str| word.chars().all(|letter| letter.is_ascii_alphanumeric() || "-._/=".contains(letter));
     let quoted = words.iter().map(|word| if plain(word) { (*word).to_string() } else { format!("'{word}'") });
@@ -209,7 +209,7 @@ fn replicate(arguments: &ReplicateArguments, studies: &[Planned], bar: &Progress
     let (simulation, laboratory) = rayon::join(|| series(of_table_1, "table1"), || series(of_real, "real"));
     let stop = arguments.stop.to_string();
     Ok(Replication {
-        command: again(arguments),
+        command: own_command(arguments),
         scheme: of_table_1.monte_carlo.scheme.clone(),
         setup: setup.clone(),
         observability: foresight(&["--scheme", "bai", "--stop", &stop, "--method", "two-stage"])?,
@@ -232,7 +232,7 @@ fn study(planned: &Planned, bar: &Progress) -> anyhow::Result<Study> {
     Ok(Study { name: planned.name, title: planned.title, command: planned.command.clone(), methods })
 }
 
-/// Simulates the same readings as a log, and replays it: all figures, and the estimates as numbers.
+/// The two commands that simulate the same readings as a log and replay the log with a report.
 fn series_commands(arguments: &ReplicateArguments, errors: &str) -> anyhow::Result<[String; 2]> {
     let (motion, seed) = (motion(arguments), arguments.seed.to_string());
     let motion: Vec<&str> = motion.iter().map(AsRef::as_ref).collect();
@@ -270,7 +270,7 @@ struct StudyReport<'a> {
     report: Report<'a>,
 }
 
-/// The final estimate of all segments up to one, as a figure shows it.
+/// The estimate from all segments up to this one, as the figure shows it.
 #[derive(Serialize)]
 struct EstimateReport {
     segment: u16,

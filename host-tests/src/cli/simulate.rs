@@ -18,13 +18,13 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
 pub struct SimulateArguments {
-    /// Log to write, compressed if its name ends in .gz
+    /// Log to write, compressed with gzip if the name ends in .gz
     #[arg(long, value_name = "LOG.csv")]
     pub out: PathBuf,
-    /// Write the true parameters
+    /// Write the true parameters to this file
     #[arg(long, value_name = "TRUTH.json")]
     pub truth: Option<PathBuf>,
-    /// Write the unit description that `replay --config` takes
+    /// Write the unit description for `replay --config` to this file
     #[arg(long, value_name = "UNIT.toml")]
     pub write_config: Option<PathBuf>,
     #[command(flatten)]
@@ -35,7 +35,7 @@ pub struct SimulateArguments {
     pub unit: UnitArguments,
 }
 
-/// Samples between two looks at the bar.
+/// Samples between two updates of the progress bar.
 const TICK: u64 = 10_000;
 
 pub fn run(arguments: &SimulateArguments) -> anyhow::Result<Ending> {

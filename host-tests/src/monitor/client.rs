@@ -1,4 +1,4 @@
-//! Asks an instrument and listens to it.
+//! A client that sends commands to an instrument and receives its answers and messages.
 
 use super::port::Port;
 use anyhow::{Context, Result, bail};
@@ -10,18 +10,19 @@ use std::collections::VecDeque;
 use std::io::ErrorKind;
 use std::time::{Duration, Instant};
 
-/// How long erasing may take: seconds for every sector of a flash, and an emulator is slow at it.
+/// Longest time to wait for an erasure. A flash needs seconds for every sector, and an emulator is slower still.
 const ERASING: Duration = Duration::from_secs(60);
-/// How often a command is sent before the instrument counts as silent. A command done twice does no harm.
+/// Number of times a command is sent before the client reports that the instrument does not answer. Carrying out a
+/// command twice does no harm.
 const ATTEMPTS: u32 = 3;
 
-/// What came from the instrument.
+/// An event from the instrument.
 #[derive(Clone, Debug, PartialEq)]
 #[expect(clippy::large_enum_variant, reason = "events are few")]
 pub enum Event {
     /// A message of the run.
     Message(Message),
-    /// An answer, and the number of its command; 0 if nobody asked.
+    /// An answer and the number of its command; 0 for an answer without a command.
     Answer(u16, Answer),
     /// A corrected sample.
     Corrected(CorrectedReport),
@@ -41,7 +42,7 @@ pub struct Client {
 }
 
 impl Client {
-    /// At the end of `port`; an answer may take as long as `patience`.
+    /// A client at `port` that waits for an answer for at most `patience`.
     pub fn new(port: Box<dyn Port>, patience: Duration) -> Self {
         Self {
             port,
@@ -56,20 +57,20 @@ impl Client {
         }
     }
 
-    /// Frames that came damaged.
+    /// Counts of frames that arrived damaged.
     pub fn dropped(&self) -> Dropped {
         self.decoder.dropped()
     }
 
-    /// Messages that the instrument told and that never came, as their numbers say.
+    /// Number of messages that were sent but did not arrive, counted by the gaps in their numbers.
     pub fn missing(&self) -> u32 {
         self.missing
     }
 
-    /// The next event, if one comes within a moment.
+    /// The next event, if one arrives within 20 ms.
     ///
     /// # Errors
-    /// The line is broken, or the instrument speaks another version of the protocol only.
+    /// The line cannot be read, or the other end has closed it.
     pub fn poll(&mut self) -> Result<Option<Event>> {
         if self.events.is_empty() {
             self.read()?;
@@ -80,7 +81,7 @@ impl Client {
     fn read(&mut self) -> Result<()> {
         let mut bytes = [0; 4096];
         let count = match self.port.read(&mut bytes) {
-            Ok(0) => bail!("the line was closed at the other end"),
+            Ok(0) => bail!("the instrument has closed the line"),
             Ok(count) => count,
             Err(error)
                 if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted) =>
@@ -121,7 +122,7 @@ impl Client {
         self.next_message = Some(number.wrapping_add(1));
     }
 
-    /// Sends a command and does not wait; returns its number.
+    /// Sends a command without waiting for the answer. Returns the number of the command.
     ///
     /// # Errors
     /// The line is broken.
@@ -134,19 +135,20 @@ impl Client {
     fn send_again(&mut self, command: &Command) -> Result<()> {
         let mut frame = [0; MAX_FRAME_BYTES];
         let frame = encode(self.number, command, &mut frame).context("the command is too long for a frame")?;
-        // A zero byte before it ends whatever noise came first.
+        // A leading zero byte ends any partial frame that noise has started.
         self.port.write_all(&[0]).and_then(|()| self.port.write_all(frame)).context("cannot write to the line")
     }
 
-    /// Sends a command and waits for its answer, again if none comes. `other` gets what else comes meanwhile.
+    /// Sends a command and waits for its answer. Sends the command again if no answer arrives. `other` receives all
+    /// other events.
     ///
     /// # Errors
-    /// The instrument refuses, with its reason, or does not answer, or the line is broken.
+    /// The instrument refuses (with its reason) or does not answer, or the line is broken.
     pub fn ask(&mut self, command: &Command, other: impl FnMut(&Event)) -> Result<Answer> {
         accepted(self.answer(command, other)?)
     }
 
-    /// As [`Self::ask`], but a refusal is an answer too.
+    /// As [`Self::ask`], but returns a refusal as an answer.
     ///
     /// # Errors
     /// The instrument does not answer, or the line is broken.
@@ -166,13 +168,15 @@ impl Client {
         }
         match self.version {
             Some(version) => {
-                bail!("the instrument speaks version {version} of the protocol, this is {PROTOCOL_VERSION}")
+                bail!(
+                    "the instrument uses version {version} of the protocol, but this program uses version {PROTOCOL_VERSION}"
+                )
             }
             None => bail!("the instrument does not answer"),
         }
     }
 
-    /// Unlocks, then sends a command as [`Self::ask`].
+    /// Unlocks the instrument, then sends a command as [`Self::ask`] does.
     ///
     /// # Errors
     /// As [`Self::ask`].

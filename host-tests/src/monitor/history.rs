@@ -1,4 +1,4 @@
-//! The history of calibrations that an instrument keeps: read from an image of its memory, as a table and as JSON.
+//! The stored calibrations in an image of an instrument's memory, as a table and as JSON.
 
 use crate::base::quantity::{self, fixed, rounded, significant};
 use crate::bench::memory::{VirtualEeprom, VirtualFlash};
@@ -15,16 +15,16 @@ use std::path::Path;
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
-/// Sectors of an STM32H743's flash, bytes, and its words.
+/// Size of a sector and of a word of the STM32H743's flash, bytes.
 const SECTOR: usize = 128 * 1024;
 const WORD: usize = 32;
 
-/// What an image is of.
+/// Kind of memory that an image was taken from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MemoryKind {
-    /// An EEPROM, from its address 0 on.
+    /// An EEPROM from address 0 on.
     Eeprom,
-    /// Whole sectors of 128 KiB of a flash.
+    /// Whole flash sectors of 128 KiB.
     Flash,
 }
 
@@ -33,14 +33,14 @@ pub enum MemoryKind {
 pub struct History {
     /// The entries.
     pub entries: Vec<StoredCalibration>,
-    /// Damaged slots; 0 where the number is not known.
+    /// Number of damaged slots; 0 if the number is not known.
     pub damaged: usize,
-    /// Intact records of another version of the store's format; 0 where the number is not known.
+    /// Number of intact records in another version of the store's format; 0 if the number is not known.
     pub other_versions: usize,
 }
 
 impl History {
-    /// Reads an image; what kind, its size says where `kind` does not.
+    /// Reads an image. Without `kind`, an image of 256 KiB or more is a flash, and a smaller one an EEPROM.
     ///
     /// # Errors
     /// The file cannot be read, or is too small for a store; the message names it.
@@ -103,7 +103,7 @@ impl fmt::Display for History {
 }
 
 impl History {
-    /// Values and sigmas, a column for each entry.
+    /// Table of values and sigmas with a column for each entry.
     fn values(&self) -> String {
         let titles: Vec<_> = (1..=self.entries.len()).map(|number| format!("entry {number}")).collect();
         let columns: Vec<_> = titles.iter().map(String::as_str).collect();

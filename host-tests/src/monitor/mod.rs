@@ -1,4 +1,4 @@
-//! The other end of an instrument's serial line: a client that asks and listens, and what it shows.
+//! The host's end of an instrument's serial line: the client, the live view, the recorder and the history.
 
 mod client;
 pub mod history;

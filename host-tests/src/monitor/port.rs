@@ -1,4 +1,4 @@
-//! Ways to an instrument: a serial device or pseudo-terminal, a Unix socket, a TCP port.
+//! Connections to an instrument: a serial device or pseudo-terminal, a Unix socket, a TCP port.
 
 use anyhow::{Context, Result};
 use std::io::{Read, Write};
@@ -8,18 +8,18 @@ use std::os::unix::net::UnixStream;
 use std::path::Path;
 use std::time::Duration;
 
-/// How long reading waits for bytes.
+/// Longest time that a read waits for bytes.
 const WAIT: Duration = Duration::from_millis(20);
 
-/// A way there and back.
+/// A connection in both directions.
 pub trait Port: Read + Write {}
 
 impl<P: Read + Write> Port for P {}
 
-/// Opens a device, a Unix socket or `tcp:HOST:PORT`. Reading waits a moment and then fails with a time-out.
+/// Opens a device, a Unix socket or `tcp:HOST:PORT`. A read without data fails with a time-out after 20 ms.
 ///
 /// # Errors
-/// It cannot be opened; the message names it.
+/// The connection cannot be opened. The message names it.
 pub fn open(name: &str, baud: u32) -> Result<Box<dyn Port>> {
     let failed = || format!("cannot open {name}");
     if let Some(address) = name.strip_prefix("tcp:") {
@@ -32,7 +32,7 @@ pub fn open(name: &str, baud: u32) -> Result<Box<dyn Port>> {
         stream.set_read_timeout(Some(WAIT)).with_context(failed)?;
         return Ok(Box::new(stream));
     }
-    // 8 data bits, no parity, one stop bit, no flow control are its defaults.
+    // The defaults of the library are 8 data bits, no parity, one stop bit, no flow control.
     let device = serialport::new(name, baud).timeout(WAIT).open_native().with_context(failed)?;
     Ok(Box::new(device))
 }

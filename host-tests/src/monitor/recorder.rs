@@ -1,4 +1,4 @@
-//! Writes the corrected samples of an instrument to a file.
+//! Records the corrected samples of an instrument in a file.
 
 use anyhow::{Context, Result};
 use rins_selfcal::link::CorrectedReport;
@@ -7,14 +7,15 @@ use std::fs::File;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// The columns: those of a log, with the corrected values, then status word and running number.
+/// Columns: those of a log, with corrected values, then the status word and the running number of the sample.
 const HEADER: &str = "time_s,gyro_x_rad_s,gyro_y_rad_s,gyro_z_rad_s,accel_x_m_s2,accel_y_m_s2,accel_z_m_s2,\
                       outer_rad,inner_rad,status,number\n";
-/// Bytes that wait before they are written: about a second of samples. Only whole rows are written, so that a recording
-/// that is cut off ends with a whole row.
+/// Bytes that are collected before they are written, about one second of samples. Only whole rows are written, so that
+/// an interrupted recording ends with a whole row.
 const BUFFER_BYTES: usize = 32 * 1024;
 
-/// A recording of corrected samples as CSV. Numbers are written with all their digits: reading them back gives the same bits.
+/// A recording of corrected samples as CSV. Numbers have all their digits, so that reading them back gives the same
+/// bits.
 #[derive(Debug)]
 pub struct Recorder {
     path: PathBuf,
@@ -55,12 +56,12 @@ impl Recorder {
         if self.rows.len() < BUFFER_BYTES { Ok(()) } else { self.flush() }
     }
 
-    /// Samples recorded, and samples that the instrument numbered and that never came.
+    /// Number of recorded samples, and number of samples that are missing by their running numbers.
     pub fn counts(&self) -> (u64, u64) {
         (self.recorded, self.missing)
     }
 
-    /// Writes what waits.
+    /// Writes the collected rows.
     ///
     /// # Errors
     /// The file cannot be written.

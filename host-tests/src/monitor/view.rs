@@ -1,4 +1,4 @@
-//! What is known of an instrument, as text: a screen, or a line for each event.
+//! Text view of an instrument: a screen, or a line for each event.
 
 use super::client::Event;
 use crate::base::quantity;
@@ -17,15 +17,15 @@ use rins_selfcal::verdict::Verdict;
 const BAR: usize = 32;
 /// Columns of estimates on the screen.
 const COLUMNS: usize = 2;
-/// A screen on which they have room with names and spaces in full, characters.
+/// Width from which the screen shows full names and spaces, characters.
 const WIDE: usize = 110;
 
-/// What is known of an instrument.
+/// State of an instrument as its messages and answers report it.
 #[derive(Clone, Debug, Default)]
 pub struct View {
     hello: Option<Hello>,
     status: Option<Status>,
-    /// Longest time left that was told since the run began, s.
+    /// Largest remaining time that was reported since the run began, s.
     longest_s: f32,
     estimate: Option<(u16, Estimate)>,
     decision: Option<Decision>,
@@ -34,13 +34,13 @@ pub struct View {
     stored: Option<bool>,
     corrected: Option<[[f64; 3]; 2]>,
     under_way: bool,
-    /// The state in which a run was seen to have ended, whatever was lost of what it told.
+    /// State of the instrument after the end of a run. It shows the end even if messages of the run were lost.
     ended_in: Option<State>,
     warnings: Vec<String>,
 }
 
 impl View {
-    /// Takes in an event.
+    /// Updates the view with an event.
     pub fn note(&mut self, event: &Event) {
         match event {
             Event::Answer(_, Answer::Hello(hello)) => self.hello = Some(hello.clone()),
@@ -87,7 +87,7 @@ impl View {
         }
     }
 
-    /// How the run ended: whether its result was accepted and stored; `None` while it has not.
+    /// Whether the run has ended with a result that was accepted and stored; `None` before the end of the run.
     pub fn ended(&self) -> Option<bool> {
         match (&self.verdict, self.aborted, self.stored) {
             (_, Some(_), _) => Some(false),
@@ -97,13 +97,13 @@ impl View {
         }
     }
 
-    /// Whether limits may be set and calibrations erased.
+    /// Whether settings may be changed and calibrations erased.
     pub fn is_unlocked(&self) -> bool {
         self.status.is_some_and(|status| status.unlocked)
     }
 
-    /// The screen, line by line, for so many characters a line; what matters most comes first, so that it is seen on a low
-    /// one too.
+    /// Lines of the screen, `width` characters wide. The most important lines come first, so that a low screen shows
+    /// them too.
     pub fn screen(&self, width: usize, dropped: Dropped, missing: u32) -> Vec<String> {
         let mut lines = vec![self.hello.as_ref().map_or_else(|| "waiting for the instrument".into(), named)];
         if let Some(status) = &self.status {
@@ -151,7 +151,7 @@ impl View {
         let any = here + there + missing + samples + link.overrun + link.unsent > 0;
         any.then(|| {
             format!(
-                "lost     {samples} samples; frames: {here} damaged here, {there} there, {} not sent, {missing} messages \
+                "lost     {samples} samples; frames: {here} damaged here, {there} at the instrument, {} not sent, {missing} messages \
                  missing; {} bytes overrun",
                 link.unsent, link.overrun
             )
@@ -177,20 +177,20 @@ fn state(status: &Status) -> String {
     format!("{}{extra}, {time_s:.1} s after power-up", stage(status.state, status.legs))
 }
 
-/// A state in words.
+/// Description of a state.
 fn stage(state: State, legs: u16) -> String {
     let of = |verb: &str, leg: u16| format!("{verb}, leg {leg} of {}", legs.saturating_sub(1));
     match state {
         State::PowerUp => "powering up".into(),
-        State::AwaitStill => "waiting until base and axes are still".into(),
+        State::AwaitStill => "waiting until base and axes are at rest".into(),
         State::Turn(leg) => of("turning", leg),
         State::Settle(leg) => of("settling", leg),
-        State::Dwell(leg) => of("standing", leg),
-        State::Weigh(leg) => of("weighing", leg),
+        State::Dwell(leg) => of("measuring", leg),
+        State::Weigh(leg) => of("checking the stop", leg),
         State::Compute => "computing".into(),
         State::Verdict => "judging".into(),
         State::Store => "storing".into(),
-        State::Correcting => "navigating".into(),
+        State::Correcting => "correcting samples".into(),
         State::StandBy => "standing by without a calibration".into(),
         State::Stopping => "stopping".into(),
         State::Parking => "parking".into(),
@@ -239,18 +239,18 @@ fn aborted(abort: Abort) -> String {
 }
 
 fn stored(stored: bool) -> String {
-    format!("stored   {}", if stored { "yes" } else { "NO: the record in store is the one before" })
+    format!("stored   {}", if stored { "yes" } else { "NO: the earlier calibration stays stored" })
 }
 
-/// What of a message is a reason to look up.
+/// Warning of a message, if it has one.
 fn warning(message: &Message) -> Option<String> {
     match message {
         Message::Store { fault: true, .. } => Some("the calibration memory does not work".into()),
         Message::Store { damaged: true, found, .. } => {
-            let rest = if *found { "an older calibration is used" } else { "there is no good calibration" };
+            let rest = if *found { "an older calibration is used" } else { "there is no intact calibration" };
             Some(format!("a stored calibration is damaged or in another version of the format; {rest}"))
         }
-        Message::Released => Some("the axes are brought to rest, and controlled no longer".into()),
+        Message::Released => Some("the axes are brought to rest, and then no longer controlled".into()),
         Message::Fault(fault) => Some(fault.to_string()),
         Message::Restarted(restart) if *restart != Restart::PowerOn => Some(restart.to_string()),
         Message::Refused(error) => Some(format!("the configuration is refused: {error}")),
@@ -258,7 +258,7 @@ fn warning(message: &Message) -> Option<String> {
     }
 }
 
-/// An event in lines, where it is worth any.
+/// Lines for an event; none for an event that is not shown.
 pub fn lines(event: &Event) -> Vec<String> {
     let message = match event {
         Event::Answer(0, Answer::Hello(hello)) => return vec![named(hello)],
@@ -287,16 +287,16 @@ mod tests {
     use rins_selfcal::segment::SegmentKind;
 
     #[test]
-    fn all_estimates_have_room_on_a_screen_of_80_by_24() {
+    fn all_estimates_fit_on_a_screen_of_80_by_24() {
         let errors = InstrumentErrors { heading: -1e-3, ..InstrumentErrors::default() };
-        // Priors: the longest numbers.
+        // Prior sigmas are the longest numbers.
         let estimate = Estimate { errors, sigmas: PARAMETER_INFO.map(|info| 10_800.0 * info.unit_si) };
         let progress = Progress { segments: 1, kind: SegmentKind::Stop, end_us: 1, estimate };
         let mut view = View::default();
         view.note(&Event::Message(Message::Segment(progress)));
         view.note(&Event::Message(Message::Judged(Verdict::default())));
         let screen = view.screen(80, Dropped::default(), 0);
-        // State, progress and angles are not known here; with the keys, 24.
+        // The lines of state, progress, angles and keys are not in this screen and need four more.
         assert!(screen.len() + 4 < 24 && screen.iter().all(|line| line.len() <= 80), "{screen:#?}");
         let of_estimates = &screen[screen.len() - PARAMETERS / COLUMNS..];
         assert!(of_estimates.iter().all(|line| line.matches("+-10800").count() == COLUMNS), "{of_estimates:#?}");

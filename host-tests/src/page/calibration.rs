@@ -1,4 +1,4 @@
-//! The report of a calibration as one self-contained page: verdict, certificate, correction ready to paste, figures.
+//! The report of a calibration as one self-contained page: verdict, certificate, correction as source text, figures.
 
 use super::frame::{Section, document, shown};
 use super::{figures, paste};
@@ -18,33 +18,33 @@ use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::SegmentKind;
 use std::path::Path;
 
-/// What the page is made from; what is absent is left out.
+/// Content of the page. Absent parts are left out.
 #[derive(Clone, Copy)]
 pub struct Content<'a> {
     /// The calibration.
     pub outcome: &'a Outcome,
-    /// The true parameters, as far as they are known.
+    /// The true parameters that are known.
     pub truth: Option<&'a ParameterTable>,
-    /// What the IMU and the encoders showed.
+    /// Signals of the IMU and the encoders.
     pub signals: Option<&'a Signals>,
-    /// The motion, for its observability.
+    /// The scheme, for the plot of observability.
     pub scheme: Option<&'a Scheme>,
-    /// Where the samples come from, in words.
+    /// Source of the samples, in words.
     pub source: &'a str,
-    /// The calibration before this one.
+    /// The earlier calibration to compare with.
     pub previous: Option<&'a Saved>,
 }
 
 impl Content<'_> {
-    /// The motion as a scheme, if it began near (0, 0): one that was run, or as the log shows it.
+    /// The scheme that was run, or the scheme that the log shows if the motion began near (0, 0).
     fn motion(&self) -> Option<Scheme> {
         self.scheme.cloned().or_else(|| scheme_seen(self.outcome, self.signals?))
     }
 }
 
-/// The motion that the stops of a log show, at the usual pace.
+/// The scheme that the stops of a log show, with the default rate and acceleration.
 fn scheme_seen(outcome: &Outcome, signals: &Signals) -> Option<Scheme> {
-    /// The base may be a little off the encoders' zeros.
+    /// Largest angle of a first stop that counts as (0, 0).
     const NEAR_RAD: f64 = 0.1;
     let mut begin_s = signals.points().first()?.time_s;
     let mut stops = Vec::new();
@@ -108,8 +108,8 @@ fn in_words(outcome: &Outcome) -> String {
     let worst = (0..INSTALLATION_STATES).max_by(|a, b| sigmas[*a].total_cmp(&sigmas[*b])).unwrap_or_default();
     let freedom = f64::from(solution.degrees_of_freedom);
     let measured = format!(
-        "In {:.0} s, the largest sigma of the twelve installation errors came to {} arcsec ({}). Chi-square is {:.0}; with \
-         the configured noise, {:.0} ± {:.0} is expected.",
+        "After {:.0} s, the largest sigma of the twelve installation errors is {} arcsec ({}). Chi-square is {:.0}; with the \
+         configured noise, {:.0} ± {:.0} is expected.",
         solution.duration_s,
         significant(sigmas[worst]),
         PARAMETER_INFO[worst].name,
@@ -118,9 +118,11 @@ fn in_words(outcome: &Outcome) -> String {
         (2.0 * freedom).sqrt()
     );
     match (outcome.verdict.accepted(), outcome.stored) {
-        (true, Some(false)) => format!("The result is good, but could not be stored: the one before stays. {measured}"),
+        (true, Some(false)) => format!(
+            "The result is good, but could not be stored. A calibration that was stored before stays in use. {measured}"
+        ),
         (true, _) => format!("The result may be used. {measured}"),
-        (false, _) => format!("Do not use this result; what was stored before stays in use. {measured}"),
+        (false, _) => format!("Do not use this result. A calibration that was stored before stays in use. {measured}"),
     }
 }
 
@@ -176,13 +178,13 @@ fn parameter_row(outcome: &Outcome, truth: Option<&ParameterTable>, index: usize
     }
 }
 
-/// As the log shows it: by name where it is one of the library.
+/// Scheme of a log, with its name if the scheme is in the library.
 fn found_scheme(content: &Content) -> String {
     let name = content.motion().map(|scheme| scheme.name).filter(|name| Scheme::named(name).is_some());
     name.map_or_else(|| "as found in the log".into(), |name| format!("as found in the log: {name}"))
 }
 
-/// What a certificate must say beside the numbers.
+/// Circumstances of the calibration: names and values for the certificate.
 fn facts(content: &Content) -> Vec<(&'static str, String)> {
     let (outcome, solution) = (content.outcome, &content.outcome.solution);
     let site = &outcome.setup.site;
@@ -233,13 +235,13 @@ fn correction_text(outcome: &Outcome) -> Markup {
 fn motion(content: &Content, signals: &Signals) -> anyhow::Result<Markup> {
     let base = &content.outcome.estimate().errors;
     Ok(html! {
-        (shown(figures::angles(signals), "angles", "Counted over whole turns from the first reading.")?)
-        (shown(figures::gyros(signals), "gyros", "Outputs on the gyros' own axes, averaged between points.")?)
-        (shown(figures::accelerometers(signals), "accelerometers", "Outputs on the accelerometers' own axes, averaged between points.")?)
+        (shown(figures::angles(signals), "angles", "Angles are continuous over whole turns from the first reading.")?)
+        (shown(figures::gyros(signals), "gyros", "Outputs along the gyros' own axes, averaged between points.")?)
+        (shown(figures::accelerometers(signals), "accelerometers", "Outputs along the accelerometers' own axes, averaged between points.")?)
         @if let Some(scheme) = content.motion() {
             @let [values, rank] = figures::singular_values(&scheme, &content.outcome.setup.site, base);
-            (shown(values, "singular-values", "Of Bai's twelve states along one period of the scheme, in its own order; what counts as zero lies on the axis.")?)
-            (shown(rank, "rank", "As the measurements come in, stops by (11), moves by (13) of Bai et al.")?)
+            (shown(values, "singular-values", "Singular values for Bai's twelve states along one period of the scheme; values that count as zero are drawn on the axis.")?)
+            (shown(rank, "rank", "Rank as the measurements are added: stops by (B11), moves by (B13) of Bai et al.")?)
         }
     })
 }
@@ -247,16 +249,16 @@ fn motion(content: &Content, signals: &Signals) -> anyhow::Result<Markup> {
 fn estimates(content: &Content) -> anyhow::Result<Markup> {
     let outcome = content.outcome;
     Ok(html! {
-        p { "Live estimates after every segment, against time in seconds, with a band of three sigmas; the last point is the final pass. "
-            @if content.truth.is_some() { "Dashed: the truth." } }
+        p { "Live estimates after every segment against time in seconds, with a band of three sigmas. The last point is the final estimate. "
+            @if content.truth.is_some() { "The dashed line is the true value." } }
         div.small {
             @for (index, info) in PARAMETER_INFO.iter().enumerate().filter(|(index, _)| outcome.is_estimated(*index)) {
                 (shown(figures::estimate(outcome, index, content.truth), &format!("estimate-{}", info.name), "")?)
             }
         }
         (shown(figures::contributions(outcome), "contributions",
-            "What every segment, from left to right, told of every parameter: the darkest cells stand for three bits or more, an eighth of the sigma before.")?)
-        (shown(figures::correlation(outcome), "correlation", "Correlations of the estimates: orange positive, blue negative.")?)
+            "Information of every segment, from left to right, about every parameter. The darkest cells are three bits or more: sigma falls to an eighth or less.")?)
+        (shown(figures::correlation(outcome), "correlation", "Correlations of the estimates: orange is positive, blue is negative.")?)
     })
 }
 
@@ -264,7 +266,7 @@ fn fit(outcome: &Outcome) -> anyhow::Result<Markup> {
     Ok(html! {
         pre { (table::samples(outcome)) (table::verdict(outcome)) }
         (shown(figures::innovations(outcome), "innovations",
-            "Each measurement less its prediction in the last sweep, in its own sigmas; by chance, one in 370 lies outside the dashed lines.")?)
+            "Each measurement minus its prediction in the last sweep, in sigmas. By chance, one in 370 lies outside the dashed lines.")?)
     })
 }
 
@@ -274,10 +276,10 @@ fn comparison(outcome: &Outcome, previous: &Saved) -> anyhow::Result<Markup> {
     let changes = changes.filter_map(|(info, change)| Some((info.name, change.as_ref()?.normalized())));
     let (names, changes): (Vec<&str>, Vec<f64>) = changes.unzip();
     Ok(html! {
-        p { "With " (previous.path.display()) ": they " (comparison.in_words()) "." }
+        p { "Comparison with " (previous.path.display()) ": they " (comparison.in_words()) "." }
         @if !comparison.notes.is_empty() { ul { @for note in &comparison.notes { li { (note) } } } }
         (shown(figures::changes(&names, &changes, comparison.limit), "changes",
-            "Beyond the dashed lines, the unit has changed or one of the two is wrong; attitude and heading are the vehicle's and do not count.")?)
+            "A bar beyond the dashed lines means that the unit has changed or that one of the results is wrong. Attitude and heading belong to the vehicle and do not count.")?)
     })
 }
 

@@ -1,4 +1,5 @@
-//! Charts as inline SVG. Ink is the page's own colour, so that a chart is legible on light and dark paper and in print.
+//! Charts as inline SVG. Lines and text have the page's text colour, so that a chart is legible on light and dark pages
+//! and in print.
 
 use anyhow::{Result, anyhow};
 use plotters::coord::Shift;
@@ -6,13 +7,13 @@ use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
 use plotters::prelude::*;
 use std::ops::Range;
 
-/// A finished figure.
+/// SVG text of a figure.
 pub type Drawn = Result<String>;
-/// Where a chart is drawn.
+/// Drawing area of a chart.
 pub type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type DrawResult = Result<(), Box<dyn std::error::Error>>;
 
-/// Colours that differ on light and dark paper, and for the colour-blind. (after Okabe and Ito 2008)
+/// Colours that can be told apart on light and dark pages, and by the colour-blind. (after Okabe and Ito 2008)
 const COLOURS: [RGBColor; 6] = [
     RGBColor(0, 124, 190),
     RGBColor(213, 94, 0),
@@ -24,12 +25,12 @@ const COLOURS: [RGBColor; 6] = [
 const FONT: &str = "sans-serif";
 const TEXT: i32 = 13;
 
-/// A colour of the series.
+/// Colour of a curve, by number.
 fn colour(number: usize) -> RGBColor {
     COLOURS[number % COLOURS.len()]
 }
 
-/// Draws a figure of so many units.
+/// Draws a figure of the given width and height, SVG units.
 pub fn figure(size: (u32, u32), draw: impl FnOnce(&Area) -> DrawResult) -> Drawn {
     let mut svg = String::new();
     {
@@ -37,19 +38,19 @@ pub fn figure(size: (u32, u32), draw: impl FnOnce(&Area) -> DrawResult) -> Drawn
         draw(&area).map_err(|error| anyhow!("{error}"))?;
         area.present()?;
     }
-    // The page scales it, and gives the ink.
+    // The page sets the size and the text colour.
     let fixed = format!("width=\"{}\" height=\"{}\" viewBox", size.0, size.1);
     Ok(svg.replacen(&fixed, "viewBox", 1).replace("#000000", "currentColor"))
 }
 
-/// One named line or cloud of points.
+/// A line or a set of points, with a name.
 pub struct Curve {
     name: String,
     points: Vec<(f64, f64)>,
 }
 
 impl Curve {
-    /// A line through points.
+    /// A curve through points. Points that are not finite are left out.
     pub fn new(name: &str, points: impl Iterator<Item = (f64, f64)>) -> Self {
         Self { name: name.into(), points: points.filter(|(x, y)| x.is_finite() && y.is_finite()).collect() }
     }
@@ -58,11 +59,11 @@ impl Curve {
 /// The vertical axis.
 #[derive(Clone, Copy, PartialEq)]
 pub enum Scale {
-    /// Around what there is.
+    /// Range of the values.
     Fitted,
-    /// From this value to what there is.
+    /// From this value to the largest value.
     From(f64),
-    /// Around what there is, in decades.
+    /// Range of the values, logarithmic.
     Logarithmic,
 }
 
@@ -74,17 +75,17 @@ pub struct Figure<'a> {
 }
 
 impl<'a> Figure<'a> {
-    /// A chart of so many units.
+    /// A chart of the given width and height, SVG units.
     pub fn new(title: &'a str, size: (u32, u32)) -> Self {
         Self { title, size, scale: Scale::Fitted }
     }
 
-    /// With another vertical axis.
+    /// The same chart with another vertical axis.
     pub fn scaled(self, scale: Scale) -> Self {
         Self { scale, ..self }
     }
 
-    /// Lines, with a legend where there are several.
+    /// Draws lines, with a legend if there are several.
     pub fn lines(self, lines: &[Curve]) -> Drawn {
         let all = || lines.iter().flat_map(|line| line.points.iter().copied());
         let x = with_legend(range(all().map(|(x, _)| x), 0.0), lines);
@@ -97,7 +98,7 @@ impl<'a> Figure<'a> {
         })
     }
 
-    /// A line with a band around it (x, [low, line, high]), and the truth.
+    /// Draws a line with a band around it (x, [low, line, high]), and the true value.
     pub fn band(self, points: &[(f64, [f64; 3])], truth: Option<f64>, y: Range<f64>) -> Drawn {
         let x = range(points.iter().map(|(x, _)| *x), 0.0);
         figure(self.size, |area| {
@@ -114,7 +115,7 @@ impl<'a> Figure<'a> {
         })
     }
 
-    /// Clouds of points with levels.
+    /// Draws sets of points, and dashed lines at `levels`.
     pub fn points(self, clouds: &[Curve], levels: &[f64]) -> Drawn {
         let all = || clouds.iter().flat_map(|cloud| cloud.points.iter().copied());
         let x = with_legend(range(all().map(|(x, _)| x), 0.02), clouds);
@@ -131,7 +132,7 @@ impl<'a> Figure<'a> {
         })
     }
 
-    /// One bar for each name, with levels.
+    /// Draws one bar for each name, and dashed lines at `levels`.
     pub fn bars(self, names: &[&str], values: &[f64], levels: &[f64]) -> Drawn {
         let x = -0.5..names.len() as f64 - 0.5;
         let y = range(values.iter().chain(levels).copied().filter(|value| value.is_finite()), 0.1);
@@ -222,9 +223,9 @@ fn ink_text() -> TextStyle<'static> {
     (FONT, TEXT).into_font().color(&BLACK)
 }
 
-/// Short, and in powers of ten where it is long.
+/// Label of a tick; long numbers are in powers of ten.
 fn tick(value: &f64) -> String {
-    // What a ladder of steps leaves of zero.
+    // Summing steps leaves a rounding error in place of zero.
     if value.abs() < 1e-12 {
         return "0".into();
     }
@@ -232,7 +233,7 @@ fn tick(value: &f64) -> String {
     if plain.len() <= 7 && value.abs() >= 1e-3 { plain } else { format!("{value:.1e}") }
 }
 
-/// From the least to the greatest with some margin; never empty.
+/// Range from the least to the greatest value with a relative margin; never empty.
 fn range(values: impl Iterator<Item = f64>, margin: f64) -> Range<f64> {
     let (low, high) =
         values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
@@ -243,23 +244,23 @@ fn range(values: impl Iterator<Item = f64>, margin: f64) -> Range<f64> {
     if high - low > 0.0 { low - room..high + room } else { low - 1.0..high + 1.0 }
 }
 
-/// With room for the legend on the right, where there is one.
+/// Adds space for the legend on the right, if there are several curves.
 fn with_legend(x: Range<f64>, lines: &[Curve]) -> Range<f64> {
     let room = if lines.len() > 1 { 0.12 * (x.end - x.start) } else { 0.0 };
     x.start..x.end + room
 }
 
-/// A tint from 0, none, to 1.
+/// A tint from 0 (none) to 1 (full).
 pub fn shade(part: f64) -> RGBAColor {
     COLOURS[0].mix(part.clamp(0.0, 1.0))
 }
 
-/// As [`shade`], in another colour for negative numbers.
+/// As [`shade`], for -1 to 1, with another colour for negative numbers.
 pub fn shade_signed(part: f64) -> RGBAColor {
     if part < 0.0 { COLOURS[0].mix((-part).min(1.0)) } else { COLOURS[1].mix(part.min(1.0)) }
 }
 
-/// A table of coloured cells with a name to each row and column.
+/// Draws a table of coloured cells with a name for each row and column.
 pub fn cells(area: &Area, rows: &[&str], columns: &[&str], cell: impl Fn(usize, usize) -> RGBAColor) -> DrawResult {
     let (width, height) = area.dim_in_pixel();
     let (left, top) = (150.0, if columns.iter().any(|name| name.len() > 3) { 150.0 } else { 24.0 });

@@ -1,4 +1,4 @@
-//! The figures of the page, each an SVG in the page's own ink, so that it is legible on light and dark.
+//! The figures of the page as SVG in the page's text colour.
 
 use super::canvas::{Curve, Drawn, Figure, Scale, figure, shade, shade_signed};
 use crate::base::quantity;
@@ -16,9 +16,9 @@ use rins_selfcal::verdict::CHANNEL_NAMES;
 const WIDE: (u32, u32) = (960, 320);
 const SMALL: (u32, u32) = (330, 210);
 const AXES: [&str; 3] = ["x", "y", "z"];
-/// Information of a segment that is drawn darkest, bits.
+/// Information of a segment that has the darkest cell, bits.
 const DARKEST_BITS: f64 = 3.0;
-/// A band is drawn up to this many final sigmas from the final estimate.
+/// Half height of the figure of an estimate, in final sigmas.
 const SHOWN_SIGMAS: f64 = 12.0;
 
 /// Outer and inner angle against time. (Bai et al., Figure 5)
@@ -44,7 +44,7 @@ pub fn accelerometers(signals: &Signals) -> Drawn {
     Figure::new("accelerometer outputs, m/s², against time, s", WIDE).lines(&[line(0), line(1), line(2)])
 }
 
-/// One estimated parameter against time with its band of three sigmas, and the truth where it is known. (Bai et al.,
+/// One estimated parameter against time with a band of three sigmas, and the true value if it is known. (Bai et al.,
 /// Figures 9 to 11 and 16 to 18)
 pub fn estimate(outcome: &Outcome, index: usize, truth: Option<&ParameterTable>) -> Drawn {
     let info = &PARAMETER_INFO[index];
@@ -61,7 +61,7 @@ pub fn estimate(outcome: &Outcome, index: usize, truth: Option<&ParameterTable>)
     Figure::new(&title, SMALL).band(&points.collect::<Vec<_>>(), truth, last - half..last + half)
 }
 
-/// Time, value and sigma of a parameter after every segment, in report units.
+/// Time (s), value and sigma (report units) of a parameter after every segment.
 fn values_of(outcome: &Outcome, index: usize) -> Vec<(f64, f64, f64)> {
     let of = |progress: &rins_selfcal::run::telemetry::Progress| {
         let estimate = &progress.estimate;
@@ -69,7 +69,7 @@ fn values_of(outcome: &Outcome, index: usize) -> Vec<(f64, f64, f64)> {
         (progress.end_us as f64 * 1e-6, value, sigma)
     };
     let mut values: Vec<_> = outcome.live.iter().map(of).collect();
-    // The final pass has the last word.
+    // The last point is the final estimate.
     if let Some(end) = values.last().map(|last| last.0) {
         let estimate = outcome.estimate();
         values.push((end, quantity::values(&estimate.errors)[index], quantity::sigmas(&estimate.sigmas)[index]));
@@ -77,8 +77,8 @@ fn values_of(outcome: &Outcome, index: usize) -> Vec<(f64, f64, f64)> {
     values
 }
 
-/// Singular values of the stripped observability matrix of Bai's twelve against scheme time, and their rank. (Bai et al.,
-/// Figure 6)
+/// Singular values of the stripped observability matrix of Bai's twelve against scheme time, and their rank. (Bai et
+/// al., Figure 6)
 pub fn singular_values(scheme: &Scheme, site: &Site, base: &InstrumentErrors<f64>) -> [Drawn; 2] {
     let mut trace = Vec::new();
     along_scheme(scheme, site, base, |time_s, seen| trace.push((time_s, *seen)));
@@ -87,18 +87,20 @@ pub fn singular_values(scheme: &Scheme, site: &Site, base: &InstrumentErrors<f64
         Curve::new(&format!("{}", number + 1), trace.iter().map(value))
     };
     let lines: Vec<_> = (0..INSTALLATION_STATES).map(line).collect();
-    // It rises at once, at the later of two times.
+    // Two points at the later time draw the rank as a vertical step.
     let steps = trace.windows(2).flat_map(|pair| [(pair[1].0, pair[0].1.rank), (pair[1].0, pair[1].1.rank)]);
     let rank = Curve::new("rank", steps.map(|(time_s, rank)| (time_s, rank as f64)));
     [
         Figure::new("singular values of the stripped observability matrix against scheme time, s", WIDE)
             .scaled(Scale::Logarithmic)
             .lines(&lines),
-        Figure::new("its rank, of 12, against scheme time, s", (WIDE.0, 200)).scaled(Scale::From(0.0)).lines(&[rank]),
+        Figure::new("rank of the matrix, at most 12, against scheme time, s", (WIDE.0, 200))
+            .scaled(Scale::From(0.0))
+            .lines(&[rank]),
     ]
 }
 
-/// What counts as zero is drawn at the axis.
+/// A singular value; values that count as zero are drawn at the axis.
 fn singular_value(seen: &crate::plan::observability::Observability<INSTALLATION_STATES>, number: usize) -> f64 {
     const LEAST: f64 = 1e-6;
     if number < seen.rank { seen.singular_values[number].max(LEAST) } else { LEAST }
@@ -129,7 +131,7 @@ pub fn correlation(outcome: &Outcome) -> Drawn {
     figure((960, 960), |area| super::canvas::cells(area, &names, &names, cell))
 }
 
-/// What every segment told of every parameter: the logarithm of sigma before over sigma after.
+/// Information of every segment about every parameter: the binary logarithm of sigma before over sigma after.
 pub fn contributions(outcome: &Outcome) -> Drawn {
     let names: Vec<_> = estimated(outcome).map(|index| PARAMETER_INFO[index].name).collect();
     let indices: Vec<_> = estimated(outcome).collect();
@@ -147,7 +149,7 @@ pub fn contributions(outcome: &Outcome) -> Drawn {
     figure((960, 620), |area| super::canvas::cells(area, &names, &segments, cell))
 }
 
-/// Change of every parameter since another calibration, in combined sigmas.
+/// Change of every parameter since an earlier calibration, in combined sigmas.
 pub fn changes(names: &[&str], changes: &[f64], limit: f64) -> Drawn {
     Figure::new("change since the previous calibration, in combined sigmas", WIDE).bars(
         names,

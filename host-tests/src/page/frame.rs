@@ -1,4 +1,4 @@
-//! What all pages have in common: head, style, contents, sections, figures, and whose they are.
+//! Common parts of all pages: head, style, contents, sections, figures, and a footer with program, version and time.
 
 use super::canvas::Drawn;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
@@ -15,13 +15,13 @@ pub struct Section {
 }
 
 impl Section {
-    /// With the name of its anchor.
+    /// A section; `id` is the name of its anchor.
     pub fn new(id: &'static str, title: &'static str, content: Markup) -> Self {
         Self { id, title, content }
     }
 }
 
-/// A whole page, which needs nothing from elsewhere.
+/// A whole page. It loads no other file.
 pub fn document(title: &str, head: &Markup, sections: &[Section]) -> Markup {
     html! {
         (DOCTYPE)
@@ -42,10 +42,10 @@ pub fn document(title: &str, head: &Markup, sections: &[Section]) -> Markup {
     }
 }
 
-/// A figure with its name and, where there is one, a caption.
+/// A figure with its name and an optional caption.
 ///
 /// # Errors
-/// It could not be drawn.
+/// The figure could not be drawn.
 pub fn shown(drawn: Drawn, name: &str, caption: &str) -> anyhow::Result<Markup> {
     Ok(html! {
         figure id=(name) { (PreEscaped(drawn?)) @if !caption.is_empty() { figcaption { (caption) } } }

@@ -3,7 +3,7 @@
 use crate::result::report::CorrectionReport;
 use std::fmt::Write;
 
-/// How a language writes the correction.
+/// Notation of the correction in a language.
 struct Dialect {
     name: &'static str,
     comment: &'static str,
@@ -61,12 +61,12 @@ fn rows(matrix: &[[f64; 3]; 3], open: &str, close: &str) -> String {
     matrix.iter().map(|values| format!("{open}{}{close}", row(values))).collect()
 }
 
-/// A matrix as a declaration, in brackets.
+/// A declaration of a matrix in brackets.
 fn declared(what: &str, [open, close]: [&str; 2], matrix: &[[f64; 3]; 3]) -> String {
     format!("{what} = {open}\n{}{close};\n", rows(matrix, &format!("    {open}"), &format!("{close},\n")))
 }
 
-/// Name of each language and the correction in it.
+/// Name of each language, and the correction in this language.
 pub fn snippets(correction: &CorrectionReport) -> impl Iterator<Item = (&'static str, String)> + '_ {
     DIALECTS.iter().map(|dialect| (dialect.name, snippet(dialect, correction)))
 }
@@ -74,7 +74,7 @@ pub fn snippets(correction: &CorrectionReport) -> impl Iterator<Item = (&'static
 fn snippet(dialect: &Dialect, correction: &CorrectionReport) -> String {
     let mut text = String::from(dialect.head);
     let mut note = |line: &str, part: String| {
-        // A string takes all.
+        // Writing to a string cannot fail.
         let _ = write!(text, "{} {line}\n{part}", dialect.comment);
     };
     note(

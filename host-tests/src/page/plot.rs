@@ -7,11 +7,11 @@ use rins_selfcal::model::error_model::INSTALLATION_STATES;
 use std::path::Path;
 
 const SIZE: (u32, u32) = (960, 600);
-/// The axis begins where all parameters have been seen, so at no more than this, arcsec.
+/// Upper end of the vertical axis, arcsec. Larger sigmas, of parameters that no segment has shown yet, are drawn there.
 const HIGHEST_ARCSEC: f64 = 1000.0;
 
-/// Draws the sigmas of Bai's twelve, arcsec, and thinner those of the optional states, in the units of the legend, on a
-/// logarithmic axis.
+/// Draws the sigmas of Bai's twelve states (arcsec), and with thinner lines the sigmas of the optional states (units in
+/// the legend), on a logarithmic axis.
 ///
 /// # Errors
 /// The file cannot be written; the message names it.
@@ -19,7 +19,7 @@ pub fn write_sigmas(path: &Path, prediction: &Prediction) -> Result<()> {
     draw(path, prediction).map_err(|error| anyhow!("{}: {error}", path.display()))
 }
 
-/// A state's sigmas against time.
+/// Sigmas of a state against time.
 struct Curve {
     label: String,
     width: u32,

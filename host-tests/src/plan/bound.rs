@@ -1,23 +1,24 @@
-//! What no scheme can go below in a given time.
+//! Lower bound of the sigmas of any scheme of a given duration.
 //!
-//! Gyros, encoders, non-perpendicularity and the optional states are taken as perfect. What is left are the 14 parameters
-//! that the accelerometers must find. Their information is the sum over the attitudes x at which they stand,
+//! Gyros, encoders, non-perpendicularity and the optional states are taken as perfect. Then 14 parameters are left,
+//! which the accelerometers must find. Their information is the sum over the attitudes x of the stops,
 //! ```text
 //! J = sum over x of t(x) S(x),   S = H^T H / psd,   sum of t(x) <= T_acc
 //! ```
-//! and a scheme may at best share out the time t as it likes, over any attitudes that it can reach:
-//! - An axis that travels by L needs L / rate + rate / acceleration, whatever the number of moves it takes; so what is
-//!   farther than L from the start on either axis costs at least that time, and the bound is the least over L.
-//! - Each stop gives three numbers, so at least five stops and four moves are needed, with settling and guard.
+//! At best, a scheme distributes the time t freely over all attitudes that it can reach. Two facts limit the time
+//! T_acc:
+//! - An axis that travels by L needs at least the time L / rate + rate / acceleration, with any number of moves.
+//!   Attitudes farther than L from the start on either axis cost at least that time, and the bound is the least over L.
+//! - Each stop gives three numbers, so at least five stops and four moves are needed, each with settling and guard.
 //!
 //! For any J0 and any weights lambda >= 0 of sum 1, with C = J0^-1, L = diag(lambda w^2) and g(x) = tr(C L C S(x)),
 //! ```text
 //! max (w sigma)^2 >= tr(L J^-1) >= tr(L C)^2 / (T_acc max g(x))
 //! ```
-//! because tr(L J^-1) is convex in J: it lies above its tangent at c J0, for the best c. (Pukelsheim, Optimal Design of
-//! Experiments, 1993, ch. 7.) J0 and lambda only decide how good the bound is; they come from multiplicative updates.
-//! `max g` is taken on a grid of 3 deg; g is a trigonometric polynomial of degree 2 in each angle, so that the true
-//! maximum is no more than 1 / cos^2(3 deg) times that.
+//! because tr(L J^-1) is convex in J, and so lies above its tangent at c J0 for every c. (Pukelsheim, Optimal Design of
+//! Experiments, 1993, ch. 7.) J0 and lambda only determine how tight the bound is. They come from multiplicative
+//! updates. `max g` is taken on a grid of 3 deg. g is a trigonometric polynomial of degree 2 in each angle, so the true
+//! maximum is at most 1 / cos^2(3 deg) times the maximum on the grid.
 
 use super::information::Forecast;
 use super::objective::{Criterion, Objective};
@@ -31,23 +32,24 @@ use rins_selfcal::model::error_model::block;
 use rins_selfcal::scheme::{Leg, Scheme};
 use rins_selfcal::segment::GUARD_S;
 
-/// Accelerometer non-orthogonality, mounting, bias and scale; roll and pitch of the base.
+/// Number of parameters: accelerometer non-orthogonality, mounting, bias and scale; roll and pitch of the base.
 const STATES: usize = 14;
-/// Stops that give 14 numbers by threes.
+/// Least number of stops that give 14 numbers, three at each stop.
 const LEAST_STOPS: f64 = 5.0;
-/// Grid for the optimum, and for the maximum.
+/// Grid for the optimal attitudes, and grid for the maximum of g.
 const COARSE_RAD: f64 = 15.0 * DEG;
 const FINE_RAD: f64 = 3.0 * DEG;
 const UPDATES: u32 = 300;
-/// Updates between two certificates; the last ones are the best ones.
+/// Updates between two evaluations of the bound, which gets tighter with every update.
 const CERTIFY: u32 = 100;
-/// Share of an update in the weights of the parameters: slower than the attitudes'.
+/// Exponent of the update of lambda. It is smaller than that of the attitudes, so that lambda changes more slowly.
 const WEIGHT_EXPONENT: f64 = 0.3;
 
 type Rows = Matrix<f64, 3, STATES>;
 type Square = Matrix<f64, STATES, STATES>;
 
-/// What the worst of Bai's twelve cannot go below in the time of a scheme, at its rates and with any travel, arcsec.
+/// Lower bound of the worst sigma of Bai's twelve states in the time of a scheme, at its rates and with any travel,
+/// arcsec.
 pub fn of_scheme(setup: &Setup, scheme: &Scheme, duration_s: f64) -> Option<f64> {
     lower_bound(&PlanRequest {
         setup: setup.clone(),
@@ -62,34 +64,34 @@ pub fn of_scheme(setup: &Setup, scheme: &Scheme, duration_s: f64) -> Option<f64>
     })
 }
 
-/// The least value of the objective that is possible; `None` for D-optimality, or if no accelerometer parameter matters.
+/// Lower bound of the objective; `None` for D-optimality, or if no parameter of the accelerometers has a weight.
 pub fn lower_bound(request: &PlanRequest) -> Option<f64> {
     let weights = squared_weights(request)?;
     let farthest = request.travel.iter().map(farthest_rad).fold(0.0, f64::max);
     let steps = (farthest / COARSE_RAD).ceil() as u32;
     let bounds = (1..=steps).into_par_iter().filter_map(|step| {
-        let time_s = standing_s(request, f64::from(step - 1) * COARSE_RAD);
+        let time_s = at_rest_s(request, f64::from(step - 1) * COARSE_RAD);
         let design = Design::new(request, f64::from(step) * COARSE_RAD);
         (time_s > 0.0).then(|| (design.least_variance_s(&weights, request.objective.criterion()) / time_s).sqrt())
     });
     bounds.min_by(f64::total_cmp)
 }
 
-/// Distance from the start beyond which an axis meets no new attitudes.
+/// Distance from the start beyond which an axis reaches no new attitudes, rad.
 fn farthest_rad(travel: &Travel) -> f64 {
     let half_turn = 180.0 * DEG;
     let (back, forth) = (-travel.lowest_rad, travel.highest_rad);
     if back.min(forth) >= half_turn { half_turn } else { back.max(forth).min(2.0 * half_turn) }
 }
 
-/// The accelerometers' parameter of this number among the 14.
+/// Index of a parameter among the 14, if the accelerometers observe the parameter.
 fn place(parameter: usize) -> Option<usize> {
     let first = parameter.checked_sub(block::ACCEL_NON_ORTHOGONALITY).filter(|place| *place < STATES - 2);
     let attitude = || parameter.checked_sub(block::ATTITUDE).filter(|place| *place < 2).map(|place| STATES - 2 + place);
     first.filter(|_| parameter < block::GYRO_BIAS).or_else(attitude)
 }
 
-/// Squared weights in 1 / SI^2; for A-optimality with its mean.
+/// Squared weights in 1 / SI^2; for A-optimality divided by the number of weights.
 fn squared_weights(request: &PlanRequest) -> Option<[f64; STATES]> {
     let objective = &request.objective;
     let mut squared = [0.0; STATES];
@@ -104,14 +106,14 @@ fn squared_weights(request: &PlanRequest) -> Option<[f64; STATES]> {
     (objective.criterion() != Criterion::D && squared.iter().any(|weight| *weight > 0.0)).then_some(squared)
 }
 
-/// Time for the accelerometers in a scheme that reaches at least this far, s.
-fn standing_s(request: &PlanRequest, reach_rad: f64) -> f64 {
+/// Time at rest, T_acc, in a scheme that reaches at least this far, s.
+fn at_rest_s(request: &PlanRequest, reach_rad: f64) -> f64 {
     let there = Leg { outer_rad: reach_rad, inner_rad: 0.0, stop_s: 0.0 };
     let moves_s = request.turning.move_s(&Leg { outer_rad: 0.0, ..there }, &there);
     request.time_s - moves_s - (LEAST_STOPS - 1.0) * (request.settling_s.max(GUARD_S) + GUARD_S)
 }
 
-/// Attitudes within reach.
+/// Measurement matrices of the attitudes within reach.
 struct Design {
     coarse: Vec<Rows>,
     fine: Vec<Rows>,
@@ -143,7 +145,7 @@ impl Design {
         Self { coarse: at(COARSE_RAD), fine: at(FINE_RAD) }
     }
 
-    /// Least weighted variance that one second of standing can give, s: the best certificate of all updates.
+    /// Least weighted variance after one second at rest, s: the tightest bound of all updates.
     fn least_variance_s(&self, weights: &[f64; STATES], criterion: Criterion) -> f64 {
         let mut shares = vec![1.0 / self.coarse.len() as f64; self.coarse.len()];
         let counted = weights.iter().filter(|weight| **weight > 0.0).count() as f64;
@@ -156,7 +158,7 @@ impl Design {
                 information += rows.tr_mul(rows) * *share;
             }
             let Some(covariance) = information.try_inverse().filter(|covariance| covariance.trace().is_finite()) else {
-                // These attitudes do not show all parameters: no variance is large enough.
+                // These attitudes do not observe all parameters, so the variance is infinite.
                 return f64::INFINITY;
             };
             let of = |place: usize| lambda[place] * weights[place];
@@ -182,7 +184,7 @@ impl Design {
     }
 }
 
-/// Angles of one axis within reach, at most one turn of them.
+/// Angles of one axis within reach, at most one turn, rad.
 fn angles(travel: &Travel, reach_rad: f64, step_rad: f64) -> Vec<f64> {
     let (lowest, highest) = (travel.lowest_rad.max(-reach_rad), travel.highest_rad.min(reach_rad));
     let steps = ((highest - lowest).min(360.0 * DEG) / step_rad).ceil() as u32;
@@ -214,7 +216,7 @@ mod tests {
 
     #[test]
     fn the_bound_falls_with_the_root_of_time() {
-        // Moves and settling count less and less.
+        // The longer the scheme, the smaller is the share of moves and settling.
         let setup = Setup::new(&UnitConfig::default(), 200.0, Method::Joint, Precision::F64);
         let scheme = LIBRARY[0].scheme();
         let bound = |time_s| of_scheme(&setup, &scheme, time_s).expect("there is one");

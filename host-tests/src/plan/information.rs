@@ -1,13 +1,14 @@
-//! The information that a scheme will bring, from its geometry alone: what the core's filter would end with, without a
-//! sample being made.
+//! The information of a scheme, from its geometry alone: what the core's filter would have at the end, without
+//! simulating a sample.
 //!
 //! ```text
-//! I = diag(1 / prior^2) + sum H^T R^-1 H        states: encoder errors of the stop before and of this stop, parameters,
-//!                                               optional states; in units of their prior sigmas
+//! I = diag(1 / prior^2) + sum H^T R^-1 H        states: encoder errors of the stop before and of this
+//!                                               stop, parameters, optional states; in units of their prior sigmas
 //! ```
-//! H is the core's own. An encoder error belongs to one stop and the two moves that meet there; once both are in, it is
-//! eliminated exactly (Schur complement), and its place goes to the next stop's. What is left is the twin of the core's
-//! covariance, to the lengths of the windows: the core counts in blocks of 0.1 s, here a stop loses what it does on average.
+//! H is the core's own. An encoder error belongs to one stop and to the two moves that meet at the stop. After both
+//! moves are added, the error is eliminated exactly (Schur complement), and the error of the next stop takes its place.
+//! The result is the inverse of the core's covariance, except for the lengths of the windows: the core counts in blocks
+//! of 0.1 s, and here a stop loses the mean loss.
 
 use crate::calibration::Setup;
 use crate::calibration::virtual_run::SETTLING_S;
@@ -23,17 +24,17 @@ use rins_selfcal::segment::white_noise::Noise;
 use rins_selfcal::segment::{AngleIntegrals, Course, GUARD_S, Segment, SegmentKind};
 use std::borrow::Borrow;
 
-/// Numbers of a model, of the size of one, are rounded to this; rotation by attitude to as much of Earth rate.
+/// Rounding unit of the numbers of a model. Derivatives of rotation by attitude are rounded to this part of Earth rate.
 const ROUNDING: f64 = 1.0 / (1 << 24) as f64;
-/// Of what is summed in single precision.
+/// Rounding unit of numbers that are summed in single precision.
 const HARMONIC_ROUNDING: f64 = 1.0 / (1 << 16) as f64;
-/// Encoder errors below this are taken as this, arcsec/1000, so that their information stays finite.
+/// Smallest sigma of an encoder error, rad (1/1000 arcsec), so that its information stays finite.
 const LEAST_ENCODER_SIGMA_RAD: f64 = 5e-9;
 
 /// Information about encoder errors, parameters and optional states.
 #[derive(Clone, Debug)]
 pub struct Information<const STATES: usize = BASIC_STATES> {
-    /// Its lower triangle, in units of the prior sigmas.
+    /// Lower triangle, in units of the prior sigmas.
     lower: Matrix<f64, STATES, STATES>,
     prior_sigmas: Vector<f64, STATES>,
 }
@@ -43,7 +44,7 @@ impl<const STATES: usize> Information<STATES> {
         Self { lower: Matrix::identity(), prior_sigmas }
     }
 
-    /// One scalar measurement.
+    /// Adds one scalar measurement.
     fn add(&mut self, h: &Vector<f64, STATES>, variance: f64) {
         let scale = ComplexField::sqrt(variance).recip();
         let scaled = h.component_mul(&self.prior_sigmas) * scale;
@@ -53,7 +54,7 @@ impl<const STATES: usize> Information<STATES> {
         }
     }
 
-    /// The three channels of a segment: white noise of `variance`.
+    /// Adds the three channels of a segment, with white noise of `variance`.
     fn add_rows(&mut self, prediction: &Prediction<f64>, optional: Option<&OptionalColumns<f64>>, variance: f64) {
         for row in 0..3 {
             let mut h = Vector::<f64, STATES>::zeros();
@@ -67,7 +68,7 @@ impl<const STATES: usize> Information<STATES> {
         }
     }
 
-    /// A random walk adds `variance` to a state.
+    /// Adds `variance` to a state, for a random walk.
     fn inflate(&mut self, state: usize, variance: f64) {
         let prior = self.prior_sigmas[state];
         if variance > 0.0 && prior > 0.0 {
@@ -76,7 +77,7 @@ impl<const STATES: usize> Information<STATES> {
         }
     }
 
-    /// `I - i i^T / pivot` with column `state` of the information, from state `first` on.
+    /// Computes `I - i i^T / pivot` with column `state` of the information, from state `first` on.
     fn subtract_outer(&mut self, state: usize, pivot: f64, first: usize) {
         let column = Vector::<f64, STATES>::from_fn(|row, _| self.lower[(row.max(state), row.min(state))]);
         for (other, of_other) in column.iter().enumerate().skip(first) {
@@ -108,8 +109,8 @@ impl<const STATES: usize> Information<STATES> {
         }
     }
 
-    /// Square root of the information on the parameters and optional states: `I = L L^T`, encoder errors eliminated in
-    /// its first columns. `None` where it is not positive definite.
+    /// Square root L of the information on the parameters and optional states, `I = L L^T`. The first columns eliminate
+    /// the encoder errors. `None` if the information is not positive definite.
     pub fn factor(&self) -> Option<Matrix<f64, STATES, STATES>> {
         let mut factor = self.lower;
         for column in 0..STATES {
@@ -130,8 +131,8 @@ impl<const STATES: usize> Information<STATES> {
         Some(factor)
     }
 
-    /// Column of a parameter in the inverse of [`Information::factor`], SI: its squared length is the variance, the
-    /// product of two the covariance.
+    /// Column of a parameter in the inverse of [`Information::factor`], SI units. Its squared length is the variance,
+    /// and the product of two columns is the covariance.
     pub fn inverse_column(&self, factor: &Matrix<f64, STATES, STATES>, parameter: usize) -> Vector<f64, STATES> {
         let state = ENCODER_ERRORS + parameter;
         let mut column = Vector::<f64, STATES>::zeros();
@@ -146,19 +147,19 @@ impl<const STATES: usize> Information<STATES> {
         column
     }
 
-    /// Sigma of a parameter over its prior sigma.
+    /// Sigma of a parameter divided by its prior sigma.
     pub fn part_of_prior(&self, factor: &Matrix<f64, STATES, STATES>, parameter: usize) -> f64 {
         self.inverse_column(factor, parameter).norm() / self.prior_sigmas[ENCODER_ERRORS + parameter]
     }
 
-    /// Sigmas of all parameters, SI.
+    /// Sigmas of all parameters, SI units.
     pub fn sigmas(&self) -> Option<[f64; PARAMETERS]> {
         let factor = self.factor()?;
         Some(std::array::from_fn(|parameter| self.inverse_column(&factor, parameter).norm()))
     }
 }
 
-/// What a stop and the move that leads to it measure. It does not depend on how long the stop is.
+/// Measurement model of a stop and the move to the stop. It does not depend on the duration of the stop.
 #[derive(Clone, Debug)]
 pub struct LegModel {
     /// Time of the move, s.
@@ -169,20 +170,21 @@ pub struct LegModel {
     rest: Prediction<f64>,
 }
 
-/// Predicts the information of schemes for one unit: without errors, level and facing north, as [`crate::plan::prediction`] does.
+/// Predicts the information of schemes for one unit without errors, level and facing north, as
+/// [`crate::plan::prediction`] does.
 #[derive(Clone, Debug)]
 pub struct Forecast<const STATES: usize = BASIC_STATES> {
     model: MeasurementModel<f64>,
     config: EstimatorConfig,
     turning: Turning,
-    /// Time after a move that the accelerometers need to settle, s.
+    /// Settling time of the accelerometers after a move, s.
     settling_s: f64,
     prior_sigmas: Vector<f64, STATES>,
 }
 
 impl<const STATES: usize> Forecast<STATES> {
-    /// For a unit with this configuration, by the joint method. Its axes turn as `turning` says, and its accelerometers are good
-    /// `settling_s` after a move; the core's 0.3 s at least.
+    /// A forecast for a unit with this configuration and the joint method. The axes turn as `turning` says. The
+    /// accelerometers have settled `settling_s` after a move, and the core waits at least 0.3 s.
     pub fn new(setup: &Setup, turning: Turning, settling_s: f64) -> Self {
         let config = setup.config().estimator;
         let encoder_sigma = config.noise.encoder_sigma_rad.max(LEAST_ENCODER_SIGMA_RAD);
@@ -194,7 +196,7 @@ impl<const STATES: usize> Forecast<STATES> {
         Self { model, config, turning, settling_s: settling_s.max(GUARD_S), prior_sigmas }
     }
 
-    /// How the axes turn.
+    /// Rate and acceleration of the axes.
     pub fn turning(&self) -> &Turning {
         &self.turning
     }
@@ -210,7 +212,7 @@ impl<const STATES: usize> Forecast<STATES> {
         let turn = move_segment(from, to, &self.turning);
         let at_rest = stop_segment(to, 1.0);
         let mut rest = self.model.rotation(&rest_segment(to));
-        // The same encoder error at both ends.
+        // The encoder error is the same at both ends, so it cancels.
         rest.by_encoder_errors.fill(0.0);
         rest.by_harmonics.fill(0.0);
         let (turn, force) = (self.model.rotation(&turn), self.model.force_at_stop(&at_rest));
@@ -219,7 +221,7 @@ impl<const STATES: usize> Forecast<STATES> {
         LegModel { move_s, turn, force: rounded(force, ROUNDING), rest }
     }
 
-    /// The information at the end of all stops. `on_segment` gets it after each segment, with the time, s.
+    /// The information after all stops. `on_segment` receives the information after each segment, with the time, s.
     pub fn information<L: Borrow<LegModel>>(
         &self,
         stands: &[Leg],
@@ -252,7 +254,7 @@ impl<const STATES: usize> Forecast<STATES> {
             let optional = since_s.map(columns);
             let (by_force, by_rest) = (optional.as_ref().map(|both| &both.0), optional.as_ref().map(|both| &both.1));
             information.add_rows(&leg.force, by_force, accel_psd / usable_s);
-            // Rotation per second: of the mean rate.
+            // The rotation is per second, so its variance is that of the mean rate.
             information.add_rows(&leg.rest, by_rest, gyro_psd / usable_s);
             time_s += stand.stop_s + SETTLING_S;
             on_segment(SegmentKind::Stop, total_s + time_s, &information);
@@ -277,14 +279,14 @@ impl<const STATES: usize> Forecast<STATES> {
         }
     }
 
-    /// When a segment was measured, where an optional state depends on it.
+    /// Time of a segment, s, if optional states are estimated, which depend on time.
     fn if_needed(&self, since_reference_s: f64) -> Option<f64> {
         self.config.options.needs_states().then_some(since_reference_s)
     }
 }
 
-/// A second of rest. As a move by nothing, since a stop's angles are whole ticks of the encoders: what a search finds shall not
-/// depend on them.
+/// One second at rest, written as a move by zero. A stop has angles in whole ticks of the encoders, and the result of a
+/// search must not depend on the ticks.
 fn rest_segment(stand: &Leg) -> Segment<f64> {
     let ((so, co), (si, ci)) = (stand.outer_rad.sin_cos(), stand.inner_rad.sin_cos());
     let attitude_s = [1.0, ci, si].map(|inner| [1.0, co, so].map(|outer| (inner * outer) as f32));
@@ -292,8 +294,9 @@ fn rest_segment(stand: &Leg) -> Segment<f64> {
     Segment { course: Course::Move(integrals), ..stop_segment(stand, 1.0) }
 }
 
-/// A prediction without its last digits, which depend on the order of operations in the core: a search shall find the same
-/// scheme after a change of the core that is none of the model. Derivatives by attitude are rounded to `by_attitude`.
+/// A prediction without its last digits, which depend on the order of operations in the core. So a search finds the
+/// same scheme after a change of the core that does not change the model. Derivatives by attitude are rounded to
+/// `by_attitude`.
 fn rounded(mut prediction: Prediction<f64>, by_attitude: f64) -> Prediction<f64> {
     let round = |value: &mut f64, unit: f64| *value = ComplexField::round(*value / unit) * unit;
     prediction.by_encoder_errors.iter_mut().for_each(|value| round(value, ROUNDING));
@@ -329,9 +332,10 @@ mod tests {
         information.sigmas().expect("positive definite")
     }
 
-    /// The core counts in blocks, which a forecast does by their mean: of 3 s stops 2 %, so 1 % of the sigma.
+    /// The core counts in blocks, and the forecast uses the mean loss. For stops of 3 s the difference is 2 % of the
+    /// time, so 1 % of the sigma.
     #[test]
-    fn forecast_is_that_of_the_core() {
+    fn the_forecast_agrees_with_the_core() {
         let plain = setup();
         let walk = 1e-3 * DEG_H;
         let options = Options {

@@ -1,4 +1,4 @@
-//! Which parameters matter, and how their sigmas make one number.
+//! The objective of a plan: chosen parameters, and one number from their sigmas.
 
 use super::information::Information;
 use crate::base::quantity::{HEADING, states};
@@ -7,28 +7,28 @@ use rins_selfcal::estimator::OBSERVED_RATIO;
 use rins_selfcal::model::error_model::{INSTALLATION_STATES, PARAMETERS};
 use rins_selfcal::model::options::Options;
 
-/// How weighted sigmas make one number.
+/// Function of the weighted sigmas that is minimized.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Criterion {
-    /// The largest
+    /// The largest sigma
     #[default]
     Worst,
-    /// Root of the mean square, A-optimal
+    /// Root mean square of the sigmas (A-optimal)
     A,
-    /// Root of the determinant of the covariance, per parameter, D-optimal
+    /// Geometric mean of the axes of the error ellipsoid, from the determinant of the covariance (D-optimal)
     D,
 }
 
-/// A parameter or optional state that matters.
+/// A chosen parameter or optional state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Weight {
-    /// Its number among the parameters and, after them, the optional states.
+    /// Index among the parameters and, after them, the optional states.
     pub parameter: usize,
-    /// What its sigma in report units is multiplied by.
+    /// Factor for the sigma in report units.
     pub factor: f64,
 }
 
-/// What shall be small.
+/// What a plan minimizes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Objective {
     criterion: Criterion,
@@ -36,24 +36,24 @@ pub struct Objective {
 }
 
 impl Objective {
-    /// Bai's twelve, all alike.
+    /// Bai's twelve states, with equal weights.
     pub fn installation(criterion: Criterion) -> Self {
         let weights = (0..INSTALLATION_STATES).map(|parameter| Weight { parameter, factor: 1.0 }).collect();
         Self { criterion, weights }
     }
 
-    /// Parameters by name with their factors.
+    /// Parameters by name, with factors.
     ///
     /// # Errors
-    /// What is wrong with a name or a factor.
+    /// Names the parameter, and the fault of its name or factor.
     pub fn weighted(criterion: Criterion, weights: &[(String, f64)], options: &Options) -> Result<Self, String> {
         let by_name = |(name, factor): &(String, f64)| {
             let parameter = states().position(|info| info.name == name);
-            let parameter = parameter.ok_or_else(|| format!("{name}: no such parameter"))?;
+            let parameter = parameter.ok_or_else(|| format!("{name}: unknown parameter"))?;
             let optional =
                 parameter.checked_sub(PARAMETERS).and_then(|index| options.prior_sigmas().get(index).copied());
             if optional == Some(0.0) {
-                return Err(format!("{name}: its effect is not estimated"));
+                return Err(format!("{name}: not estimated; --effects switches its effect on"));
             }
             if !(factor.is_finite() && *factor > 0.0) {
                 return Err(format!("{name}: the weight must be finite and positive"));
@@ -63,18 +63,19 @@ impl Objective {
         Ok(Self { criterion, weights: weights.iter().map(by_name).collect::<Result<_, _>>()? })
     }
 
-    /// How sigmas make one number.
+    /// Function of the weighted sigmas.
     pub fn criterion(&self) -> Criterion {
         self.criterion
     }
 
-    /// What matters.
+    /// The chosen parameters with their weights.
     pub fn weights(&self) -> &[Weight] {
         &self.weights
     }
 
-    /// The number for this information, many times as large where it leaves parameters unobserved; of the worst sigma a p-norm with this exponent, which is smooth, or with an
-    /// infinite one itself. `None` where the information is not positive definite.
+    /// Value of the objective for this information. Unobserved parameters make the value many times larger. For the
+    /// worst sigma, a finite `exponent` gives a p-norm, which is smooth, and an infinite one the worst sigma itself.
+    /// `None` if the information is not positive definite.
     pub fn value<const STATES: usize>(&self, information: &Information<STATES>, exponent: f64) -> Option<f64> {
         let factor = information.factor()?;
         let columns = self.weights.iter().map(|weight| {
@@ -90,8 +91,9 @@ impl Objective {
     }
 }
 
-/// 1 where all parameters are observed by the verdict's measure; else the product of what each lacks, so that every step
-/// towards a whole scheme pays. The core asks nothing of the heading.
+/// 1 if all parameters are observed by the verdict's measure. Otherwise the product of the factors by which their
+/// sigmas are too large, so that every step towards a complete scheme lowers the value. The heading need not be
+/// observed.
 fn unobserved_penalty<const STATES: usize>(
     information: &Information<STATES>,
     factor: &Matrix<f64, STATES, STATES>,
@@ -111,8 +113,8 @@ fn power_mean(values: &[f64], exponent: f64) -> f64 {
     largest * ComplexField::powf(sum / values.len() as f64, exponent.recip())
 }
 
-/// Geometric mean of the edges of a box with the volume of these columns: the determinant of their products is the volume
-/// squared.
+/// Geometric mean of the edges of a box that has the volume spanned by these columns. The determinant of their products
+/// is the square of the volume.
 fn mean_edge<const STATES: usize>(mut columns: Vec<Vector<f64, STATES>>) -> f64 {
     let mut sum_of_logs = 0.0;
     for number in 0..columns.len() {
@@ -130,10 +132,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_large_exponent_comes_near_the_largest() {
+    fn the_mean_with_a_large_exponent_is_near_the_largest_value() {
         let sigmas = [0.3, 0.5, 0.4];
         assert_eq!(power_mean(&sigmas, f64::INFINITY), 0.5);
-        // The largest alone makes (1/3)^(1/64) of itself.
+        // The largest value alone gives (1/3)^(1/64) of itself.
         let found = power_mean(&sigmas, 64.0);
         assert!(found < 0.5 && found > 0.5 * 3_f64.powf(-1.0 / 64.0), "{found}");
         assert!((power_mean(&[3.0, 4.0], 2.0) - 12.5_f64.sqrt()).abs() < 1e-12);
@@ -153,8 +155,11 @@ mod tests {
             Objective::weighted(Criterion::Worst, &[(name.to_string(), factor)], &Options::NONE).map(|_| ())
         };
         assert_eq!(weighted("gamma", 1.0), Ok(()));
-        assert_eq!(weighted("delta", 1.0), Err("delta: no such parameter".into()));
-        assert_eq!(weighted("gyro_bias_ramp_x", 1.0), Err("gyro_bias_ramp_x: its effect is not estimated".into()));
+        assert_eq!(weighted("delta", 1.0), Err("delta: unknown parameter".into()));
+        assert_eq!(
+            weighted("gyro_bias_ramp_x", 1.0),
+            Err("gyro_bias_ramp_x: not estimated; --effects switches its effect on".into())
+        );
         assert_eq!(weighted("gamma", -1.0), Err("gamma: the weight must be finite and positive".into()));
     }
 }

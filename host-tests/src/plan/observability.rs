@@ -1,14 +1,14 @@
-//! What a rotation scheme makes observable.
+//! Observability of the installation errors on a rotation scheme.
 //!
-//! The twelve installation errors are constant, F = 0, so the stripped observability matrix of the piecewise constant system (PWCS; Goshen-
-//! Meskin and Bar-Itzhack 1992) is the stack of the measurement matrices:
+//! The twelve installation errors are constant, F = 0, so the stripped observability matrix of the piecewise constant
+//! system (PWCS; Goshen- Meskin and Bar-Itzhack 1992) is the stack of the measurement matrices:
 //! ```text
-//! (11) H1 = [0(3x6) | R^T F(f_a) - F(f_a0) | [(R^T f_a) x](I - R^T)]      at stops
-//! (13) H2 = [-G(w_g) | 0(3x6)]                                            while turning
+//! (B11) H1 = [0(3x6) | R^T F(f_a) - F(f_a0) | [(R^T f_a) x](I - R^T)]     at stops
+//! (B13) H2 = [-G(w_g) | 0(3x6)]                                           while turning
 //! ```
-//! (Bai et al., Sensors 2019, 19, 4005.) Here it is stacked in the scheme's own order, row by row in triangular form, so
-//! that its singular values cost the same however long the scheme is. H1 is taken in units of gravity and H2 in units of
-//! the scheme's rate, so that both are numbers.
+//! (Bai et al., Sensors 2019, 19, 4005.) Here the rows are stacked in the order of the scheme and kept in triangular
+//! form, so that the cost of the singular values does not depend on the length of the scheme. H1 is in units of gravity
+//! and H2 in units of the scheme's rate, so that both have no unit.
 
 use rins_selfcal::base::angle::Angle;
 use rins_selfcal::base::linear::{ComplexField, Matrix, Vector, Vector3, skew};
@@ -18,14 +18,15 @@ use rins_selfcal::model::rotation::gyro_non_orthogonality_matrix;
 use rins_selfcal::model::stop_force::accel_non_orthogonality_matrix;
 use rins_selfcal::scheme::{Leg, Scheme};
 
-/// A singular value below this part of the largest counts as zero. Earth rate, 2e-4 of the scheme's, counts as seen.
+/// A singular value below this part of the largest counts as zero. Earth rate, 2e-4 of the scheme's rate, does not.
 const RANK_TOLERANCE: f64 = 1e-10;
 /// Time between rows while turning, s.
 const ROW_S: f64 = 0.1;
 /// A direction is observed if the measurements leave at most this part of its prior variance.
 const OBSERVED_VARIANCE: f64 = 0.01;
 
-/// Singular values, the largest first: one-sided Jacobi rotations (Hestenes 1958), accurate for small ones too.
+/// Singular values, the largest first, by one-sided Jacobi rotations (Hestenes 1958), which are accurate for small
+/// singular values too.
 fn singular_values<const N: usize>(m: &Matrix<f64, N, N>) -> Vector<f64, N> {
     const SWEEPS: usize = 30;
     let mut columns = *m;
@@ -67,7 +68,7 @@ fn orthogonalize<const N: usize>(columns: &mut Matrix<f64, N, N>, i: usize, j: u
 /// Rank and singular values of a stacked matrix.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Observability<const N: usize> {
-    /// Number of singular values that count.
+    /// Number of singular values that do not count as zero.
     pub rank: usize,
     /// Singular values, the largest first, (N).
     pub singular_values: Vector<f64, N>,
@@ -81,14 +82,14 @@ impl<const N: usize> Observability<N> {
         Self { rank: singular_values.iter().filter(counts).count(), singular_values }
     }
 
-    /// Largest singular value over the smallest that counts.
+    /// Largest singular value divided by the smallest that does not count as zero.
     pub fn condition_number(&self) -> f64 {
         let counted = self.singular_values.iter().take(self.rank);
         counted.clone().fold(0.0, |a, b| f64::max(a, *b)) / counted.fold(f64::INFINITY, |a, b| f64::min(a, *b))
     }
 }
 
-/// Rows stacked so far, reduced to a triangle with the same singular values.
+/// The rows so far, reduced to a triangular matrix with the same singular values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StrippedMatrix<const N: usize> {
     triangle: Matrix<f64, N, N>,
@@ -101,7 +102,7 @@ impl<const N: usize> Default for StrippedMatrix<N> {
 }
 
 impl<const N: usize> StrippedMatrix<N> {
-    /// Adds the rows of a measurement matrix, by Givens rotations into the triangle.
+    /// Adds the rows of a measurement matrix by Givens rotations into the triangular matrix.
     pub fn add<const ROWS: usize>(&mut self, rows: &Matrix<f64, ROWS, N>) {
         for row in rows.row_iter() {
             let mut row = row.transpose();
@@ -125,13 +126,13 @@ impl<const N: usize> StrippedMatrix<N> {
         }
     }
 
-    /// Rank and singular values of what is stacked.
+    /// Rank and singular values of the rows so far.
     pub fn observability(&self) -> Observability<N> {
         Observability::of(&self.triangle)
     }
 }
 
-/// (11): the measurement matrix of a stop against the first stop, in units of gravity.
+/// (B11): the measurement matrix of a stop against the first stop, in units of gravity.
 fn stop_matrix(outer: Angle, inner: Angle, up_b: &Vector3<f64>) -> Matrix<f64, 3, INSTALLATION_STATES> {
     let back = InstrumentErrors::<f64>::default().rot_rr0(outer, inner).transpose();
     let force_a = back.transpose() * up_b;
@@ -142,15 +143,15 @@ fn stop_matrix(outer: Angle, inner: Angle, up_b: &Vector3<f64>) -> Matrix<f64, 3
     h
 }
 
-/// (13): the measurement matrix while turning, in units of `unit_rad_s`.
+/// (B13): the measurement matrix while turning, in units of `unit_rad_s`.
 fn turn_matrix(omega_g: &Vector3<f64>, unit_rad_s: f64) -> Matrix<f64, 3, INSTALLATION_STATES> {
     let mut h = Matrix::<f64, 3, INSTALLATION_STATES>::zeros();
     h.fixed_columns_mut::<6>(0).copy_from(&(-gyro_non_orthogonality_matrix(omega_g) / unit_rad_s));
     h
 }
 
-/// Stacks (11) and (13) along one period of a scheme on an instrument without errors, its base at this attitude, and
-/// reports after every row while turning and after every stop: time (s) and observability.
+/// Stacks (B11) and (B13) along one period of a scheme on an instrument without errors, with the base at this attitude.
+/// Calls `report` with time (s) and observability after every row while turning and after every stop.
 pub fn along_scheme(
     scheme: &Scheme,
     site: &Site,
@@ -184,9 +185,9 @@ pub fn along_scheme(
     }
 }
 
-/// How many directions of the parameter space the measurements determine, and the condition number of the estimation
-/// problem: of the information matrix' square root with its columns scaled to length one, that is of the correlation
-/// matrix. States of prior sigma zero are left out.
+/// Number of directions of the parameter space that the measurements determine, and condition number of the estimation
+/// problem. The condition number is the one of the square root of the information matrix with columns of unit length,
+/// that is of the square root of the correlation matrix. States with a prior sigma of zero are left out.
 pub fn of_covariance<const N: usize>(covariance: &Matrix<f64, N, N>, prior_sigmas: &[f64; N]) -> (usize, f64) {
     let inverse = |value: f64| if value > 0.0 { 1.0 / value } else { 0.0 };
     let by_prior = Vector::<f64, N>::from_fn(|row, _| inverse(prior_sigmas[row]));
@@ -205,7 +206,7 @@ mod tests {
     use rins_selfcal::base::units::DEG;
 
     #[test]
-    fn triangle_has_the_singular_values_of_the_stack() {
+    fn the_triangular_matrix_has_the_singular_values_of_the_stack() {
         let rows = Matrix::<f64, 7, 4>::from_fn(|row, column| ((3 * row + 5 * column * column) % 11) as f64 - 4.0);
         let mut stripped = StrippedMatrix::<4>::default();
         stripped.add(&rows);
@@ -213,7 +214,7 @@ mod tests {
         assert!((found - expected).norm() < 1e-12, "{found} for {expected}");
     }
 
-    /// Sayz, Sazy and alpha: nothing that is measured depends on them until then.
+    /// The three states are Sayz, Sazy and alpha. No measurement depends on them until the inner axis has moved.
     #[test]
     fn turns_about_the_outer_axis_on_a_level_base_leave_three_states_without_a_column() {
         for quarters in -4..=4 {

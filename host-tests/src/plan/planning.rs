@@ -1,4 +1,4 @@
-//! A plan: what is tried, and what comes of it.
+//! Planning: from a request to a scheme.
 
 use super::bound::lower_bound;
 use super::information::Forecast;
@@ -12,43 +12,43 @@ use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES, MAX_SEGMENTS};
 use rins_selfcal::scheme::{Leg, MAX_LEGS, Scheme};
 use rins_selfcal::segment::GUARD_S;
 
-/// Most legs of a scheme that the core can hold all segments of.
+/// Largest number of legs with which the core can hold all segments of a scheme.
 pub const MOST_LEGS: usize = if MAX_LEGS < (MAX_SEGMENTS - 1) / 2 { MAX_LEGS } else { (MAX_SEGMENTS - 1) / 2 };
-/// Free angles are found to this, rad: nothing is lost, and the file is good to read.
+/// Step of free angles, rad. It is fine enough for the sigmas, and the angles in the file are short.
 const FREE_ANGLE_RAD: f64 = 0.1 * DEG;
-/// Three blocks of 0.1 s, of which the verdict takes the scatter, and a part of one.
+/// Shortest usable time of a stop: three blocks of 0.1 s, whose scatter the verdict needs, and a part of a block.
 const LEAST_USABLE_S: f64 = 0.4;
 
-/// What was found.
+/// Result of a search.
 #[derive(Clone, Debug)]
 pub struct Planned {
     /// The scheme.
     pub scheme: Scheme,
-    /// Its value by the objective, as forecast.
+    /// Predicted value of the objective.
     pub value: f64,
-    /// What no scheme can go below; `None` for an objective without one.
+    /// Lower bound of the objective for any scheme; `None` if the objective has no bound.
     pub bound: Option<f64>,
 }
 
-/// Why there is no plan.
+/// Reasons why no scheme is found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PlanError {
-    /// Nothing fits.
-    #[error("in this time no scheme was found that fits; give it more time, travel or rate")]
+    /// No scheme fits the time.
+    #[error("no scheme was found that fits this time; give more time, travel or rate")]
     TooShort,
-    /// The name does not fit.
-    #[error("the name of a scheme has up to 32 bytes")]
+    /// The name is too long.
+    #[error("the name of a scheme may have at most 32 bytes")]
     Name,
-    /// Bai's method has no forecast.
-    #[error("schemes are planned for the joint method")]
+    /// The two-stage method has no forecast.
+    #[error("schemes can be planned for the joint method only")]
     TwoStage,
 }
 
-/// Finds a scheme. The same request gives the same scheme on any machine, whatever its cores. `progress` is told the number
-/// of schemes looked at since it was told last, and the best value of one chain.
+/// Finds a scheme. The same request gives the same scheme on any machine with any number of cores. `progress` receives
+/// the number of schemes that were evaluated since its last call, and the best value of one chain.
 ///
 /// # Errors
-/// Why there is none.
+/// The reason why no scheme is found.
 pub fn plan(request: &PlanRequest, name: &str, progress: &(impl Fn(u64, f64) + Sync)) -> Result<Planned, PlanError> {
     let name = name.try_into().map_err(|_| PlanError::Name)?;
     if request.setup.method == Method::TwoStage {

@@ -1,7 +1,7 @@
-//! What a scheme will give before anything has turned: sigmas, rank and condition.
+//! Prediction for a scheme before it is run: sigmas, rank and condition number.
 //!
-//! The covariance does not depend on the data beyond the geometry, so a perfect unit without noise is run through the
-//! core, which is told the noise of the real one.
+//! The covariance depends on the geometry only, not on the values of the measurements. So the core processes the
+//! readings of a perfect unit without noise, and its configuration has the noise of the real unit.
 
 use super::observability::{along_scheme, of_covariance};
 use crate::base::quantity::{STATES, states};
@@ -26,14 +26,14 @@ const SILENT: Noise = Noise {
     rate_reference_arcsec_sqrt_s: 0.0,
 };
 
-/// Rank and condition number of Bai's twelve states from the start up to a time in the scheme.
+/// Rank and condition number of Bai's twelve states from the start up to a time of the scheme.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct RankAt {
     /// Scheme time, s.
     pub time_s: f64,
     /// Rank, of 12.
     pub rank: usize,
-    /// Largest singular value over the smallest that counts.
+    /// Largest singular value divided by the smallest that does not count as zero.
     pub condition_number: f64,
 }
 
@@ -42,93 +42,93 @@ pub struct RankAt {
 pub struct PredictedSigma {
     /// Standard deviation.
     pub sigma: f64,
-    /// Its unit.
+    /// Unit of the sigma.
     pub unit: &'static str,
 }
 
-/// Sigmas after a segment, and what it brought.
+/// Sigmas after a segment, and the information that the segment gained.
 #[derive(Clone, Debug, Serialize)]
 pub struct SegmentGain {
     /// Segment, counted from 0.
     pub segment: u16,
     /// Stop or move.
     pub kind: SegmentKind,
-    /// Its end in scheme time, s.
+    /// End of the segment in scheme time, s.
     pub time_s: f64,
-    /// Sigmas after it, in report units.
+    /// Sigmas after the segment, in report units.
     pub sigmas: Named<f64>,
-    /// Information gained: logarithm to base 2 of the sigma before over that after, bits.
+    /// Information gained, bits: binary logarithm of the sigma before over the sigma after.
     pub gained_bits: Named<f64>,
 }
 
 impl SegmentGain {
-    /// The largest sigma of Bai's twelve, arcsec.
+    /// The largest sigma of Bai's twelve states, arcsec.
     pub fn worst_arcsec(&self) -> f64 {
         self.sigmas.0.iter().take(INSTALLATION_STATES).fold(0.0, |worst, (_, sigma)| f64::max(worst, *sigma))
     }
 }
 
-/// What a scheme will give.
+/// Prediction for a scheme.
 #[derive(Clone, Debug, Serialize)]
 pub struct Prediction {
     /// Name of the scheme.
     pub scheme: String,
     /// Joint or two-stage.
     pub method: &'static str,
-    /// First stop, ramps and settling included, s.
+    /// Duration including first stop, ramps and settling, s.
     pub duration_s: f64,
-    /// Directions of the space of these states that the data determine.
+    /// Number of directions in the space of the estimated states that the data determine.
     pub rank: usize,
-    /// Parameters and optional states that are estimated.
+    /// Number of parameters and optional states that are estimated.
     pub states: usize,
-    /// Of the correlation matrix' square root.
+    /// Condition number of the square root of the correlation matrix.
     pub condition_number: f64,
-    /// The largest sigma of Bai's twelve, arcsec.
+    /// The largest sigma of Bai's twelve states, arcsec.
     pub worst_arcsec: f64,
-    /// What no scheme can go below in this time, arcsec, where that has been looked for.
+    /// Lower bound of the largest sigma for any scheme of this duration, arcsec, if it was computed.
     pub least_possible_arcsec: Option<f64>,
-    /// Time at which the largest sigma of Bai's twelve comes to 1 arcsec, s.
+    /// Time at which the largest sigma of Bai's twelve states has fallen to 1 arcsec, s.
     pub time_to_1_arcsec_s: Option<f64>,
     /// States that are not observed.
     pub unobserved: Vec<&'static str>,
-    /// The direction that is known least, in words.
+    /// The direction with the largest uncertainty, in words.
     pub weakest_direction: String,
     /// Sigmas by name, at the end of the run.
     pub parameters: Named<PredictedSigma>,
     /// Sigmas of the optional states that are estimated.
     pub optional_states: Named<PredictedSigma>,
-    /// Bai's twelve states against scheme time, where rank or move changes.
+    /// Rank of Bai's twelve states against scheme time, at each change of rank and at the end of each stop.
     pub installation_rank: Vec<RankAt>,
-    /// What every segment brings.
+    /// Gain of every segment.
     pub segments: Vec<SegmentGain>,
-    /// Where the unit stands.
+    /// Site of the unit.
     pub site: SiteReport,
-    /// Its noise.
+    /// Noise of the unit.
     pub noise: Noise,
     software: Software,
 }
 
-/// What is observed, and how well.
+/// Observability and sigmas.
 #[derive(Clone, Debug, Serialize)]
 pub struct Observed {
-    /// Directions of the space of the states that the data determine.
+    /// Number of directions in the space of the states that the data determine.
     pub rank: usize,
-    /// States that are estimated.
+    /// Number of states that are estimated.
     pub states: usize,
-    /// Of the correlation matrix' square root.
+    /// Condition number of the square root of the correlation matrix.
     pub condition_number: f64,
-    /// The largest sigma of Bai's twelve, arcsec.
+    /// The largest sigma of Bai's twelve states, arcsec.
     pub worst_arcsec: f64,
     /// States that are not observed.
     pub unobserved: Vec<&'static str>,
-    /// The direction that is known least, in words.
+    /// The direction with the largest uncertainty, in words.
     pub weakest_direction: String,
     /// Sigmas by name.
     pub parameters: Named<PredictedSigma>,
 }
 
 impl Observed {
-    /// By the covariance of all states, SI.
+    /// Evaluates the covariance of all states, SI units.
     pub fn new(setup: &Setup, covariance: &Matrix<f64, STATES, STATES>) -> Self {
         let prior_sigmas = estimated_priors(setup);
         let covariance = estimated_only(covariance, &prior_sigmas);
@@ -149,7 +149,7 @@ impl Observed {
 }
 
 impl Prediction {
-    /// Of a unit without errors, level and facing north.
+    /// Prediction for a unit without errors, level and facing north.
     pub fn new(setup: &Setup, scheme: &Scheme) -> Self {
         let (run, prior_sigmas) = (silent_run(setup, scheme), estimated_priors(setup));
         let foreseen = Foreseen::new(setup, &run);
@@ -180,11 +180,11 @@ impl Prediction {
     }
 }
 
-/// A run without noise, by a core that is told the noise of the real one.
+/// A run without noise. The configuration of the core has the noise of the real unit.
 struct Foreseen {
-    /// After every segment: the live estimate, which refers to the start of the run, and the sigmas of all states, SI.
+    /// Live estimate, which refers to the start of the run, and sigmas of all states (SI units), after every segment.
     live: Vec<(Progress, [f64; STATES])>,
-    /// Of all states in the end, SI.
+    /// Covariance of all states at the end, SI units.
     covariance: Matrix<f64, STATES, STATES>,
 }
 
@@ -219,23 +219,23 @@ fn sigmas(covariance: &Matrix<f64, STATES, STATES>) -> [f64; STATES] {
     std::array::from_fn(|state| covariance[(state, state)].sqrt())
 }
 
-/// Sigmas of all parameters by the core, SI.
+/// Sigmas of all parameters from the core, SI units.
 pub fn predicted_sigmas_si(setup: &Setup, scheme: &Scheme) -> [f64; PARAMETERS] {
     silent_run(setup, scheme).calibrate(std::slice::from_ref(setup)).remove(0).estimate().sigmas
 }
 
-/// Duration of a scheme, first stop, ramps and settling included, s.
+/// Duration of a scheme including first stop, ramps and settling, s.
 pub fn duration_s(setup: &Setup, scheme: &Scheme) -> f64 {
     silent_run(setup, scheme).duration_s()
 }
 
-/// A perfect unit without noise, level and facing north.
+/// A run of a perfect unit without noise, level and facing north.
 fn silent_run(setup: &Setup, scheme: &Scheme) -> VirtualRun {
     let unit = VirtualUnit { site: setup.site, noise: SILENT, rate_hz: setup.rate_hz, ..VirtualUnit::default() };
     VirtualRun { unit, scheme: scheme.clone(), seed: 0 }
 }
 
-/// Prior sigmas, SI; zero where the method only carries a state along.
+/// Prior sigmas, SI units; zero for states that the method does not estimate.
 fn estimated_priors(setup: &Setup) -> [f64; STATES] {
     let mut sigmas = setup.prior_sigmas();
     for (state, sigma) in sigmas.iter_mut().enumerate().take(PARAMETERS) {
@@ -252,7 +252,7 @@ fn estimated_only(
     Matrix::from_fn(|row, column| if estimated(row) && estimated(column) { covariance[(row, column)] } else { 0.0 })
 }
 
-/// States of which the data leave too much of the prior; the verdict's own measure.
+/// States whose sigma is above the tenth of their prior sigma that the verdict requires.
 fn unobserved(covariance: &Matrix<f64, STATES, STATES>, prior_sigmas: &[f64; STATES]) -> Vec<&'static str> {
     let hidden = states().zip(sigmas(covariance)).zip(prior_sigmas).filter_map(|((info, sigma), prior)| {
         let seen = sigma <= OBSERVED_RATIO * prior;
@@ -261,8 +261,8 @@ fn unobserved(covariance: &Matrix<f64, STATES, STATES>, prior_sigmas: &[f64; STA
     hidden.collect()
 }
 
-/// The principal axis of the covariance along which it is longest, in units of the sigmas, or of the prior ones where some
-/// states are not observed: its two largest entries, with each other or against each other.
+/// The longest principal axis of the covariance, in units of the sigmas, or of the prior sigmas if some states are not
+/// observed. It is described by its two largest entries and whether their signs are equal ("with") or not ("against").
 fn weakest_direction(covariance: &Matrix<f64, STATES, STATES>, prior_sigmas: &[f64; STATES], by_prior: bool) -> String {
     let unit = |index: usize| if by_prior { prior_sigmas[index] } else { covariance[(index, index)].sqrt() };
     let inverse = |index: usize| if unit(index) > 0.0 { unit(index).recip() } else { 0.0 };
@@ -274,7 +274,7 @@ fn weakest_direction(covariance: &Matrix<f64, STATES, STATES>, prior_sigmas: &[f
     let mut order: Vec<(usize, &str)> = states().map(|info| info.name).enumerate().collect();
     order.sort_by(|(a, _), (b, _)| axis[*b].abs().total_cmp(&axis[*a].abs()));
     let ((first, name), (second, other)) = (order[0], order[1]);
-    // A tenth of the squared length.
+    // The second entry is named only from a tenth of the squared length on.
     if axis[second] * axis[second] < 0.1 {
         name.into()
     } else if axis[first] * axis[second] < 0.0 {
@@ -284,7 +284,7 @@ fn weakest_direction(covariance: &Matrix<f64, STATES, STATES>, prior_sigmas: &[f
     }
 }
 
-/// What each segment brought to the states that are estimated.
+/// Gain of each segment for the states that are estimated.
 fn gains(prior_sigmas: &[f64; STATES], live: &[(Progress, [f64; STATES])]) -> Vec<SegmentGain> {
     let named = |value: &dyn Fn(usize, &ParameterInfo) -> f64| {
         let estimated = states().enumerate().filter(|(state, _)| prior_sigmas[*state] > 0.0);
@@ -319,7 +319,7 @@ fn predicted(
     Named(estimated.map(predicted).collect())
 }
 
-/// Rank and condition number whenever the rank has changed, and at the end of every stop.
+/// Rank and condition number at each change of the rank and at the end of every stop.
 fn installation_rank(setup: &Setup, scheme: &Scheme) -> Vec<RankAt> {
     let ends = stop_ends_s(scheme);
     let mut table: Vec<RankAt> = Vec::new();

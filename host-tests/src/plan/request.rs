@@ -1,46 +1,46 @@
-//! What is asked for of a plan.
+//! The request for a plan.
 
 use super::objective::Objective;
 use crate::calibration::Setup;
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::scheme::Turning;
 
-/// Angles that an axis may stand at, rad, counted over whole turns; zero is one of them.
+/// Range of angles of an axis, rad, continuous over whole turns. The range contains zero.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Travel {
-    /// Lowest.
+    /// Lowest angle, rad.
     pub lowest_rad: f64,
-    /// Highest.
+    /// Highest angle, rad.
     pub highest_rad: f64,
 }
 
 impl Default for Travel {
-    /// The core's usual axis.
+    /// Travel of the core's default axis.
     fn default() -> Self {
         let AxisLimits { lowest_rad, highest_rad, .. } = AxisLimits::default();
         Self { lowest_rad, highest_rad }
     }
 }
 
-/// What is asked for.
+/// Request for a plan.
 #[derive(Clone, Debug)]
 pub struct PlanRequest {
-    /// The unit and what is estimated.
+    /// The unit, the method and its options.
     pub setup: Setup,
-    /// Time for everything, first stop, ramps and settling included, s.
+    /// Duration of the scheme including first stop, ramps and settling, s.
     pub time_s: f64,
-    /// How the axes turn.
+    /// Rate and acceleration of the axes.
     pub turning: Turning,
-    /// Time after a move that the accelerometers need to settle, s; the core waits 0.3 s in any case.
+    /// Settling time of the accelerometers after a move, s; the core always waits at least 0.3 s.
     pub settling_s: f64,
     /// Travel of the outer and the inner axis.
     pub travel: [Travel; 2],
-    /// Stops are at multiples of this, rad; `None`: at any angle.
+    /// Stops are at multiples of this angle, rad; `None` allows any angle.
     pub angle_step_rad: Option<f64>,
-    /// What shall be small.
+    /// What is minimized.
     pub objective: Objective,
-    /// Schemes to be looked at.
+    /// Number of schemes to evaluate.
     pub evaluations: u64,
-    /// Of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
 }

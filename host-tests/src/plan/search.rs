@@ -1,10 +1,10 @@
-//! Simulated annealing over the stops of a scheme: their angles, their order, their number and how the time is shared.
+//! Simulated annealing over the stops of a scheme: their angles, order, number and durations.
 //!
-//! Independent chains start from chance; those that end best are cooled further with small steps. A chain belongs to its
-//! seed and nothing else, so the result does not depend on the number of cores; nor on the machine, because what it
-//! computes with is the core's own mathematics. (Kirkpatrick, Gelatt and Vecchi, Science 220, 1983.) The
-//! loop is a dozen lines, which argmin's annealer could replace at the price of its own random numbers; the steps, which
-//! are the rest of this file, belong to schemes alone.
+//! Independent chains start from random schemes. The best chains are then cooled further with small steps. A chain
+//! depends on its seed only, so the result does not depend on the number of cores. It does not depend on the machine
+//! either, because the search uses the core's own mathematics. (Kirkpatrick, Gelatt and Vecchi, Science 220, 1983.) The
+//! annealing loop has a dozen lines. The crate argmin has an annealer, but it brings its own random numbers. The steps,
+//! the rest of this file, are specific to schemes.
 
 use super::information::{Forecast, LegModel};
 use super::objective::Objective;
@@ -19,28 +19,28 @@ use rins_selfcal::scheme::Leg;
 use std::collections::HashMap;
 use std::rc::Rc;
 
-/// Chains that start from chance, and the part of all evaluations that they get.
+/// Number of chains that start from random schemes, and their share of all evaluations.
 const CHAINS: u64 = 24;
 const FIRST_PART: f64 = 0.8;
-/// Chains that are cooled further.
+/// Number of chains that are cooled further.
 const FINALISTS: usize = 4;
-/// Evaluations between two words on the progress.
+/// Evaluations between two reports of progress.
 const TELL: u64 = 500;
-/// Models of legs that are remembered, some 10 MB.
+/// Number of leg models in the cache, about 10 MB.
 const REMEMBERED: usize = 4000;
-/// Extra time of a stop that is not zero, so that it can grow, s.
+/// Smallest extra time of a stop, s. It is not zero, so that scaling can make it larger.
 const LEAST_EXTRA_S: f64 = 1e-3;
-/// Trials for a first scheme that fits.
+/// Trials to find a first scheme that fits.
 const TRIALS: usize = 10_000;
 
-/// From hot to cold, all geometrically.
+/// Cooling schedule; each pair is the first and the last value, and the values between are geometric.
 #[derive(Clone, Copy)]
 struct Cooling {
-    /// Change of the objective's logarithm that is accepted one time in e.
+    /// Increase of the objective's logarithm that is accepted with probability 1/e.
     temperature: [f64; 2],
-    /// Size of steps, of the largest.
+    /// Size of the steps, relative to the largest.
     step: [f64; 2],
-    /// Of the p-norm that stands for the worst.
+    /// Exponent of the p-norm that approximates the worst sigma.
     exponent: f64,
 }
 
@@ -51,30 +51,30 @@ fn cooled([from, to]: [f64; 2], part: f64) -> f64 {
     from * ComplexField::powf(to / from, part)
 }
 
-/// What a scheme must fulfil, and what makes it good.
+/// Constraints and objective of a search.
 pub struct Problem<'a, const STATES: usize> {
-    /// Predicts its information.
+    /// Predicts the information of a scheme.
     pub forecast: Forecast<STATES>,
-    /// Judges it.
+    /// Objective for the information.
     pub objective: &'a Objective,
-    /// Its duration, s.
+    /// Duration of the scheme, s.
     pub time_s: f64,
-    /// Moves and stops take whole intervals of this, s.
+    /// Sample interval, s. Moves and stops take whole intervals.
     pub sample_s: f64,
-    /// Where the axes may stand.
+    /// Travel of the axes.
     pub travel: [Travel; 2],
-    /// Stops are at multiples of this, rad.
+    /// Step of the stop angles, rad.
     pub step_rad: f64,
     /// Shortest stop, s.
     pub least_stop_s: f64,
-    /// Most legs.
+    /// Largest number of legs.
     pub most_legs: usize,
 }
 
 impl<const STATES: usize> Problem<'_, STATES> {
     fn snapped(&self, axis: usize, angle_rad: f64) -> f64 {
         let Travel { lowest_rad, highest_rad } = self.travel[axis];
-        // A limit is not always a multiple of the step.
+        // A limit of the travel need not be a multiple of the step.
         let steps = |limit: f64| limit / self.step_rad;
         let lowest = ComplexField::ceil(steps(lowest_rad) - 1e-9);
         let highest = ComplexField::floor(steps(highest_rad) + 1e-9);
@@ -94,7 +94,7 @@ impl<const STATES: usize> Problem<'_, STATES> {
 struct Chance(Xoshiro256PlusPlus);
 
 impl Chance {
-    /// Uniform in [0, 1).
+    /// Uniform random number in [0, 1).
     fn part(&mut self) -> f64 {
         (self.0.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
     }
@@ -103,13 +103,14 @@ impl Chance {
         (self.part() * count as f64) as usize
     }
 
-    /// Of mean 0 and variance 1, nearly normal: the sum of three uniform numbers, exact on every machine.
+    /// Nearly normal random number of mean 0 and variance 1: a sum of three uniform numbers, identical on every
+    /// machine.
     fn bell(&mut self) -> f64 {
         2.0 * (self.part() + self.part() + self.part() - 1.5)
     }
 }
 
-/// A scheme and how good it is.
+/// A scheme and the value of its objective.
 type Valued = (f64, Vec<Leg>);
 
 struct Chain<'a, const STATES: usize> {
@@ -118,7 +119,7 @@ struct Chain<'a, const STATES: usize> {
     remembered: HashMap<[u64; 4], Rc<LegModel>>,
 }
 
-/// Looks at this many schemes; the best, with its stops on the sample grid. `None` if none fits.
+/// Evaluates this many schemes. Returns the best one, with its stops on the sample grid; `None` if no scheme fits.
 pub fn search<const STATES: usize>(
     problem: &Problem<STATES>,
     evaluations: u64,
@@ -150,10 +151,10 @@ impl<'a, const STATES: usize> Chain<'a, STATES> {
         Self { problem, chance, remembered: HashMap::new() }
     }
 
-    /// Some stops by chance, in the order of the outer angle.
+    /// Random stops in the order of the outer angle.
     fn start(&mut self) -> Option<Vec<Leg>> {
         for trial in 0..TRIALS {
-            // One stop for 15 s and five more; fewer if they do not fit.
+            // One stop per 15 s and five more; fewer if they do not fit.
             let legs = (4 + (self.problem.time_s / 15.0) as usize).min(self.problem.most_legs);
             let legs = legs - (legs - 1) * trial / TRIALS;
             let stop_s = self.problem.least_stop_s + 1.0;
@@ -205,7 +206,7 @@ impl<'a, const STATES: usize> Chain<'a, STATES> {
         best
     }
 
-    /// What the objective says of a scheme in the end: of the worst sigma itself, not of the norm that stands for it.
+    /// Final value of a scheme, with the worst sigma itself in place of the p-norm.
     fn told_value(&mut self, stands: &[Leg]) -> f64 {
         self.value(&mut stands.to_vec(), f64::INFINITY).unwrap_or(f64::INFINITY)
     }
@@ -214,7 +215,7 @@ impl<'a, const STATES: usize> Chain<'a, STATES> {
         worse_by < 0.0 || self.chance.part() < ComplexField::exp(-worse_by / temperature)
     }
 
-    /// A scheme near this one. `step` is the size of the changes, 1 for the largest.
+    /// A neighbour of this scheme. `step` is the size of the changes, 1 for the largest.
     fn neighbour(&mut self, stands: &[Leg], step: f64) -> Vec<Leg> {
         let mut stands = stands.to_vec();
         let last = stands.len() - 1;
@@ -258,7 +259,7 @@ impl<'a, const STATES: usize> Chain<'a, STATES> {
         stands
     }
 
-    /// One or both axes elsewhere, by chance.
+    /// Moves one or both axes to random angles.
     fn replace(&mut self, stand: &mut Leg) {
         let new = self.anywhere(stand.stop_s);
         let axes = self.chance.below(3);
@@ -279,7 +280,8 @@ impl<'a, const STATES: usize> Chain<'a, STATES> {
         }
     }
 
-    /// Stretches or shrinks the stops to fill the time; the legs. `None` if that cannot be, or a leg moves nothing.
+    /// Scales the stops to fill the time. Returns the legs; `None` if that is impossible, or if a leg moves neither
+    /// axis.
     fn fitted(&mut self, stands: &mut [Leg]) -> Option<Vec<Rc<LegModel>>> {
         let stays = |pair: &[Leg]| (pair[0].outer_rad, pair[0].inner_rad) == (pair[1].outer_rad, pair[1].inner_rad);
         if stands.windows(2).any(stays) {
@@ -313,7 +315,7 @@ impl<'a, const STATES: usize> Chain<'a, STATES> {
         self.problem.objective.value(&information, exponent)
     }
 
-    /// Stops rounded down to the sample grid, and what the objective says then.
+    /// Stops rounded down to the sample grid, and their objective.
     fn on_grid(&mut self, mut stands: Vec<Leg>) -> Option<Valued> {
         let legs = self.fitted(&mut stands)?;
         let sample_s = self.problem.sample_s;

@@ -1,8 +1,9 @@
-//! Two results of one unit: what changed, in sigmas of the difference.
+//! Comparison of two results of one unit, in sigmas of the difference.
 //!
-//! The results are taken as independent, of different runs: the variance of a difference is the sum of both. Attitude and
-//! heading are those of the vehicle, which may have moved; they are shown, and do not count. A largest change of n normal
-//! numbers stays below `quantile((1 + CONFIDENCE^(1/n)) / 2)`, so results agree up to there.
+//! The results come from different runs and are taken as independent, so the variance of a difference is the sum of
+//! both variances. Attitude and heading belong to the vehicle, which may have moved. They are shown, but not counted.
+//! With probability CONFIDENCE the largest of n standard normal numbers stays below this limit in magnitude:
+//! `quantile((1 + CONFIDENCE^(1/n)) / 2)`. Results agree up to the limit.
 
 use super::report::SiteReport;
 use super::saved::Saved;
@@ -10,46 +11,48 @@ use crate::base::quantity::{self, fixed};
 use rins_selfcal::model::error_model::{PARAMETER_INFO, PARAMETERS, block};
 use statrs::distribution::{ContinuousCDF, Normal};
 
-/// Probability with which two right results agree.
+/// Probability that two correct results agree.
 pub const CONFIDENCE: f64 = 0.999;
-/// A latitude this far off is another site, deg: 0.1 arcsec/s of Earth rate in 15.
+/// Smallest difference of latitude between two sites, deg. It changes a component of Earth rate (15 arcsec/s) by
+/// 0.003 arcsec/s at most.
 const SITE_DEG: f64 = 0.01;
-/// Another height, m.
+/// Smallest difference of height between two sites, m.
 const SITE_M: f64 = 10.0;
-/// Another measured gravity: a common scale-factor error of the accelerometers of 0.1 ppm.
+/// Smallest relative difference of gravity between two sites. It acts as a common scale-factor error of the
+/// accelerometers.
 const SITE_GRAVITY: f64 = 1e-6;
-/// Another temperature, K.
+/// Smallest temperature difference that is noted, K.
 const TEMPERATURE_K: f64 = 2.0;
 
-/// One parameter in both, report units.
+/// Change of one parameter between both results, in report units.
 #[derive(Clone, Copy, Debug)]
 pub struct Change {
-    /// Second less first; of the heading, the shorter way.
+    /// Second minus first; for the heading, the shorter way round.
     pub difference: f64,
     /// Standard deviation of the difference.
     pub sigma: f64,
 }
 
 impl Change {
-    /// In sigmas.
+    /// The difference in sigmas.
     pub fn normalized(&self) -> f64 {
         self.difference / self.sigma
     }
 }
 
-/// What two results have in common, and what not.
+/// Comparison of two results.
 #[derive(Clone, Debug)]
 pub struct Comparison {
     /// Parameters that both estimate.
     pub changes: [Option<Change>; PARAMETERS],
-    /// The largest change, in sigmas, that is still agreement.
+    /// Largest change with which the results still agree, in sigmas.
     pub limit: f64,
-    /// Circumstances that differ, in words.
+    /// Circumstances that differ (verdict, method, scheme, temperature, site), in words.
     pub notes: Vec<String>,
 }
 
 impl Comparison {
-    /// Of a first result and a second one.
+    /// Compares a second result with a first one.
     pub fn new(first: &Saved, second: &Saved) -> Self {
         let change = |index: usize| {
             let (a, b) = (first.parameters[index]?, second.parameters[index]?);
@@ -61,12 +64,12 @@ impl Comparison {
         Self { changes, limit: limit(counted), notes: notes(first, second) }
     }
 
-    /// Whether a parameter counts: not that of the vehicle.
+    /// Whether a parameter counts. Attitude and heading of the vehicle do not.
     pub fn counts(index: usize) -> bool {
         index < block::ATTITUDE
     }
 
-    /// Parameters that changed by more than chance.
+    /// Parameters that changed by more than the limit.
     pub fn changed(&self) -> impl Iterator<Item = usize> + '_ {
         let beyond = |index: &usize| self.changes[*index].is_some_and(|change| change.normalized().abs() > self.limit);
         (0..block::ATTITUDE).filter(beyond)
@@ -81,7 +84,7 @@ impl Comparison {
         });
         let named: Vec<_> = named.collect();
         if named.is_empty() {
-            format!("agree: no change beyond {limit} sigma, attitude and heading aside")
+            format!("agree: no change beyond {limit} sigma, not counting attitude and heading")
         } else {
             format!("differ beyond {limit} sigma: {}", named.join(", "))
         }
@@ -129,8 +132,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_limit_is_that_of_the_largest_of_many() {
-        // Two-sided 0.1 % of one normal number; of 25, each may be beyond in one of 25 000 cases.
+    fn the_limit_holds_for_the_largest_of_many_changes() {
+        // One normal number exceeds the limit in 0.1 % of cases, two-sided. Each of 25 may exceed it in one of 25 000
+        // cases.
         assert!((limit(1) - 3.2905).abs() < 1e-4);
         assert!((limit(25) - 4.1073).abs() < 2e-3, "{}", limit(25));
     }

@@ -1,4 +1,4 @@
-//! What a calibration gave, as JSON and as tables, and held against another one.
+//! The result of a calibration as JSON and as tables, and its comparison with another result.
 
 pub mod comparison;
 pub mod report;

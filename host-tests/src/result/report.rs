@@ -1,4 +1,4 @@
-//! The result as JSON: parameters with sigmas, how to apply them, and how far to trust them.
+//! The result as JSON: parameters with sigmas, the correction and how to apply it, and the quality of the fit.
 
 use crate::base::quantity;
 use crate::calibration::{Outcome, Precision, is_estimated, method_name};
@@ -29,7 +29,7 @@ Outer axis x, inner axis z, encoder angles right-handed, encoder zeros define r.
 rot_nb = R_z(-heading) R_y(base_pitch) R_x(base_roll), n = east north up, heading of b's y axis clockwise from north. \
 1 ug = 9.80665e-6 m/s^2.";
 
-/// Values by name, a map in files, in order.
+/// Values by name, in order. In files they are a map.
 #[derive(Clone, Debug)]
 pub struct Named<V>(pub Vec<(&'static str, V)>);
 
@@ -48,23 +48,23 @@ impl<V: Serialize> Serialize for Named<V> {
 pub struct ParameterReport {
     /// Estimate.
     pub value: f64,
-    /// Its standard deviation.
+    /// Standard deviation of the estimate.
     pub sigma: f64,
-    /// Unit of both.
+    /// Unit of estimate and standard deviation.
     pub unit: &'static str,
 }
 
-/// This program.
+/// Name and version of a program.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct Software {
     name: &'static str,
     version: &'static str,
 }
 
-/// The software that made a report.
+/// Name and version of this program.
 pub const SOFTWARE: Software = Software { name: "rins-selfcal", version: env!("CARGO_PKG_VERSION") };
 
-/// Where the unit stood.
+/// Site of the calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
 pub struct SiteReport {
     /// Latitude, deg.
@@ -81,20 +81,20 @@ impl From<&Site> for SiteReport {
     }
 }
 
-/// What to apply to every sample, SI; matrices by rows.
+/// Correction for every sample, in SI units; matrices by rows.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct CorrectionReport {
     /// `f_s = force_matrix_sa (f_a - accel_bias_a)`.
     pub force_matrix_sa: [[f64; 3]; 3],
-    /// m/s^2.
+    /// Accelerometer bias, m/s^2.
     pub accel_bias_a: [f64; 3],
     /// `w_s = rate_matrix_sg (w_g - gyro_bias_g)`.
     pub rate_matrix_sg: [[f64; 3]; 3],
-    /// rad/s.
+    /// Gyro bias, rad/s.
     pub gyro_bias_g: [f64; 3],
-    /// From the rotation frame to the IMU frame.
+    /// Rotation from the rotation frame to the IMU frame.
     pub rot_sr: [[f64; 3]; 3],
-    /// d in the inner axis (sin d, 0, cos d), rad.
+    /// Non-perpendicularity d of the inner axis (sin d, 0, cos d), rad.
     pub axis_nonperpendicularity_rad: f64,
 }
 
@@ -124,7 +124,7 @@ struct InnovationReport {
 pub struct CalibrationReport {
     verdict: &'static str,
     reasons: Vec<String>,
-    /// In the order of `reasons`.
+    /// Codes of the reasons, in the order of `reasons`.
     reason_codes: Vec<&'static str>,
     stored: Option<bool>,
     method: &'static str,
@@ -213,7 +213,7 @@ fn estimated(outcome: &Outcome) -> impl Iterator<Item = usize> + '_ {
     (0..PARAMETER_INFO.len()).filter(|index| outcome.is_estimated(*index))
 }
 
-/// What to apply to every sample.
+/// Correction for every sample.
 pub fn correction(errors: &InstrumentErrors<f64>) -> CorrectionReport {
     let calibration = Calibration::new(errors);
     CorrectionReport {
@@ -251,12 +251,12 @@ fn fit(outcome: &Outcome) -> FitReport {
     }
 }
 
-/// Contents of the JSON file of a calibration that an instrument has stored.
+/// Contents of the JSON file of a calibration from an instrument's store.
 #[derive(Clone, Debug, Serialize)]
 pub struct StoredReport {
     verdict: &'static str,
     reasons: Vec<String>,
-    /// In the order of `reasons`.
+    /// Codes of the reasons, in the order of `reasons`.
     reason_codes: Vec<&'static str>,
     method: &'static str,
     scheme: String,

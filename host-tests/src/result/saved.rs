@@ -1,4 +1,4 @@
-//! Results read back from the file that `--json` writes.
+//! Results that are read from a file of `--json`.
 
 use super::report::SiteReport;
 use crate::base::quantity;
@@ -17,12 +17,12 @@ use std::path::{Path, PathBuf};
 pub struct SavedParameter {
     /// Estimate.
     pub value: f64,
-    /// Its standard deviation.
+    /// Standard deviation of the estimate.
     pub sigma: f64,
     unit: Option<UnitName>,
 }
 
-/// Only compared with the one that is meant.
+/// Unit as a file names it. It must be the unit of the parameter.
 #[derive(Clone, Copy, Debug)]
 struct UnitName(&'static str);
 
@@ -44,7 +44,7 @@ struct Contents {
     parameters: SavedParameters,
 }
 
-/// By index; a map from name in files.
+/// Parameters by index. In files they are a map by name.
 struct SavedParameters([Option<SavedParameter>; PARAMETERS]);
 
 impl<'de> Deserialize<'de> for SavedParameters {
@@ -73,30 +73,34 @@ impl<'de> Visitor<'de> for ParametersVisitor {
             }
             let SavedParameter { value, sigma, .. } = parameter;
             if !(value.is_finite() && sigma.is_finite() && sigma > 0.0) {
-                return Err(wrong(format!("{name}: value {value} and sigma {sigma} are no estimate")));
+                return Err(wrong(format!("{name}: value {value} and sigma {sigma} are not a valid estimate")));
             }
             parameters[index] = Some(parameter);
         }
-        if parameters.iter().all(Option::is_none) { Err(wrong("none".into())) } else { Ok(SavedParameters(parameters)) }
+        if parameters.iter().all(Option::is_none) {
+            Err(wrong("the table is empty".into()))
+        } else {
+            Ok(SavedParameters(parameters))
+        }
     }
 }
 
-/// A result.
+/// A result from a file.
 #[derive(Clone, Debug)]
 pub struct Saved {
-    /// The file it is from.
+    /// Path of the file.
     pub path: PathBuf,
     /// "accepted" or "rejected".
     pub verdict: String,
     /// "joint" or "two-stage".
     pub method: Option<String>,
-    /// Where it is known.
+    /// Name of the scheme, if it is known.
     pub scheme: Option<String>,
-    /// Of the IMU.
+    /// Temperature of the IMU, deg C.
     pub temperature_c: Option<f64>,
-    /// Where the unit stood.
+    /// Site of the calibration.
     pub site: Option<SiteReport>,
-    /// Those that the method estimates.
+    /// The parameters that the method estimates.
     pub parameters: [Option<SavedParameter>; PARAMETERS],
 }
 
@@ -104,7 +108,7 @@ impl Saved {
     /// Reads a file.
     ///
     /// # Errors
-    /// One line that names the file and what of it is wrong.
+    /// One line that names the file and its fault.
     pub fn read(path: &Path) -> Result<Self, JsonFileError> {
         let contents: Contents = json_file::read(path)?;
         Ok(Self {
@@ -118,7 +122,7 @@ impl Saved {
         })
     }
 
-    /// A result of this process, as if it had been written and read back.
+    /// The result of a calibration of this process, equal to one that was written and read back.
     pub fn of(outcome: &Outcome) -> Self {
         let estimate = outcome.estimate();
         let (values, sigmas) = (quantity::values(&estimate.errors), quantity::sigmas(&estimate.sigmas));
@@ -135,12 +139,12 @@ impl Saved {
         }
     }
 
-    /// Whether it was accepted.
+    /// Whether the result was accepted.
     pub fn is_accepted(&self) -> bool {
         self.verdict == "accepted"
     }
 
-    /// What to apply; what was not estimated is zero.
+    /// The correction. Parameters that were not estimated are zero.
     pub fn calibration(&self) -> Calibration<f64> {
         let table = ParameterTable(self.parameters.map(|parameter| parameter.map(|parameter| parameter.value)));
         Calibration::new(&table.to_errors())
@@ -152,7 +156,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_wrong_with_a_parameter_is_told_with_its_line() {
+    fn the_fault_of_a_parameter_is_reported_with_its_line() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("cal.json");
         let message = |parameters: &str| {
@@ -167,7 +171,7 @@ mod tests {
         let wrong = message("\"Sgxy\": {\"value\": 1.0, \"sigma\": 0.1, \"unit\": \"ppm\"}");
         assert_eq!(wrong, "cal.json:3: parameters: Sgxy is in ppm, not arcsec");
         let wrong = message("\"Sgxy\": {\"value\": 1.0, \"sigma\": 0.0}");
-        assert_eq!(wrong, "cal.json:3: parameters: Sgxy: value 1 and sigma 0 are no estimate");
-        assert_eq!(message(""), "cal.json:3: parameters: none");
+        assert_eq!(wrong, "cal.json:3: parameters: Sgxy: value 1 and sigma 0 are not a valid estimate");
+        assert_eq!(message(""), "cal.json:3: parameters: the table is empty");
     }
 }

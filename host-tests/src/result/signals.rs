@@ -1,14 +1,14 @@
-//! What the IMU and the encoders showed during a run, thinned out for a plot.
+//! Signals of the IMU and the encoders during a run, reduced to few points for a plot.
 
 use crate::virtual_unit::plant::{Output, Plant, Reading, Tick};
 use rins_selfcal::base::angle::{Angle, ticks_to_rad};
 use std::cell::RefCell;
 use std::rc::Rc;
 
-/// Points kept: when there are twice as many, neighbours are put together.
+/// Smallest number of points of a long run. When there are twice as many points, neighbouring points are averaged.
 const POINTS: usize = 2048;
 
-/// Means over some samples; angles are those of the last one.
+/// Means over several samples; time and angles are those of the last sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
     /// Time of the last sample, s.
@@ -17,24 +17,24 @@ pub struct Point {
     pub omega_g: [f64; 3],
     /// Accelerometer outputs, m/s^2.
     pub force_a: [f64; 3],
-    /// Outer and inner angle counted over whole turns, rad.
+    /// Outer and inner angle, continuous over whole turns, rad.
     pub angles_rad: [f64; 2],
 }
 
-/// A run in some thousand points, however long it is.
+/// A run of any length in at most 4096 points.
 #[derive(Clone, Debug, Default)]
 pub struct Signals {
     points: Vec<Point>,
-    /// Samples to a point, as a power of two.
+    /// Binary logarithm of the number of samples in a point.
     doublings: u32,
-    /// Sums of the point under way, and samples in it.
+    /// Sums of the current point, and the number of its samples.
     sum: Option<(Point, u32)>,
-    /// Last readings of both encoders and what they count to.
+    /// Last readings of both encoders, and their continuous angles, rad.
     turned: Option<[(Angle, f64); 2]>,
 }
 
 impl Signals {
-    /// Takes in a reading.
+    /// Adds a reading.
     pub fn note(&mut self, reading: &Reading) {
         let point = Point {
             time_s: reading.time_us as f64 * 1e-6,
@@ -76,7 +76,7 @@ impl Signals {
     }
 }
 
-/// Sums of two points' signals by a factor; time and angles are the second one's.
+/// Sum of the signals of two points, times a factor; time and angles are those of the second point.
 fn combined(first: &Point, second: &Point, factor: f64) -> Point {
     let sum = |a: [f64; 3], b: [f64; 3]| std::array::from_fn(|axis| (a[axis] + b[axis]) * factor);
     Point { omega_g: sum(first.omega_g, second.omega_g), force_a: sum(first.force_a, second.force_a), ..*second }
@@ -87,17 +87,17 @@ fn scaled(point: &Point, factor: f64) -> Point {
     Point { omega_g: by(point.omega_g), force_a: by(point.force_a), ..*point }
 }
 
-/// Signals that a plant notes while others hold them.
+/// Signals that a plant records and other code reads.
 pub type SharedSignals = Rc<RefCell<Signals>>;
 
-/// A plant whose readings are noted.
+/// A plant whose readings are recorded.
 pub struct Recorded<P> {
     plant: P,
     signals: SharedSignals,
 }
 
 impl<P> Recorded<P> {
-    /// The plant, and where its readings are noted.
+    /// Records the readings of `plant` in `signals`.
     pub fn new(plant: P, signals: &SharedSignals) -> Self {
         Self { plant, signals: Rc::clone(signals) }
     }
@@ -128,11 +128,11 @@ mod tests {
     }
 
     #[test]
-    fn a_long_run_keeps_its_mean_and_its_turns_in_few_points() {
+    fn a_long_run_keeps_mean_and_turns_in_few_points() {
         let mut signals = Signals::default();
         let samples = 16 * POINTS as u32;
         for number in 0..samples {
-            // Three turns back, read within half a turn.
+            // Three turns in the negative direction; the encoder reads -pi to pi.
             let angle = -3.0 * TAU * f64::from(number + 1) / f64::from(samples);
             signals.note(&reading(number, (angle + PI).rem_euclid(TAU) - PI));
         }

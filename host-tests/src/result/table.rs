@@ -1,4 +1,4 @@
-//! Results as text: tables that a navigation engineer reads.
+//! Results as text tables.
 
 use crate::base::quantity::{self, STATES, fixed, rounded, significant, states};
 use crate::calibration::{Outcome, method_name};
@@ -10,7 +10,7 @@ use rins_selfcal::model::error_model::{PARAMETERS, ParameterInfo, block};
 use rins_selfcal::verdict::CHANNEL_NAMES;
 use std::ops::Range;
 
-/// What stands for a number that is not there.
+/// Text in place of a missing number.
 const NONE: &str = "-";
 
 /// Parameters under one heading.
@@ -21,7 +21,7 @@ pub struct Group {
     pub states: Range<usize>,
 }
 
-/// Those of the parameters and, after them, those of the optional states.
+/// Groups of the parameters, then groups of the optional states.
 pub const GROUPS: [Group; 12] = [
     Group { title: "gyro non-orthogonality", states: block::GYRO_NON_ORTHOGONALITY..block::ACCEL_NON_ORTHOGONALITY },
     Group { title: "accelerometer non-orthogonality", states: block::ACCEL_NON_ORTHOGONALITY..block::MOUNTING },
@@ -37,12 +37,12 @@ pub const GROUPS: [Group; 12] = [
     Group { title: "tilting of the base", states: PARAMETERS + 14..STATES },
 ];
 
-/// A table of all parameters that `row` gives cells for, by groups: name, cells, unit.
+/// A table in groups with a row (name, cells, unit) for each parameter for which `row` returns cells.
 pub fn by_parameter(columns: &[&str], row: impl Fn(usize) -> Option<Vec<String>>) -> String {
     by_state(columns, |state| if state < PARAMETERS { row(state) } else { None })
 }
 
-/// As [`by_parameter`], of the parameters and, after them, the optional states.
+/// As [`by_parameter`], for the parameters and then the optional states.
 pub fn by_state(columns: &[&str], row: impl Fn(usize) -> Option<Vec<String>>) -> String {
     let mut table = Table::new();
     table.load_style(presets::NOTHING);
@@ -72,12 +72,12 @@ fn state_row(info: &ParameterInfo, cells: Vec<String>) -> Vec<Cell> {
     std::iter::once(name).chain(numbers).chain([Cell::new(info.unit)]).collect()
 }
 
-/// A plain table of numbers below their titles.
+/// A plain table of numbers, aligned on the right.
 pub fn of_numbers(columns: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
     aligned(columns, rows, CellAlignment::Right)
 }
 
-/// A plain table of words below their titles.
+/// A plain table of words, aligned on the left.
 pub fn of_words(columns: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> String {
     aligned(columns, rows, CellAlignment::Left)
 }
@@ -94,11 +94,11 @@ fn aligned(columns: &[&str], rows: impl IntoIterator<Item = Vec<String>>, alignm
 }
 
 fn trimmed(table: &Table) -> String {
-    // Without the padding at both edges.
+    // Removes the padding of the table library at both edges.
     table.lines().map(|line| format!("{}\n", line.strip_prefix(' ').unwrap_or(&line).trim_end())).collect()
 }
 
-/// Estimates with sigmas and errors, as far as the truth is known.
+/// Estimates with sigmas, and with errors if the truth is known.
 pub fn parameters(outcome: &Outcome, truth: Option<&ParameterTable>) -> String {
     let estimate = outcome.estimate();
     let (values, sigmas) = (quantity::values(&estimate.errors), quantity::sigmas(&estimate.sigmas));
@@ -119,7 +119,7 @@ pub fn parameters(outcome: &Outcome, truth: Option<&ParameterTable>) -> String {
     })
 }
 
-/// Estimates of the optional states; nothing where there are none.
+/// Estimates of the optional states; empty if there are none.
 pub fn optional_states(outcome: &Outcome) -> String {
     let mut text = String::new();
     for (info, value, sigma) in outcome.optional_states() {
@@ -129,7 +129,7 @@ pub fn optional_states(outcome: &Outcome) -> String {
     if text.is_empty() { text } else { format!("optional states\n{text}\n") }
 }
 
-/// What was seen of the samples.
+/// Number of samples, stops and moves, and losses and other faults of the samples.
 pub fn samples(outcome: &Outcome) -> String {
     let counts = &outcome.counts;
     let mut text = format!(
@@ -142,10 +142,10 @@ pub fn samples(outcome: &Outcome) -> String {
     );
     let oddities = [
         (u64::from(counts.gaps), "gaps"),
-        (u64::from(counts.missing), "samples missing in them"),
-        (u64::from(counts.repeated), "repeated"),
-        (u64::from(counts.out_of_order), "out of order"),
-        (u64::from(counts.non_finite), "not finite"),
+        (u64::from(counts.missing), "samples missing in gaps"),
+        (u64::from(counts.repeated), "samples repeated"),
+        (u64::from(counts.out_of_order), "samples out of order"),
+        (u64::from(counts.non_finite), "samples not finite"),
         (u64::from(outcome.solution.left_out), "segments left out"),
     ];
     if let Some(LossCounts { overrun, bus, crc, status, unread }) = outcome.losses {
@@ -175,25 +175,26 @@ pub fn verdict(outcome: &Outcome) -> String {
         solution.sweeps
     );
     if outcome.setup.method == Method::TwoStage {
-        text += "biases, scale-factor errors and non-perpendicularity: taken as zero by this method\n";
+        text += "biases, scale-factor errors and non-perpendicularity are taken as zero by this method\n";
     }
     if solution.temperature_c.is_finite() {
         text += &format!("temperature {:.1} deg C\n", solution.temperature_c);
     }
     text += &format!("verdict: {}\n", outcome.verdict_name());
     if outcome.stored == Some(false) {
-        text += "accepted, but not stored: writing to the calibration store failed; the one before stays in it\n";
+        text +=
+            "accepted, but not stored: writing to the calibration store failed; the earlier calibration stays stored\n";
     }
     for reason in outcome.reasons() {
         text += &format!("  - {reason}\n");
     }
     if let Some(code) = outcome.reason_codes().first() {
-        text += &format!("`rins explain {code}` says what a code means and what to do\n");
+        text += &format!("`rins explain {code}` explains what this code means and what to do\n");
     }
     text
 }
 
-/// A number where there is one.
+/// A number, or a dash if it is missing.
 pub fn number_or_none(value: Option<f64>, format: impl Fn(f64) -> String) -> String {
     value.map_or_else(|| NONE.into(), format)
 }

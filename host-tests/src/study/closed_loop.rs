@@ -1,4 +1,4 @@
-//! The virtual RINS in closed loop: it powers up, and the core turns it, measures, solves, judges, stores and corrects,
+//! The virtual RINS in closed loop. After power-up the core turns it, measures, solves, judges, stores and corrects,
 //! in this process or as firmware in the emulator.
 
 use crate::bench::emulator::image::{Board, Image, Variant, build};
@@ -31,41 +31,41 @@ use std::path::Path;
 use std::rc::Rc;
 use std::time::Duration;
 
-/// Corrected samples told before the instrument is switched off: one a second.
+/// Number of corrected samples that are reported (one a second) before the instrument is switched off.
 const CORRECTED_MESSAGES: u32 = 3;
 
 /// How a run ended.
 #[derive(Clone, Debug)]
 pub enum Ended {
-    /// With a result, accepted or rejected.
+    /// The run ended with a result, accepted or rejected.
     Judged(Box<Outcome>),
-    /// No run was due: correcting with the stored calibration, or standing by without one.
+    /// No run was due: the instrument corrects with the stored calibration, or stands by without one.
     NoRun(Decision),
-    /// Without a result.
+    /// The run was aborted without a result.
     Aborted(Abort),
 }
 
-/// When a run begins and ends, and what it must reach.
+/// Conditions for the begin, the end and the result of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Terms {
-    /// When one begins.
+    /// When a run begins.
     pub policy: PowerUpPolicy,
     /// Time of power-up, seconds since 1970-01-01 UTC.
     pub utc_s: Option<u64>,
-    /// How long it takes.
+    /// When a run ends.
     pub pace: Pace,
-    /// What its result must fulfil.
+    /// Requirements for an accepted result.
     pub limits: VerdictLimits,
-    /// How many times the configured variance of the white noise a stop may show.
+    /// Largest ratio of noise variance to configured variance for which a stop is lengthened in proportion.
     pub noise_margin: f64,
-    /// What the outer and the inner axis can do.
+    /// Limits of the outer and the inner axis.
     pub axes: [AxisLimits; 2],
-    /// Whether a scheme that leaves parameters unobserved is refused, or run and its result rejected.
+    /// Whether a scheme that leaves parameters unobserved is refused. Otherwise it is run and its result rejected.
     pub refuse_unobserved: bool,
 }
 
 impl Default for Terms {
-    /// Those of the core.
+    /// The defaults of the core.
     fn default() -> Self {
         Self {
             policy: PowerUpPolicy::default(),
@@ -89,32 +89,32 @@ pub struct PowerUp<'a> {
 }
 
 impl<'a> PowerUp<'a> {
-    /// Of a unit, with the configuration of its controller.
+    /// A power-up of a unit with this setup and the default terms.
     pub fn new(run: &'a VirtualRun, setup: &'a Setup) -> Self {
         Self { run, setup, terms: Terms::default(), imu: Imu::default(), signals: SharedSignals::default() }
     }
 
-    /// On other terms.
+    /// The same power-up with other terms.
     #[must_use]
     pub fn on_terms(self, terms: Terms) -> Self {
         Self { terms, ..self }
     }
 
-    /// With another IMU.
+    /// The same power-up with another IMU.
     #[must_use]
     pub fn with_imu(self, imu: Imu) -> Self {
         Self { imu, ..self }
     }
 
-    /// What the IMU and the encoders showed, of all power-ups so far.
+    /// Signals of the IMU and the encoders over all power-ups so far.
     pub fn signals(&self) -> &SharedSignals {
         &self.signals
     }
 
-    /// The core in this process; its store is empty. `on_message` gets all that the core tells.
+    /// Runs the core in this process with an empty store. `on_message` receives all messages of the core.
     ///
     /// # Errors
-    /// What the core has against the configuration.
+    /// The reason why the core refuses the configuration.
     pub fn in_process(&self, on_message: impl FnMut(&Message)) -> Result<Ended> {
         let mut watch = Watch::new(self.run, &self.signals, on_message);
         let bench = share(Bench::with_imu(watch.plant(), self.imu));
@@ -128,10 +128,10 @@ impl<'a> PowerUp<'a> {
         watch.ended(self)
     }
 
-    /// The firmware in the emulator; `eeprom` is its store. `on_log` gets its log.
+    /// Runs the firmware in the emulator; `eeprom` is the file of its store. `on_log` receives the lines of its log.
     ///
     /// # Errors
-    /// What the firmware has against the configuration, or why the emulator does not run it.
+    /// The reason why the firmware refuses the configuration, or why the emulator does not run the firmware.
     pub fn in_emulator(
         &self,
         eeprom: &Path,
@@ -146,11 +146,11 @@ impl<'a> PowerUp<'a> {
         Ok((watch.ended(self)?, run))
     }
 
-    /// The firmware in the emulator, in real time, with its serial line at the Unix socket `serial`, until this program is
-    /// ended.
+    /// Runs the firmware in the emulator in real time, with its serial line at the Unix socket `serial`, until this
+    /// program ends.
     ///
     /// # Errors
-    /// Why the emulator does not run it.
+    /// The reason why the emulator does not run the firmware.
     pub fn on_line(&self, serial: &Path, eeprom: &Path, on_log: impl FnMut(&str)) -> Result<()> {
         let image = self.image()?;
         let mut rins = DrivenRins::new(&self.run.unit, self.run.seed);
@@ -171,7 +171,7 @@ impl<'a> PowerUp<'a> {
     }
 
     fn image(&self) -> Result<Image> {
-        // Either IMU is set up for as many samples.
+        // Both IMUs are configured for the same sample rate.
         let (asked_hz, rate_hz) = (self.run.unit.rate_hz, Kvh1750Settings::default().rate_hz);
         ensure!(asked_hz == rate_hz, "the firmware samples at {rate_hz} Hz, not at {asked_hz}");
         build(self.variant())
@@ -202,7 +202,7 @@ impl<'a> PowerUp<'a> {
     }
 }
 
-/// Follows the messages of a run and switches the instrument off when there is nothing more to see.
+/// Follows the messages of a run, and switches the instrument off after the last message of interest.
 struct Watch<F> {
     plant: Option<Recorded<Switched<Rc<RefCell<DrivenRins>>>>>,
     rins: Rc<RefCell<DrivenRins>>,
@@ -237,7 +237,7 @@ impl<F: FnMut(&Message)> Watch<F> {
         }
     }
 
-    /// The instrument, to be put on a bench once.
+    /// The instrument, which can be taken once.
     fn plant(&mut self) -> Recorded<Switched<Rc<RefCell<DrivenRins>>>> {
         self.plant.take().expect("put on one bench")
     }

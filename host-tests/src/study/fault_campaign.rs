@@ -1,4 +1,4 @@
-//! The one promise under test: many runs with one fault each, and the accepted ones among them held against the truth.
+//! Test of the promise that no wrong result is accepted: many runs with one fault each, compared with the truth.
 
 use super::faults::{Fault, FaultKind, readings};
 use crate::calibration::virtual_run::{Stream, VirtualRun, derived_seed};
@@ -16,23 +16,23 @@ use rins_selfcal::verdict::{Reason, Verdict};
 use std::collections::BTreeMap;
 use std::fmt;
 
-/// What is run.
+/// A campaign.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Campaign {
     /// Number of runs.
     pub runs: u64,
-    /// Everything random comes from it.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// What goes wrong: one kind, all in turn, or nothing.
+    /// Kinds of fault.
     pub faults: Faults,
-    /// Scalar of the core.
+    /// Floating-point type of the core.
     pub precision: Precision,
 }
 
-/// What goes wrong in a campaign.
+/// Kinds of fault in a campaign.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Faults {
-    /// Nothing.
+    /// No fault.
     None,
     /// All kinds in turn.
     All,
@@ -40,34 +40,34 @@ pub enum Faults {
     Only(FaultKind),
 }
 
-/// One of the twelve installation errors that is wrong by more than 4.5 sigma and more than 1 arcsec.
+/// An estimate of one of the twelve installation errors with an error above 4.5 sigma and above 1 arcsec.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Wrong {
     /// Name of the parameter.
     pub parameter: &'static str,
-    /// Its error, arcsec.
+    /// Error of the estimate, arcsec.
     pub error_arcsec: f64,
-    /// Its sigma, arcsec.
+    /// Sigma of the estimate, arcsec.
     pub sigma_arcsec: f64,
 }
 
-/// What became of one run.
+/// Result of one run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DisturbedRun {
     /// Seed of the run.
     pub seed: u64,
-    /// What went wrong.
+    /// The fault.
     pub fault: Option<Fault>,
-    /// What the core says.
+    /// Verdict of the core.
     pub verdict: Verdict,
-    /// The worst of the wrong errors.
+    /// The worst wrong estimate.
     pub wrong: Option<Wrong>,
-    /// Largest error of the twelve in units of the tolerance.
+    /// Largest error of the twelve installation errors, relative to its tolerance.
     pub worst: f64,
 }
 
 impl Campaign {
-    /// Runs all, on all cores; `done` is called after each.
+    /// Runs the campaign on all cores; `done` is called after each run.
     pub fn run(&self, done: impl Fn() + Sync) -> Vec<DisturbedRun> {
         let one = |number| {
             let outcome = self.run_one(number);
@@ -93,7 +93,7 @@ impl Campaign {
         let setup = Setup::new(&config, run.unit.rate_hz, Method::Joint, self.precision).on_scheme(&run.scheme);
         let mut chain = setup.chain();
         for reading in readings(&run, fault.as_ref()) {
-            // The live estimate does not count.
+            // The live estimate is not used.
             let _ = chain.step(&reading);
         }
         let calibration::Outcome { solution, verdict, .. } = chain.conclude();
@@ -102,7 +102,7 @@ impl Campaign {
     }
 }
 
-/// The largest error in units of its tolerance; and if that exceeds one, which it is.
+/// The largest error relative to its tolerance, and its parameter if the ratio exceeds one.
 fn compare(solution: &Solution, truth: &InstrumentErrors<f64>) -> (f64, Option<Wrong>) {
     const TOLERANCE_SIGMAS: f64 = 4.5;
     const TOLERANCE_ARCSEC: f64 = 1.0;
@@ -112,7 +112,7 @@ fn compare(solution: &Solution, truth: &InstrumentErrors<f64>) -> (f64, Option<W
     for ((difference, sigma), info) in errors.take(block::ACCEL_BIAS) {
         let (error_arcsec, sigma_arcsec) = (difference / ARCSEC, sigma / ARCSEC);
         let size = error_arcsec.abs() / (TOLERANCE_SIGMAS * sigma_arcsec).max(TOLERANCE_ARCSEC);
-        // Not a number is wrong, too.
+        // NaN counts as wrong.
         if size > worst || size.is_nan() {
             worst = size;
             wrong = Some(Wrong { parameter: info.name, error_arcsec, sigma_arcsec });
@@ -121,16 +121,16 @@ fn compare(solution: &Solution, truth: &InstrumentErrors<f64>) -> (f64, Option<W
     (worst, wrong.filter(|_| worst > 1.0 || worst.is_nan()))
 }
 
-/// Counts of one kind of fault.
+/// Counts for one kind of fault.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Count {
-    /// Runs.
+    /// Number of runs.
     pub runs: u32,
-    /// Accepted ones.
+    /// Accepted runs.
     pub accepted: u32,
-    /// Accepted ones with a wrong answer.
+    /// Accepted runs with a wrong result.
     pub accepted_wrong: u32,
-    /// Rejected ones that had been right.
+    /// Rejected runs with a correct result.
     pub rejected_right: u32,
 }
 
@@ -144,19 +144,19 @@ impl Count {
     }
 }
 
-/// A campaign's outcomes, counted.
+/// Counts of a campaign.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Summary {
-    /// By kind of fault.
+    /// Counts by kind of fault.
     pub kinds: BTreeMap<Option<FaultKind>, Count>,
-    /// All of them.
+    /// Counts over all runs.
     pub total: Count,
-    /// How often each reason came first.
+    /// Number of runs for each first reason.
     pub first_reasons: BTreeMap<&'static str, u32>,
 }
 
 impl Summary {
-    /// Counts.
+    /// Counts the results of runs.
     pub fn new(outcomes: &[DisturbedRun]) -> Self {
         let mut summary = Self::default();
         for outcome in outcomes {
@@ -185,7 +185,7 @@ impl fmt::Display for Summary {
             line(kind.map_or("no fault", FaultKind::name), count)?;
         }
         line("all", &self.total)?;
-        writeln!(f, "first reason of the rejected:")?;
+        writeln!(f, "first reasons of rejected runs:")?;
         self.first_reasons.iter().try_for_each(|(name, count)| writeln!(f, "{name:34}{count:8}"))
     }
 }

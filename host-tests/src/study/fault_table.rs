@@ -1,4 +1,4 @@
-//! What the instrument does when something fails: each fault at several phases of a run, in closed loop, in this process.
+//! Reaction of the instrument to failures: each failure at several phases of a run, in closed loop, in this process.
 
 use crate::bench::line::Line;
 use crate::bench::power_up::{Memory, Switched, in_process, self_calibrate, shared};
@@ -25,14 +25,14 @@ use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::rc::Rc;
 
-/// What fails.
+/// A failure.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Failing {
     /// Encoder or bridge of an axis.
     Chip(Trouble),
     /// The axis is blocked.
     Jammed,
-    /// Somebody pushes the axis for a tenth of a second, N m.
+    /// The axis is pushed with this torque for 0.1 s, N m.
     Pushed(f64),
     /// The motors' supply is lost.
     MotorSupply,
@@ -68,7 +68,7 @@ impl Failing {
     ];
 }
 
-/// When it fails.
+/// Phase of the run at which the failure occurs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "`name` says what each one is")]
 pub enum Phase {
@@ -109,7 +109,8 @@ impl Phase {
         }
     }
 
-    /// A state, and a time after it was entered, us. The first move is a quarter turn at 20 deg/s with ramps of a second.
+    /// Time of the failure: a state, and a time after the start of the state, us. The first move is a quarter turn at
+    /// 20 deg/s with ramps of 1 s.
     fn moment(self) -> (State, u64) {
         match self {
             Self::FirstStop => (State::Dwell(0), 500_000),
@@ -124,37 +125,37 @@ impl Phase {
     }
 }
 
-/// What became of a run.
+/// Outcome of a run.
 #[derive(Clone, Debug)]
 pub struct Fate {
-    /// From the fault until both axes stood, ms; `None`: they did not.
+    /// Time from the failure until both axes were at rest, ms; `None` if they did not come to rest.
     pub stopped_ms: Option<u64>,
-    /// Whether both axes stand at the end.
+    /// Whether both axes are at rest at the end.
     pub at_rest: bool,
     /// The last state.
     pub state: State,
-    /// Whether the run came to its end, or to where it waits for samples.
+    /// Whether the run ended, or waits for samples.
     pub ended: bool,
-    /// What the user was told.
+    /// Reports to the user.
     pub told: Vec<String>,
-    /// Whether the result was accepted, and how far its worst parameter is off, sigmas.
+    /// Error of the worst parameter in sigmas, if the result was accepted.
     pub accepted: Option<f64>,
-    /// Whether a calibration is in store: the one before, or an accepted one.
+    /// Whether the store has a calibration: the earlier one or a newly accepted one.
     pub stored: bool,
 }
 
 /// Rate above which an axis turns, rad/s.
 const TURNS_RAD_S: f64 = 0.01 * DEG;
-/// How long the axes must stand, us.
+/// Time without motion after which the axes count as at rest, us.
 const STANDS_US: u64 = 200_000;
-/// Time after which a run should have ended, us.
+/// Longest time of a run, us.
 const LIMIT_US: u64 = 200_000_000;
-/// Time that a run goes on after its end, us.
+/// Time for which the simulation continues after the end of the run, us.
 const AFTER_US: u64 = 1_500_000;
-/// Time without samples after which a run that is given up is taken to wait for them, us.
+/// Time without samples after which an aborted run counts as waiting for samples, us.
 const WAITS_US: u64 = 5_000_000;
 
-/// The unit, and whether it turns.
+/// The unit, and whether its axes turn.
 struct Watched {
     rins: DrivenRins,
     now_us: u64,
@@ -194,11 +195,11 @@ impl Plant for Watched {
     }
 }
 
-/// Sits at the end of the serial line, and lets things fail.
+/// Host's end of the serial line, which injects the failure.
 struct Saboteur {
     bench: SharedBench<Rc<RefCell<Watched>>>,
     unit: Rc<RefCell<Watched>>,
-    /// The state, since when, us.
+    /// The state, and its start, us.
     state: Rc<Cell<(State, u64)>>,
     failing: Failing,
     phase: Phase,
@@ -218,10 +219,10 @@ impl Saboteur {
             self.fail(now_us);
         }
         if failed_us.is_some() && self.failing == Failing::ImuSensor {
-            // It goes on failing.
+            // The failure continues.
             self.fail(now_us);
         }
-        // Where nothing else leads to parking, a command does.
+        // A command aborts the run, because the run would not park otherwise.
         if self.phase == Phase::Parking && state == State::Dwell(1) && !std::mem::replace(&mut self.aborted, true) {
             let mut buffer = [0; MAX_FRAME_BYTES];
             self.commands.extend(encode(1, &Command::Abort, &mut buffer).expect("a short command"));
@@ -272,7 +273,8 @@ impl Line for Saboteur {
     }
 }
 
-/// Lets something fail of an axis, outer (0) or inner (1), at a phase. A calibration is in store at power-up.
+/// Runs the instrument with a failure of the outer (0) or inner (1) axis at a phase. The store has a calibration at
+/// power-up.
 ///
 /// # Panics
 /// The configuration is refused.
@@ -314,7 +316,7 @@ pub fn fate(failing: Failing, phase: Phase, axis: usize, before: &StoredCalibrat
         Message::Judged(verdict) => {
             told.push(format!("rejected: {}", verdict.reasons.first().map_or(String::new(), ToString::to_string)));
         }
-        Message::Released => told.push("the axes are let go".into()),
+        Message::Released => told.push("the axes are no longer controlled".into()),
         _ => {}
     };
     let mut memory = Memory { stored: Some(before.clone()), ..Memory::default() };

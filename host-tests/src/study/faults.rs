@@ -1,11 +1,12 @@
-//! Faults of base, sensors, encoders and sampling, one at a time, in the readings of a virtual RINS.
+//! Single faults of base, sensors, encoders and sampling in the readings of a virtual RINS.
 //!
-//! A disturbance of the base is what the sensors feel of it, exact for any angle; all other faults change readings. Sizes
-//! are log-uniform from negligible to gross; channel, axis, onset and end are uniform. A fault lasts from its onset on,
-//! from the first reading on in half of the cases where that is another fault, or for a while.
+//! A disturbance of the base acts on the true motion that the sensors measure, exactly for any angle. All other faults
+//! change readings. Sizes are log-uniform from negligible to gross. Channel, axis, onset and end are uniform. A fault
+//! lasts from its onset to the end of the run, or for a limited time. If a fault from the first reading on is a
+//! different fault, half of the faults begin with the first reading.
 //!
-//! An encoder that is offset over the whole run is no fault: its zero defines the frames r0 and b. So encoders slip once
-//! the first stop has begun to be measured.
+//! An encoder offset over the whole run is not a fault, because the encoder zeros define the frames r0 and b. So
+//! encoders slip after the measurement of the first stop has begun.
 
 use crate::calibration::virtual_run::VirtualRun;
 use crate::virtual_unit::drive::SchemeDrive;
@@ -20,7 +21,7 @@ use rins_selfcal::base::units::{ARCSEC, DEG, DEG_H, MICRO_G};
 use std::f64::consts::TAU;
 use std::ops::Range;
 
-/// What can go wrong.
+/// Kinds of fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[expect(missing_docs, reason = "`name` says what each one is")]
 pub enum FaultKind {
@@ -116,30 +117,30 @@ impl FaultKind {
     }
 }
 
-/// One fault with all its numbers.
+/// A fault with all its numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fault {
-    /// What goes wrong.
+    /// Kind of fault.
     pub kind: FaultKind,
-    /// Onset, and end where it has one, in samples.
+    /// Onset and end, samples.
     pub span: Range<usize>,
-    /// Channel: accelerometers x y z, gyros x y z; of encoders: outer, inner.
+    /// Channel: 0 to 5 for accelerometers x y z and gyros x y z; for encoder faults 0 for outer and 1 for inner.
     pub channel: usize,
-    /// The other channel of a swap, of the same triad.
+    /// The other channel of a swap, in the same triad.
     pub other: usize,
-    /// How large, in SI; a factor, a probability or a count where the kind says so.
+    /// Size in SI units, or a factor, a probability or a count, depending on the kind.
     pub size: f64,
     /// Axis of a base motion, unit vector in b.
     pub axis_b: Vec3,
     /// Angular frequency of rocking, rad/s, and its phase, rad.
     pub rocking: (f64, f64),
-    /// How long the base takes to move, samples.
+    /// Duration of the motion of the base, samples.
     pub rise: usize,
-    /// Seed of what is random while it lasts.
+    /// Seed of the random numbers during the fault.
     pub seed: u64,
 }
 
-/// Source of a fault's numbers.
+/// Random numbers for a fault.
 struct Dice(Xoshiro256PlusPlus);
 
 impl Dice {
@@ -168,7 +169,7 @@ impl Dice {
         if self.chance(0.5) { size } else { -size }
     }
 
-    /// A coordinate axis, or any direction.
+    /// A coordinate axis, or a random direction.
     fn direction(&mut self) -> Vec3 {
         if self.chance(0.7) {
             let axis = self.index(3);
@@ -180,7 +181,7 @@ impl Dice {
 }
 
 impl Fault {
-    /// Draws the numbers of a fault in a run of so many samples.
+    /// Draws the numbers of a fault for a run of `samples` samples.
     pub fn draw(kind: FaultKind, seed: u64, samples: usize) -> Self {
         let mut dice = Dice(Xoshiro256PlusPlus::seed_from_u64(seed));
         let channel = match kind {
@@ -207,7 +208,7 @@ impl Fault {
         }
     }
 
-    /// Rotation of the base about its axis at a sample's end, rad.
+    /// Rotation of the base about the axis of the fault at the end of a sample, rad.
     fn base_angle_rad(&self, sample: usize, interval_s: f64) -> f64 {
         let risen = |from: usize| (sample.saturating_sub(from) as f64 / self.rise as f64).min(1.0);
         let (omega, phase) = self.rocking;
@@ -228,7 +229,7 @@ impl Fault {
     }
 }
 
-/// Samples before an encoder slips.
+/// First sample at which an encoder may slip.
 const FIRST_SLIP: usize = 200;
 
 fn span(dice: &mut Dice, kind: FaultKind, samples: usize) -> Range<usize> {
@@ -246,7 +247,7 @@ fn span(dice: &mut Dice, kind: FaultKind, samples: usize) -> Range<usize> {
     }
 }
 
-/// From what nobody would notice to what nobody could overlook.
+/// Size of a fault, from negligible to gross.
 fn size(dice: &mut Dice, kind: FaultKind, channel: usize, samples: usize) -> f64 {
     let accel = channel < 3;
     let run_s = samples as f64 / 200.0;
@@ -262,22 +263,22 @@ fn size(dice: &mut Dice, kind: FaultKind, channel: usize, samples: usize) -> f64
         FaultKind::BiasDrift => dice.signed_log(1e-3 * DEG_H, 100.0 * DEG_H) / run_s,
         FaultKind::Scaled | FaultKind::EncoderScale => dice.signed_log(1e-7, 0.5),
         FaultKind::Delayed => (1 + dice.index(200)) as f64,
-        // Factor of the standard deviation.
+        // Factor for the standard deviation.
         FaultKind::Noisy => 1.0 + dice.log(0.03, 100.0),
         FaultKind::Spikes if accel => dice.log(1.0, 1e5) * 140.0 * MICRO_G,
         FaultKind::Spikes => dice.log(1.0, 1e5) * 0.85 * ARCSEC,
         FaultKind::Saturated => dice.log(1.0, 21.0) * DEG,
-        // Probability.
+        // Probability for each sample.
         FaultKind::Dropped | FaultKind::DroppedUnseen | FaultKind::RepeatedTime | FaultKind::Stale => {
             dice.log(1e-5, 0.5)
         }
-        // Samples.
+        // Number of samples.
         FaultKind::BurstDropped | FaultKind::BurstDroppedUnseen => dice.log(1.0, 2000.0).round(),
         _ => 0.0,
     }
 }
 
-/// The readings of a run, with a fault or without.
+/// The readings of a run, with or without a fault.
 pub fn readings(run: &VirtualRun, fault: Option<&Fault>) -> Vec<Reading> {
     let mut drive = run.drive();
     let Some(fault) = fault else { return drive.collect() };
@@ -317,7 +318,7 @@ fn encoder(reading: &mut Reading, axis: usize) -> &mut f64 {
     if axis == 0 { &mut reading.outer_rad } else { &mut reading.inner_rad }
 }
 
-/// Applies a fault that is in the readings.
+/// Applies a fault that changes readings.
 fn change(readings: &mut Vec<Reading>, fault: &Fault, unit: &VirtualUnit) {
     let mut dice = Dice(Xoshiro256PlusPlus::seed_from_u64(fault.seed));
     let span = fault.span.start.min(readings.len())..fault.span.end.min(readings.len());
@@ -361,7 +362,7 @@ fn delay(readings: &mut [Reading], span: Range<usize>, fault: &Fault) {
     }
 }
 
-/// Takes readings out; if `unseen`, those that are left follow each other as if none had been lost.
+/// Removes readings. If `unseen`, the times of the remaining readings are closed up, as if no reading had been lost.
 fn thin(readings: &mut Vec<Reading>, span: Range<usize>, mut lost: impl FnMut(usize) -> bool, unseen: bool) {
     let times: Vec<u64> = readings.iter().map(|reading| reading.time_us).collect();
     let mut index = 0;
@@ -385,7 +386,7 @@ fn change_channel(readings: &mut [Reading], fault: &Fault, unit: &VirtualUnit, d
     } else {
         unit.noise.sigma_omega_rad_s(unit.rate_hz)
     };
-    // Spikes come from one in the run to one in a hundred samples.
+    // The probability of a spike is from one in the run to one in a hundred samples.
     let spike = dice.log(1.0 / readings.len() as f64, 1e-2);
     for (number, reading) in readings.iter_mut().enumerate() {
         let other = *channel(reading, fault.other);
@@ -412,7 +413,7 @@ fn change_channel(readings: &mut [Reading], fault: &Fault, unit: &VirtualUnit, d
 fn change_encoder(readings: &mut [Reading], fault: &Fault) {
     let Some(mut first) = readings.first().copied() else { return };
     let held = *encoder(&mut first, fault.channel);
-    // A sign can flip about zero or about where the axis is.
+    // The sign flips about zero or about the present angle of the axis.
     let mirror = if fault.seed.is_multiple_of(2) { 0.0 } else { held };
     for reading in readings.iter_mut() {
         if fault.kind == FaultKind::EncodersSwapped {

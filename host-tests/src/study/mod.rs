@@ -1,4 +1,4 @@
-//! Many runs, and what they prove: statistics, disturbances, failures, and the paper's own results.
+//! Studies of many runs: statistics, disturbances, failures, and the paper's own results.
 
 pub mod closed_loop;
 pub mod fault_campaign;

@@ -1,4 +1,4 @@
-//! Many calibrations of virtual units: are the errors as small as they can be, and the sigmas honest?
+//! Calibrates many virtual units, and compares the errors with the Cramer-Rao bounds and with the sigmas.
 
 use super::closed_loop::{Ended, PowerUp, Terms};
 use super::statistics::{ErrorAndSigma, ErrorStatistics, chi_square_mean_bounds};
@@ -23,11 +23,11 @@ use serde::Serialize;
 /// Confidence of all bounds.
 pub const CONFIDENCE: f64 = 0.99;
 
-/// An installation error is wrong beyond this many sigmas and this angle, whichever is larger.
+/// An estimate is wrong if its error exceeds the larger of this many sigmas and this angle.
 const WRONG_SIGMAS: f64 = 4.5;
 const WRONG_ARCSEC: f64 = 1.0;
 
-/// Where the errors of each run's unit come from.
+/// Source of the errors of each run's unit.
 #[derive(Clone, Debug)]
 pub enum ErrorSource {
     /// The same in every run.
@@ -39,10 +39,11 @@ pub enum ErrorSource {
 }
 
 impl ErrorSource {
-    /// What [`Self::named`] knows.
+    /// Names that [`Self::named`] accepts.
     const KNOWN: &str = "table1, table3, real, random, random:1deg, random:tactical";
 
-    /// By name: `random`, `random:1deg` and the like, `random:tactical`, or what [`errors_named`] knows.
+    /// Finds a source by name: `random`, `random:` with an angle such as `1deg`, `random:tactical`, or a name for
+    /// [`errors_named`].
     ///
     /// # Errors
     /// One line that names the file and, for its contents, line and key.
@@ -78,24 +79,24 @@ fn random_errors(size: &str) -> Option<RandomErrors> {
     (size_deg.is_finite() && size_deg >= 0.0).then(|| RandomErrors::default().with_installation_deg(size_deg))
 }
 
-/// What is run.
+/// A Monte Carlo study.
 #[derive(Clone, Debug)]
 pub struct MonteCarlo {
     /// Number of runs.
     pub runs: u64,
-    /// Methods, each on the same data.
+    /// Methods, all on the same data.
     pub methods: Vec<Method>,
-    /// Scalar of the core.
+    /// Floating-point type of the core.
     pub precision: Precision,
     /// Optional states and noise of the joint method.
     pub options: Options,
     /// The scheme.
     pub scheme: Scheme,
-    /// What the outer and the inner axis can do.
+    /// Limits of the outer and the inner axis.
     pub axes: [AxisLimits; 2],
-    /// Whether a scheme that leaves parameters unobserved is refused, or run and every result rejected.
+    /// Whether a scheme that leaves parameters unobserved is refused. Otherwise it is run and every result rejected.
     pub refuse_unobserved: bool,
-    /// Whether the core turns the axes, each method in a run of its own, or the scheme is played open loop.
+    /// Whether the core turns the axes, with a separate run for each method. Otherwise the scheme runs in open loop.
     pub closed_loop: bool,
     /// Errors of the units.
     pub errors: ErrorSource,
@@ -103,7 +104,7 @@ pub struct MonteCarlo {
     pub unit: UnitConfig,
     /// Sample rate, Hz.
     pub rate_hz: f64,
-    /// Of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
 }
 
@@ -122,11 +123,11 @@ pub struct RunResult {
 }
 
 impl MonteCarlo {
-    /// All runs on all cores; per method its results in the order of the runs. `on_run` is called after each, with the
-    /// result of each method.
+    /// Runs the study on all cores. Returns the statistics of each method. `on_run` is called after each run with the
+    /// results of all methods.
     ///
     /// # Errors
-    /// What the core has against the configuration.
+    /// The reason why the core refuses the configuration.
     pub fn run(&self, on_run: impl Fn(&[RunResult]) + Sync) -> Result<Vec<MethodStatistics>> {
         self.check()?;
         let of_every_run = matches!(self.errors, ErrorSource::Fixed(_)).then(|| self.bounds(&self.virtual_run(0)));
@@ -141,7 +142,7 @@ impl MonteCarlo {
         Ok(methods.map(|(index, method)| MethodStatistics::new(&self.setup(*method), &of_method(index))).collect())
     }
 
-    /// Open loop, the host has room for any number of segments.
+    /// Checks whether the core accepts the scheme. In open loop, the host has room for any number of segments.
     fn check(&self) -> Result<()> {
         for method in &self.methods {
             let setup = self.setup(*method).on_scheme(&self.scheme);
@@ -184,7 +185,7 @@ impl MonteCarlo {
         setups.into_iter().zip(&bounds).map(power_up).collect()
     }
 
-    /// What each method can reach with the unit of this run, on the scheme as it is written.
+    /// Cramer-Rao bounds of each method for the unit of this run, on the scheme as written.
     fn bounds(&self, run: &VirtualRun) -> Vec<[f64; STATES]> {
         self.methods.iter().map(|method| bounds(&self.setup(*method), &run.unit, &run.scheme)).collect()
     }
@@ -207,7 +208,7 @@ impl MonteCarlo {
 }
 
 impl MonteCarlo {
-    /// A method as it is set up.
+    /// Setup of a method.
     pub fn setup(&self, method: Method) -> Setup {
         let options = if method == Method::Joint { self.options } else { Options::default() };
         Setup { options, ..Setup::new(&self.unit, self.rate_hz, method, self.precision) }
@@ -215,7 +216,7 @@ impl MonteCarlo {
 }
 
 impl RunResult {
-    /// Whether it was accepted.
+    /// Whether the run was accepted.
     pub fn accepted(&self) -> bool {
         self.accepted
     }
@@ -227,7 +228,7 @@ impl RunResult {
         [largest(&|state| state.sigma), largest(&|state| (state.error / state.sigma).abs())]
     }
 
-    /// Of a run that gave no result, for this reason.
+    /// Result of a run that gave no estimate, with the reason.
     fn none(reason: String) -> Self {
         Self {
             states: [ErrorAndSigma { error: f64::NAN, sigma: f64::NAN, bound: f64::NAN }; STATES],
@@ -261,7 +262,7 @@ impl RunResult {
     }
 }
 
-/// Estimates less truth of all states, report units.
+/// Estimates minus truth of all states, in report units.
 fn errors(outcome: &Outcome, unit: &VirtualUnit) -> [f64; STATES] {
     let truth = outcome.truth.as_ref().unwrap_or(&unit.errors);
     let parameters = quantity::errors(&outcome.estimate().errors, truth);
@@ -274,7 +275,7 @@ fn errors(outcome: &Outcome, unit: &VirtualUnit) -> [f64; STATES] {
     errors
 }
 
-/// Whether an installation error, arcsec, is wrong by more than chance.
+/// Whether an estimate of an installation error is wrong; error and sigma in arcsec.
 fn is_wrong(error: f64, sigma: f64) -> bool {
     error.is_nan() || error.abs() > f64::max(WRONG_SIGMAS * sigma, WRONG_ARCSEC)
 }
@@ -290,12 +291,12 @@ pub struct FitStatistics {
     pub bounds: [f64; 2],
 }
 
-/// One method over all runs. Diverged ones are counted, and left out of everything else.
+/// Statistics of one method over all runs. Diverged runs are counted, and left out of all other statistics.
 #[derive(Clone, Debug)]
 pub struct MethodStatistics {
     /// The method.
     pub method: Method,
-    /// Runs that the statistics are of.
+    /// Number of runs in the statistics.
     pub runs: usize,
     /// Runs accepted.
     pub accepted: usize,
@@ -303,24 +304,24 @@ pub struct MethodStatistics {
     pub accepted_wrong: usize,
     /// Runs rejected.
     pub rejected: usize,
-    /// Runs whose estimate did not stand after the last sweep.
+    /// Runs whose estimate had not converged after the last sweep.
     pub unconverged: usize,
     /// Runs that gave a number that is not finite.
     pub diverged: usize,
-    /// Runs that were given up without a result.
+    /// Runs that were aborted without a result.
     pub aborted: usize,
-    /// Per parameter and optional state; none where the method does not estimate it.
+    /// Statistics of each parameter and optional state; `None` for states that the method does not estimate.
     pub states: [Option<ErrorStatistics>; STATES],
     /// Bounds of each mean normalized error squared.
     pub normalized_bounds: [f64; 2],
     /// The fit.
     pub fit: FitStatistics,
-    /// First reason of the first few rejected runs.
+    /// First reasons of the first rejected runs.
     pub rejections: Vec<String>,
 }
 
 impl MethodStatistics {
-    /// Rejections that are shown.
+    /// Number of rejected runs whose reason is kept.
     const SHOWN_REJECTIONS: usize = 5;
 
     fn new(setup: &Setup, results: &[RunResult]) -> Self {
@@ -349,19 +350,20 @@ impl MethodStatistics {
         }
     }
 
-    /// Mean and largest ratio of error to bound over the states.
+    /// Mean and largest ratio of RMS error to bound over the states.
     pub fn ratios(&self) -> (f64, f64) {
         let ratios: Vec<_> = self.states.iter().flatten().map(|state| state.ratio).collect();
         (ratios.iter().sum::<f64>() / ratios.len() as f64, ratios.iter().copied().fold(0.0, f64::max))
     }
 
-    /// States whose ratio of error to bound is off 1 by more than the tolerance, and how many are expected by chance.
+    /// Number of states whose ratio of RMS error to bound differs from 1 by more than the tolerance, and the number
+    /// that is expected by chance.
     pub fn outside(&self) -> (usize, f64) {
         let states = || self.states.iter().flatten();
         (states().filter(|state| state.is_outside()).count(), states().map(|state| state.chance_outside).sum())
     }
 
-    /// States whose mean normalized error squared is inside its bounds, and states in all.
+    /// Number of states whose mean normalized error squared is inside its bounds, and number of all states.
     pub fn consistent(&self) -> (usize, usize) {
         let [low, high] = self.normalized_bounds;
         let inside = |state: &&ErrorStatistics| (low..=high).contains(&state.mean_normalized_squared);

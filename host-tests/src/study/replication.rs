@@ -1,4 +1,4 @@
-//! What is run to be laid beside Bai et al., Sensors 2019, 19(18), 4005: results with the commands that give each alone.
+//! Results to compare with Bai et al., Sensors 2019, 19(18), 4005, each with the command that repeats it alone.
 
 use super::monte_carlo::MethodStatistics;
 use super::statistics::ErrorStatistics;
@@ -16,38 +16,38 @@ use rins_selfcal::run::telemetry::Progress;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::Segment;
 
-/// A Monte Carlo by both methods on the same data.
+/// A Monte Carlo study of both methods on the same data.
 #[derive(Clone, Debug)]
 pub struct Study {
-    /// A word for it, the same in all files.
+    /// Short name, the same in all files.
     pub name: &'static str,
-    /// What the units have, in words.
+    /// Errors of the units, in words.
     pub title: &'static str,
-    /// The command that gives it alone.
+    /// The command that repeats the study alone.
     pub command: String,
-    /// Joint, then two-stage.
+    /// Statistics of the joint method, then of the two-stage method.
     pub methods: [MethodStatistics; 2],
 }
 
 impl Study {
-    /// One method of the two.
+    /// Statistics of one method.
     pub fn of(&self, method: Method) -> &MethodStatistics {
         &self.methods[usize::from(method == Method::TwoStage)]
     }
 
-    /// One of the twelve installation errors by one method, arcsec; none where all runs failed.
+    /// Statistics of one of the twelve installation errors with one method, arcsec; `None` if all runs failed.
     pub fn installation(&self, method: Method, index: usize) -> Option<&ErrorStatistics> {
         self.of(method).states[..INSTALLATION_STATES].get(index)?.as_ref()
     }
 
-    /// Index and size, arcsec, of the mean error that is largest among the twelve.
+    /// Index and size (arcsec) of the largest mean error of the twelve installation errors.
     pub fn worst_mean(&self, method: Method) -> Option<(usize, f64)> {
         let errors = self.of(method).states[..INSTALLATION_STATES].iter().enumerate();
         let sizes = errors.filter_map(|(index, errors)| Some((index, errors.as_ref()?.mean_error.abs())));
         sizes.max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// Index and size, arcsec, of the root mean square error that is largest among the twelve.
+    /// Index and size (arcsec) of the largest root mean square error of the twelve installation errors.
     pub fn worst_rms(&self, method: Method) -> Option<(usize, f64)> {
         let errors = self.of(method).states[..INSTALLATION_STATES].iter().enumerate();
         let sizes = errors.filter_map(|(index, errors)| Some((index, errors.as_ref()?.rms_error)));
@@ -55,21 +55,21 @@ impl Study {
     }
 }
 
-/// One calibration by the two-stage method, with all that it shows.
+/// One calibration with the two-stage method, with signals and truth for figures.
 #[derive(Clone, Debug)]
 pub struct ShownRun {
-    /// The commands that give signals and final estimates alone.
+    /// The commands that repeat signals and final estimates alone.
     pub commands: [String; 2],
-    /// The calibration. Its estimate after a segment is the final one of all segments up to there.
+    /// The calibration. Its estimate after a segment is the final estimate from all segments up to then.
     pub outcome: Outcome,
     /// The true parameters.
     pub truth: ParameterTable,
-    /// IMU and encoders in the first period.
+    /// Signals of IMU and encoders in the first period.
     pub signals: Signals,
 }
 
 impl ShownRun {
-    /// Runs a unit through its scheme.
+    /// Runs a unit on its scheme.
     pub fn new(commands: [String; 2], run: &VirtualRun, setup: &Setup) -> Self {
         let mut signals = Signals::default();
         let mut calibrator = Box::new(Calibrator::<f64, HOST_SEGMENTS>::new(&setup.config()));
@@ -89,8 +89,9 @@ impl ShownRun {
     }
 }
 
-/// The final estimate after every segment: all up to there, again and again until it stands. The live one is linearized
-/// about what was known at each segment, which in stage 1 of the two-stage method is little.
+/// The final estimate after every segment: all segments up to then are processed until the estimate has converged. The
+/// live estimate is linearized about the estimate at each segment, which is inaccurate in stage 1 of the two-stage
+/// method.
 fn finals(setup: &Setup, segments: &[Segment<f64>]) -> Vec<Progress> {
     let up_to = |count: usize| {
         let mut estimator = Box::new(Estimator::<f64, HOST_SEGMENTS, BASIC_STATES>::new());
@@ -105,38 +106,38 @@ fn finals(setup: &Setup, segments: &[Segment<f64>]) -> Vec<Progress> {
     (0..segments.len()).into_par_iter().filter_map(up_to).collect()
 }
 
-/// What a scheme can give, and the command that says so.
+/// Prediction for a scheme, and the command that prints it.
 #[derive(Clone, Debug)]
 pub struct Foresight {
-    /// What can be known before.
+    /// The prediction.
     pub prediction: Prediction,
     /// The command.
     pub command: String,
 }
 
-/// All that is laid beside the paper.
+/// All results that are compared with the paper.
 #[derive(Clone, Debug)]
 pub struct Replication {
-    /// The command that gives all of it as numbers.
+    /// The command that writes all numbers.
     pub command: String,
     /// Both periods of the paper's scheme.
     pub scheme: Scheme,
-    /// The two-stage method as it is set up.
+    /// Setup of the two-stage method.
     pub setup: Setup,
-    /// What the paper's scheme makes observable.
+    /// Observability on the paper's scheme.
     pub observability: Foresight,
     /// The simulated unit of Table 1.
     pub simulation: ShownRun,
-    /// A virtual unit with the errors of Table 3 and all else that a real one has.
+    /// A virtual unit with the errors of Table 3 and all other errors of a real unit.
     pub laboratory: ShownRun,
-    /// Many runs of Table 1.
+    /// Many runs of the unit of Table 1.
     pub table_1: Study,
-    /// Many runs of Table 3's twelve with all else zero.
+    /// Many runs of the twelve errors of Table 3 with all other errors zero.
     pub table_3: Study,
-    /// The same with all that a real unit has.
+    /// Many runs of the twelve errors of Table 3 with all other errors of a real unit.
     pub real: Study,
-    /// One effect each that the two-stage method takes as zero.
+    /// One study for each effect that the two-stage method takes as zero.
     pub ignored: Vec<Study>,
-    /// What schemes give by the joint method.
+    /// Predictions for schemes with the joint method.
     pub schemes: Vec<Foresight>,
 }

@@ -3,18 +3,18 @@
 use serde::Serialize;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-/// Error and sigma of one state in one run, report units.
+/// Error and sigma of one state in one run, in report units.
 #[derive(Clone, Copy, Debug)]
 pub struct ErrorAndSigma {
-    /// Estimate less truth.
+    /// Estimate minus truth.
     pub error: f64,
-    /// What the estimator said of it.
+    /// Sigma of the estimate.
     pub sigma: f64,
-    /// Cramer-Rao bound of this run's unit.
+    /// Cramer-Rao bound for the unit of this run.
     pub bound: f64,
 }
 
-/// One state over many runs, report units.
+/// Statistics of one state over many runs, in report units.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ErrorStatistics {
     /// Root mean square error.
@@ -27,20 +27,20 @@ pub struct ErrorStatistics {
     pub ratio: f64,
     /// Standard deviation of the ratio if every error is normal with the bound of its unit.
     pub scatter: f64,
-    /// Probability that the ratio is then off 1 by more than [`TOLERANCE`].
+    /// Probability that the ratio then differs from 1 by more than [`TOLERANCE`].
     pub chance_outside: f64,
     /// Mean of `(error / sigma)^2`.
     pub mean_normalized_squared: f64,
 }
 
-/// What a ratio of error to bound may be off 1.
+/// Largest difference between 1 and a ratio of RMS error to bound that is accepted.
 pub const TOLERANCE: f64 = 0.07;
 
 impl ErrorStatistics {
-    /// Of these runs.
+    /// Statistics of these runs.
     ///
-    /// The mean square of errors of different sigmas is a weighted sum of chi-square numbers. It scatters as that of
-    /// `n = (sum of bound^2)^2 / sum of bound^4` errors of one sigma (Welch and Satterthwaite).
+    /// The mean square of errors with different sigmas is a weighted sum of chi-square numbers. It scatters as the mean
+    /// square of `n = (sum of bound^2)^2 / sum of bound^4` errors with one sigma (Welch and Satterthwaite).
     pub fn new(runs: &[ErrorAndSigma]) -> Self {
         let sum = |of: &dyn Fn(&ErrorAndSigma) -> f64| runs.iter().map(of).sum::<f64>();
         let mean = |of: &dyn Fn(&ErrorAndSigma) -> f64| sum(of) / runs.len() as f64;
@@ -58,14 +58,15 @@ impl ErrorStatistics {
         }
     }
 
-    /// Whether the ratio is off 1 by more than [`TOLERANCE`].
+    /// Whether the ratio differs from 1 by more than [`TOLERANCE`].
     pub fn is_outside(&self) -> bool {
         // NaN is outside too.
         !(1.0 - TOLERANCE..=1.0 + TOLERANCE).contains(&self.ratio)
     }
 }
 
-/// Probability that the root mean square of so many normal numbers of sigma 1 is off 1 by more than [`TOLERANCE`].
+/// Probability that the root mean square of `count` normal numbers of sigma 1 differs from 1 by more than
+/// [`TOLERANCE`].
 fn chance_outside(count: f64) -> f64 {
     let Ok(distribution) = ChiSquared::new(count) else { return f64::NAN };
     let [low, high] = [1.0 - TOLERANCE, 1.0 + TOLERANCE].map(|ratio| distribution.cdf(count * ratio * ratio));
@@ -88,7 +89,7 @@ mod tests {
     use rand_xoshiro::rand_core::SeedableRng;
 
     #[test]
-    fn bounds_are_those_of_tables() {
+    fn chi_square_bounds_agree_with_tables() {
         // chi-square with 10 and 100 degrees of freedom at 0.5 % and 99.5 % (Abramowitz and Stegun, table 26.8).
         let [low, high] = chi_square_mean_bounds(1, 10.0, 0.99);
         assert!((low - 2.15586).abs() < 1e-4 && (high - 25.1882).abs() < 1e-3);
@@ -112,8 +113,9 @@ mod tests {
     }
 
     #[test]
-    fn what_is_outside_by_chance_is_what_draws_show() {
-        // 500 errors each; the last tenth with three times the sigma: 500 (0.9 + 0.9)^2 / (0.9 + 8.1) = 180 equal ones.
+    fn the_expected_number_outside_agrees_with_random_draws() {
+        // 500 errors, a tenth of them with three times the sigma, scatter as 500 (0.9 + 0.9)^2 / (0.9 + 8.1) = 180
+        // equal errors.
         let sigmas = |run: usize| if run % 10 == 9 { 3.0 } else { 1.0 };
         let mut rng = Xoshiro256PlusPlus::seed_from_u64(1);
         let mut draw = || {
@@ -127,7 +129,7 @@ mod tests {
         let outside = draws.iter().filter(|found| found.is_outside()).count() as f64 / 2000.0;
         let expected = draws[0].chance_outside;
         assert!((draws[0].scatter - 360.0_f64.sqrt().recip()).abs() < 1e-12 && (0.15..0.21).contains(&expected));
-        // Four sigma of a share of 2000, and 0.01 because a sum of two kinds is not quite a chi-square.
+        // Four sigma of a share of 2000, plus 0.01 because a sum of two kinds is not exactly a chi-square number.
         let allowed = 4.0 * (expected * (1.0 - expected) / 2000.0).sqrt() + 0.01;
         assert!((outside - expected).abs() < allowed, "{outside} for {expected}");
     }

@@ -1,4 +1,4 @@
-//! What the axes can do.
+//! Limits of the axes.
 
 use super::value::number_in;
 use crate::plan::Travel;
@@ -6,16 +6,16 @@ use clap::Args;
 use rins_selfcal::base::units::DEG;
 use rins_selfcal::gimbal::axis::AxisLimits;
 
-/// What the axes can do.
+/// Limits of the axes.
 #[derive(Debug, Args)]
 pub struct AxisArguments {
-    /// Travel of the outer and the inner axis, deg, or none [default: none, two turns either way]
+    /// Travel of the outer and the inner axis, deg; none allows two turns either way [default: none]
     #[arg(long, value_name = "LOW..HIGH,LOW..HIGH", value_parser = travel, allow_hyphen_values = true)]
     limits: Option<TravelArgument>,
     /// Highest rate of the axes, deg/s [default: 60]
     #[arg(long, value_name = "DEG_S", value_parser = pace, allow_negative_numbers = true)]
     axis_rate: Option<f64>,
-    /// Their highest acceleration, deg/s^2 [default: 60]
+    /// Highest acceleration of the axes, deg/s^2 [default: 60]
     #[arg(long, value_name = "DEG_S2", value_parser = pace, allow_negative_numbers = true)]
     acceleration: Option<f64>,
 }
@@ -49,7 +49,8 @@ pub fn travel(text: &str) -> Result<TravelArgument, String> {
         inside.then_some(Travel { lowest_rad: low * DEG, highest_rad: high * DEG })
     };
     let both = text.split_once(',').and_then(|(outer, inner)| Some([axis(outer)?, axis(inner)?]));
-    both.map(|both| TravelArgument(Some(both))).ok_or_else(|| "not LOW..HIGH,LOW..HIGH in deg with 0 in both".into())
+    both.map(|both| TravelArgument(Some(both)))
+        .ok_or_else(|| "not LOW..HIGH,LOW..HIGH in deg with 0 inside both ranges".into())
 }
 
 pub fn pace(text: &str) -> Result<f64, String> {

@@ -1,4 +1,4 @@
-//! How it is estimated.
+//! Estimation method and its options.
 
 use super::unit::rate_hz;
 use super::value::number_in;
@@ -14,16 +14,16 @@ pub enum MethodArgument {
     /// All 28 parameters at once
     #[default]
     Joint,
-    /// Bai's twelve
+    /// Bai's method: the twelve installation errors
     TwoStage,
 }
 
 #[derive(Debug, Args)]
 pub struct MethodArguments {
-    /// How to estimate
+    /// Estimation method
     #[arg(long, value_enum, default_value_t)]
     method: MethodArgument,
-    /// Scalar of the core
+    /// Floating-point type of the core
     #[arg(long, value_enum, default_value_t)]
     pub precision: Precision,
     #[command(flatten)]
@@ -42,13 +42,13 @@ impl MethodArguments {
 /// Effects beyond the 28 parameters.
 #[derive(Debug, Args)]
 pub struct OptionArguments {
-    /// Effects that the joint method estimates too, separated by commas
+    /// Further effects that the joint method estimates, separated by commas
     #[arg(long, value_enum, value_name = "EFFECT", value_delimiter = ',')]
     effects: Vec<Effect>,
-    /// Random walk of the gyro biases that is allowed for, (deg/h)/sqrt(h)
+    /// Random walk of the gyro biases in the filter model, (deg/h)/sqrt(h)
     #[arg(long, value_name = "SIZE", default_value_t = 0.0, value_parser = walk, allow_negative_numbers = true)]
     gyro_bias_walk: f64,
-    /// Random walk of the accelerometer biases that is allowed for, ug/sqrt(h)
+    /// Random walk of the accelerometer biases in the filter model, ug/sqrt(h)
     #[arg(long, value_name = "SIZE", default_value_t = 0.0, value_parser = walk, allow_negative_numbers = true)]
     accel_bias_walk: f64,
 }
@@ -61,7 +61,7 @@ enum Effect {
     Eccentricity,
     /// Second harmonic of the encoder errors
     SecondHarmonic,
-    /// Steady tilting of the base
+    /// Base tilt that drifts at a constant rate
     TiltDrift,
 }
 

@@ -1,4 +1,4 @@
-//! Which scheme is run.
+//! Choice of the scheme.
 
 use super::value::{number_in, of_option};
 use crate::cli::files::NamedFile;
@@ -10,19 +10,19 @@ use std::path::Path;
 
 #[derive(Debug, Args)]
 pub struct SchemeArguments {
-    /// A scheme of the library (`rins observability --all` lists them), or a file [default: fast-180, two-stage bai]
+    /// Scheme of the library (`rins observability --all` lists them), or a file [default: fast-180; bai for two-stage]
     #[arg(long, value_name = "NAME|FILE")]
     scheme: Option<String>,
-    /// Time of every stop, s [default: as the scheme says]
+    /// Duration of every stop, s [default: that of the scheme]
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     stop: Option<f64>,
-    /// How often the scheme is run [default: as the scheme says, two-stage bai 2]
+    /// Number of times the scheme is run [default: that of the scheme; 2 for bai with two-stage]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..))]
     periods: Option<u8>,
 }
 
 impl SchemeArguments {
-    /// The scheme, the usual one of this method where nothing else is asked for.
+    /// The chosen scheme, or the default scheme of the method.
     pub fn scheme(&self, method: Method) -> anyhow::Result<Scheme> {
         let usual = Scheme::default_for(method);
         let name = self.scheme.as_deref().unwrap_or(&usual.name);
@@ -30,16 +30,16 @@ impl SchemeArguments {
         of_option("--scheme", scheme_named(name, self.stop, periods))
     }
 
-    /// The file that it may be.
+    /// The scheme as an input file, because its name may be the path of a file.
     pub fn input(&self) -> NamedFile<'_> {
         ("--scheme", self.scheme.as_deref().map(Path::new))
     }
 }
 
-/// What is done about a scheme that leaves parameters unobserved.
+/// Treatment of a scheme that leaves parameters unobserved.
 #[derive(Debug, Args)]
 pub struct UnobservedArguments {
-    /// Run a scheme that leaves parameters unobserved, to see what it shows: it is rejected in the end, not refused before
+    /// Run a scheme that leaves parameters unobserved: it is not refused at the start, but rejected at the end
     #[arg(long)]
     pub run_unobserved: bool,
 }

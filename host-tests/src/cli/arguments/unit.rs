@@ -1,4 +1,4 @@
-//! Which unit it is.
+//! Description of the virtual unit.
 
 use super::value::{number_in, of_option};
 use crate::calibration::virtual_run::{Stream, VirtualRun, derived_seed};
@@ -13,10 +13,10 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
 pub struct UnitArguments {
-    /// table1, table3, real, random, random:1deg, random:tactical, a file, or what would be in it in one line
+    /// Errors: table1, table3, real, random, random:1deg, random:tactical, a file, or the content of a file in one line
     #[arg(long, value_name = "NAME|FILE", default_value = "real")]
     errors: String,
-    /// bai, navigation, tactical, or a file [default: that of --config, or navigation]
+    /// Noise: bai, navigation, tactical, or a file [default: that of --config, or navigation]
     #[arg(long, value_name = "NAME|FILE")]
     noise: Option<String>,
     /// Site, noise and rate of the unit
@@ -25,7 +25,7 @@ pub struct UnitArguments {
     /// Sample rate, Hz [default: that of --config, or 200]
     #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true)]
     rate: Option<f64>,
-    /// Of everything random
+    /// Seed of all random numbers
     #[arg(long, default_value_t = 1)]
     seed: u64,
 }
@@ -35,12 +35,12 @@ impl UnitArguments {
         unit_config(self.config.as_ref(), self.noise.as_deref(), self.rate)
     }
 
-    /// The files that describe it.
+    /// The input files that describe the unit.
     pub fn inputs(&self) -> [NamedFile<'_>; 3] {
         unit_inputs(&self.errors, self.noise.as_deref(), self.config.as_deref())
     }
 
-    /// The unit on a scheme.
+    /// The unit that runs a scheme.
     pub fn run(&self, config: &UnitConfig, scheme: Scheme) -> anyhow::Result<VirtualRun> {
         let drawn = errors(&self.errors)?.draw(derived_seed(self.seed, 0, Stream::Errors));
         let unit = VirtualUnit {
@@ -59,12 +59,12 @@ pub fn errors(name: &str) -> anyhow::Result<ErrorSource> {
     of_option("--errors", ErrorSource::named(name))
 }
 
-/// The files that may describe a unit.
+/// The input files that may describe a unit.
 pub fn unit_inputs<'a>(errors: &'a str, noise: Option<&'a str>, config: Option<&'a Path>) -> [NamedFile<'a>; 3] {
     [("--errors", Some(Path::new(errors))), ("--noise", noise.map(Path::new)), ("--config", config)]
 }
 
-/// Unit description from a file, or the default one, with other noise or another rate where asked for.
+/// Unit description from a file or by default, with the noise and the rate replaced if they are given.
 pub fn unit_config(config: Option<&PathBuf>, noise: Option<&str>, rate_hz: Option<f64>) -> anyhow::Result<UnitConfig> {
     let mut unit = config.map_or_else(|| Ok(UnitConfig::default()), |path| UnitConfig::read(path))?;
     if let Some(noise) = noise {

@@ -1,9 +1,10 @@
-//! Numbers within their ranges, and values whose option is named when they are wrong.
+//! Numbers with their ranges, and errors that name the option of a wrong value.
 
 use crate::files::toml_file::TomlFileError;
 use anyhow::Context;
 
-/// An unknown name, or what is no file, says whose value it is; what is wrong in a file, the file says.
+/// Adds the name of the option to an error about an unknown name or an unreadable file. Errors inside a file name the
+/// file already.
 pub fn of_option<T>(option: &'static str, found: Result<T, TomlFileError>) -> anyhow::Result<T> {
     match found {
         Err(error @ (TomlFileError::Name { .. } | TomlFileError::Io { .. })) => Err(error).context(option),
