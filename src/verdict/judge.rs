@@ -483,7 +483,7 @@ mod tests {
             (12, "[sigma] the sigma of Sgxy is 0.300 arcsec, but 0.200 arcsec or less is required")
         );
         let heading = reasons(|case| case.solution.estimate.sigmas[block::HEADING] = 0.05);
-        assert_eq!(heading.len(), 0, "a heading that is not known says so by its sigma");
+        assert_eq!(heading.len(), 0, "the heading need not be observed; its sigma shows how well it is known");
     }
 
     #[test]
