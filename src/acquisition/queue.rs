@@ -12,6 +12,7 @@ use heapless::spsc;
 
 /// A raw sample and the gimbal status at that time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SampleWithGimbal<T: Real> {
     /// The sample.
     pub sample: RawSample<T>,

@@ -14,6 +14,7 @@ pub const RAD_PER_TICK: f64 = core::f64::consts::TAU / TICKS_PER_TURN;
 
 /// Angle of one gimbal axis within one turn. Positive is right-handed about the axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Angle(u32);
 
 impl Angle {

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 /// Reason why a sample is missing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum LossReason {
     /// The sample queue was full because the main loop is too slow.
     Overrun,
@@ -20,6 +21,7 @@ pub enum LossReason {
 
 /// Number of missing samples since the start, by reason. Each counter saturates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LossCounts {
     /// Samples lost by [`LossReason::Overrun`].
     pub overrun: u32,

@@ -18,6 +18,7 @@ use serde::{Deserialize, Serialize};
 
 /// Limits of a motion. All limits are positive.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct MotionLimits {
     /// Highest rate, rad/s.
     pub rate_rad_s: f64,
@@ -42,6 +43,7 @@ impl MotionLimits {
 
 /// State of a profile at one time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Point<T> {
     /// Angle relative to the start, rad.
     pub angle_rad: T,
@@ -53,6 +55,7 @@ pub struct Point<T> {
 
 /// A motion from rest to rest: ramp, constant rate, ramp. A short motion has no part at constant rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Profile<T> {
     distance_rad: T,
     /// Rate between the ramps, with the sign of the distance, rad/s.

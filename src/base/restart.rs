@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 /// A task that the watchdog supervises.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Task {
     /// The data-ready interrupt.
     Sampling,
@@ -22,6 +23,7 @@ impl Task {
 
 /// Fatal error: the reason why the software resets the processor.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FatalError {
     /// A task missed its deadline.
     Overdue(Task),
@@ -63,6 +65,7 @@ impl FatalError {
 
 /// Registers of the processor at a fault.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Registers {
     /// Address of the faulting instruction. 0 if the stack frame cannot be read.
     pub pc: u32,
@@ -76,6 +79,7 @@ pub struct Registers {
 
 /// Reason of the last reset.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Restart {
     /// The power was switched on.
     PowerOn,

@@ -13,6 +13,7 @@ pub const CHANNELS: usize = 6;
 /// to `time_us`. If an instrument took the angles and the stamp at the end of the interval instead, each move would
 /// lose up to half an interval of Earth rotation: 0.04 arcsec at 200 Hz.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct RawSample<T: Real> {
     /// Middle of the sample interval, us, monotonic.
     pub time_us: u64,
@@ -43,6 +44,7 @@ impl<T: Real> Default for RawSample<T> {
 
 /// A sample from which the calibrated errors have been removed.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CorrectedSample<T: Real> {
     /// Time stamp of the raw sample, us.
     pub time_us: u64,
@@ -56,6 +58,7 @@ pub struct CorrectedSample<T: Real> {
 
 /// Status of a corrected sample, as a word of bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SampleStatus(u16);
 
 impl SampleStatus {

@@ -8,6 +8,7 @@ pub const EARTH_RATE_RAD_S: f64 = 7.292_115e-5;
 
 /// Location of the instrument.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Site {
     /// Geodetic latitude, rad.
     pub latitude_rad: f64,

@@ -55,6 +55,7 @@ static CRC_32: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_ISO_HDLC);
 
 /// A register: its page, the address of its low byte, and the stall after a write to it, us.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Register {
     page: u8,
     address: u8,
@@ -90,6 +91,7 @@ impl Register {
 
 /// Clock of the samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Clock {
     /// Clock of the IMU: 4250 Hz within the tolerance of its oscillator.
     Internal,
@@ -103,6 +105,7 @@ pub enum Clock {
 /// FIR filter bank with 120 taps. Unless other taps have been written, banks A, B, C and D are low-pass filters of 300,
 /// 100, 300 and 100 Hz.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum FilterBank {
     /// Bank A.
     A = 0,
@@ -116,6 +119,7 @@ pub enum FilterBank {
 
 /// Settings of the IMU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Adis16495Settings {
     /// Clock of the samples.
     pub clock: Clock,
@@ -190,6 +194,7 @@ impl Adis16495Settings {
 
 /// Why the IMU does not start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum StartFault<E> {
     /// The bus transfer failed.
     Bus(E),
@@ -314,6 +319,7 @@ impl<S: SpiDevice> Adis16495<S> {
 
 /// Content of a burst in raw numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Burst {
     /// Status word SYS_E_FLAG.
     pub flags: u16,

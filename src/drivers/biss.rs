@@ -46,6 +46,7 @@ static CRC_6: Crc<u8, Table<1>> = Crc::<u8, Table<1>>::new(&CRC_6_BISS);
 
 /// Position bits per turn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Resolution {
     /// 2^26 steps per turn, 0.019 arcsec each.
     Bits26,
@@ -64,6 +65,7 @@ impl Resolution {
 
 /// Mounting of the encoder on its axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Mounting {
     /// Encoder reading at the zero angle of the axis.
     pub zero: Angle,
@@ -84,6 +86,7 @@ impl Mounting {
 
 /// Why the driver returns no angle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum BissFault<E> {
     /// The bus transfer failed.
     Bus(E),
@@ -113,6 +116,7 @@ struct Frame {
 
 /// Driver of the encoder of one axis.
 #[derive(Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BissEncoder<S> {
     spi: S,
     resolution: Resolution,

@@ -5,6 +5,7 @@ use crate::base::linear::{Real, Vector3};
 
 /// One measurement of an IMU.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ImuReading<T: Real> {
     /// Middle of the sample interval, us. Rate and force are means over this interval.
     pub time_us: u64,
@@ -21,6 +22,7 @@ pub struct ImuReading<T: Real> {
 
 /// Why an IMU driver returns no measurement.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ImuFault<E> {
     /// The bus transfer failed.
     Bus(E),

@@ -41,6 +41,7 @@ static CRC_32: Crc<u32, Table<1>> = Crc::<u32, Table<1>>::new(&CRC_32_MPEG_2);
 
 /// Meaning of the rotation numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Rotation {
     /// Angular rates, per second.
     Rate,
@@ -50,6 +51,7 @@ pub enum Rotation {
 
 /// Settings stored in the IMU.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Kvh1750Settings {
     /// Output rate, Hz.
     pub rate_hz: f64,
@@ -94,6 +96,7 @@ impl Kvh1750Settings {
 
 /// Counters of discarded data. Each counter saturates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Discarded {
     /// Bytes outside of valid messages.
     pub bytes: u32,
@@ -189,6 +192,7 @@ impl Kvh1750 {
 
 /// Content of a message.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Kvh1750Message {
     /// Rotation about x, y, z, in the unit and form of the IMU's settings.
     pub rotation: [f32; 3],

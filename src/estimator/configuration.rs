@@ -20,6 +20,7 @@ pub const FULL_STATES: usize = BASIC_STATES + OPTIONAL_STATES;
 
 /// Where the heading comes from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum HeadingSource {
     /// Gyrocompassing: the Earth rate that the gyros measure at the first stop.
     #[default]
@@ -35,6 +36,7 @@ pub enum HeadingSource {
 
 /// Configuration of the estimator.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct EstimatorConfig {
     /// Joint or two-stage method.
     pub method: Method,

@@ -46,6 +46,7 @@ const TOLERANCE_RAD: f64 = ARCSEC;
 
 /// Kind of change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Change {
     /// A parameter, by index, has a different value from the onset on. For a step of the attitude, the gyros have
     /// measured the turn.
@@ -74,6 +75,7 @@ impl Change {
 
 /// Component of the Earth rate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum EarthRateAxis {
     /// Horizontal component.
     North,
@@ -86,6 +88,7 @@ pub enum EarthRateAxis {
 /// Evidence of the segments about the configured site and heading. For the Earth rate, it is score (s/rad) and
 /// information (s^2/rad^2) of the measured Earth rate minus that of the site, north and up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SettingEvidence {
     /// Score of the Earth rate, north and up, s/rad.
     pub earth_rate_score: [f64; 2],
@@ -121,6 +124,7 @@ impl SettingEvidence {
 
 /// The most significant change.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Suspicion {
     /// Kind of change.
     pub change: Change,
@@ -198,6 +202,7 @@ const SUSPECTS: usize = 19;
 
 /// Changes that begin with one segment, under test in one sweep of the filter.
 #[derive(Clone, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Suspects<const STATES: usize> {
     onset: u16,
     duration_s: f32,

@@ -15,6 +15,7 @@ use crate::base::linear::{Matrix, Real, Vector, columns, columns_mut, zeros};
 
 /// Difference between a measurement and its prediction.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Innovation<T> {
     /// Measured minus predicted.
     pub value: T,
@@ -32,6 +33,7 @@ impl<T: Real> Innovation<T> {
 /// Outcome of a measurement update.
 #[must_use]
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Update<T> {
     /// State and covariance are updated.
     Applied(Innovation<T>),
@@ -43,6 +45,7 @@ pub enum Update<T> {
 
 /// One scalar measurement, linear in the deviation: `z = h x + v`.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Measurement<T: Real, const N: usize> {
     /// Measured value minus the value predicted at zero deviation.
     pub z: T,
@@ -54,6 +57,7 @@ pub struct Measurement<T: Real, const N: usize> {
 
 /// States and their covariance, `P = U D U^T`.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct UdFilter<T: Real, const N: usize> {
     x: Vector<T, N>,
     u: Matrix<T, N, N>,

@@ -13,6 +13,7 @@ pub const OBSERVED_RATIO: f64 = 0.1;
 
 /// The innovation with the largest normalized magnitude.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LargestInnovation {
     /// The innovation in units of its standard deviation.
     pub normalized: f64,
@@ -24,6 +25,7 @@ pub struct LargestInnovation {
 
 /// Innovations of the measurements of one segment in the closing sweep.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SegmentInnovations {
     /// Segment, counted from 0.
     pub segment: u16,
@@ -34,6 +36,7 @@ pub struct SegmentInnovations {
 
 /// Agreement of the segments with the model.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Fit {
     /// Sum of squared normalized innovations.
     pub chi_square: f64,
@@ -77,6 +80,7 @@ impl Fit {
 
 /// Parameters with their uncertainty, as `f64`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Estimate {
     /// The parameters.
     pub errors: InstrumentErrors<f64>,
@@ -86,6 +90,7 @@ pub struct Estimate {
 
 /// The result of the final pass.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Solution {
     /// Parameters and sigmas.
     pub estimate: Estimate,

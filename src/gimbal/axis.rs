@@ -46,6 +46,7 @@ const TRAVEL_MARGIN_RAD: f64 = 0.1 * DEG;
 
 /// Limits of rate, acceleration and travel of one axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct AxisLimits {
     /// Highest rate that may be commanded, rad/s.
     pub rate_rad_s: f64,
@@ -114,6 +115,7 @@ enum Mode<T> {
 
 /// One axis and its state.
 #[derive(Clone, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Axis<T: Real> {
     limits: AxisLimits,
     /// Rate below which the axis is at rest, rad/s: not less than one encoder step per control period.

@@ -30,6 +30,7 @@ use crate::gimbal::servo::{Drive, MotorAndLoad, PERIOD_US};
 
 /// Command to both axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum MotionCommand {
     /// Brake, then hold both axes at rest under control.
     Hold,
@@ -48,6 +49,7 @@ pub enum MotionCommand {
 
 /// Inputs of one control period.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct GimbalInputs {
     /// Readings of the outer and the inner encoder.
     pub encoders: [Result<Angle, EncoderFault>; 2],
@@ -57,6 +59,7 @@ pub struct GimbalInputs {
 
 /// Status of both axes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct GimbalStatus {
     /// Time of the last control period, us.
     pub time_us: u64,

@@ -9,6 +9,7 @@ pub const AXIS_NAMES: [&str; 2] = ["outer", "inner"];
 
 /// Why an encoder gives no valid reading.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum EncoderFault {
     /// The encoder does not answer, or its bus fails.
     Silent,
@@ -22,6 +23,7 @@ pub enum EncoderFault {
 
 /// Fault of the bridge of a motor.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum BridgeFault {
     /// The bridge reports a fault: overcurrent, over-temperature or undervoltage.
     Overcurrent,
@@ -31,6 +33,7 @@ pub enum BridgeFault {
 
 /// Kind of a fault. The numbers are for messages only, so they are `f32`: every sample carries a copy of the fault.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[expect(missing_docs, reason = "the documentation of a variant explains its fields")]
 pub enum FaultKind {
     /// The axis is this far from its profile.
@@ -49,6 +52,7 @@ pub enum FaultKind {
 
 /// A fault of one axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Fault {
     /// Axis: 0 is the outer axis, 1 the inner axis.
     pub axis: u8,

@@ -62,6 +62,7 @@ const MOVING_STEPS: f64 = 0.6;
 
 /// Data of one motor, its load and its encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct MotorAndLoad {
     /// Moment of inertia of all turning parts, kg m^2.
     pub inertia_kg_m2: f64,
@@ -143,6 +144,7 @@ impl MotorAndLoad {
 
 /// Command to the bridge of a motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Drive<T> {
     /// Fraction of the supply voltage, -1 to 1. The sign is that of the torque, right-handed about the axis.
     Duty(T),
@@ -154,6 +156,7 @@ pub enum Drive<T> {
 
 /// Setpoint of the servo.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Setpoint<T> {
     /// Angle, counted over whole turns, ticks.
     pub ticks: i64,
@@ -170,6 +173,7 @@ impl<T: Real> Setpoint<T> {
 
 /// Control loops of one axis.
 #[derive(Clone, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Servo<T> {
     gains: Gains<T>,
     /// Filtered rate of the encoder, rad/s.

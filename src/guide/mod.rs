@@ -16,6 +16,7 @@
 
 /// A chapter of the guide.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Chapter {
     /// Name of the chapter: its module, and the argument of `rins guide`.
     pub name: &'static str,

@@ -36,6 +36,7 @@ pub trait Axes {
 
 /// The content of the archive at power-up.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FoundRecord {
     /// The calibration to use, if there is an intact one.
     pub record: Option<StoredCalibration>,

@@ -34,6 +34,7 @@ type Slot = [u8; SLOT_BYTES];
 
 /// An event that is recorded.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Event {
     /// The software has started, for this reason.
     Restarted(Restart),
@@ -103,6 +104,7 @@ impl Restart {
 
 /// A recorded event.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Entry {
     /// Number of the event, counted from 0 over all starts.
     pub sequence: u32,
@@ -123,6 +125,7 @@ impl Entry {
 
 /// The memory of the black box. Any bytes are valid.
 #[derive(Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(transparent)]
 pub struct BlackBox<const N: usize> {
     slots: [Slot; N],

@@ -29,6 +29,7 @@ const PIECE_BYTES: usize = 32;
 
 /// The content of the store.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[expect(clippy::large_enum_variant, reason = "there is no heap to box the record on")]
 pub enum Loaded {
     /// There is no accepted calibration and no damage.
@@ -49,6 +50,7 @@ pub enum Loaded {
 
 /// Why the store could not be read or written. The newest accepted record is intact in every case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum StoreError<E> {
     /// The memory reports a fault.
     Memory(E),

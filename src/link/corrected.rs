@@ -12,6 +12,7 @@ pub(super) const MAX_CORRECTED_FRAME_BYTES: usize = 96;
 /// One corrected sample. Its frame is 76 bytes long after some minutes: at 200 Hz 16.5 % of what a line of 921 600 baud
 /// carries.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CorrectedReport {
     /// Counts the corrected samples from 0 since the stream was switched on. A gap shows that the outbox had no room
     /// for a sample.

@@ -109,6 +109,7 @@ impl Flavor for Encoder<'_> {
 
 /// A frame with the right CRC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Frame<'d> {
     /// Kind of the payload, [`Payload::KIND`].
     pub kind: u8,
@@ -130,6 +131,7 @@ impl Frame<'_> {
 
 /// Why a frame is dropped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Damage {
     /// The frame is cut short, too long, not valid COBS, or its CRC is wrong.
     Corrupt,
@@ -139,6 +141,7 @@ pub enum Damage {
 
 /// Numbers of frames that a receiver dropped.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Dropped {
     /// See [`Damage::Corrupt`].
     pub corrupt: u32,

@@ -7,6 +7,7 @@ use heapless::Deque;
 
 /// The priority of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Lane {
     /// Answers, states, verdicts and faults.
     Urgent,
@@ -16,6 +17,7 @@ pub enum Lane {
 
 /// Frames as bytes. A zero byte ends each frame.
 #[derive(Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Outbox<const URGENT: usize, const ROUTINE: usize> {
     urgent: Deque<u8, URGENT>,
     routine: Deque<u8, ROUTINE>,

@@ -25,6 +25,7 @@ impl Payload for Message {
 
 /// A command to the instrument. Its frame has a number, which the answer repeats.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
 pub enum Command {
     /// Report what the instrument is: [`Answer::Hello`].
@@ -55,6 +56,7 @@ impl Payload for Command {
 
 /// An item that can be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Item {
     /// The stored calibration.
     Calibration,
@@ -81,6 +83,7 @@ pub enum Item {
 
 /// A part of the configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
 pub enum Setting {
     /// The configuration from samples to parameters: sample rate, site, noise, heading, options.
@@ -101,6 +104,7 @@ pub enum Setting {
 
 /// Name of a part of the configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SettingName {
     /// See [`Setting::Calibrator`].
     Calibrator,
@@ -154,6 +158,7 @@ impl Setting {
 
 /// The answer to a command. Its frame has the number of the command. Number 0 marks an answer without a command.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
 pub enum Answer {
     /// The command was carried out, or has begun.
@@ -192,6 +197,7 @@ impl Payload for Answer {
 
 /// Why a command is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Refusal {
     /// The frame is whole, but holds no command of this version.
     NotUnderstood,
@@ -248,6 +254,7 @@ impl fmt::Display for Refusal {
 
 /// What the instrument is.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Hello {
     /// Version of the protocol.
     pub protocol: u8,
@@ -276,6 +283,7 @@ impl Hello {
 
 /// The state of the instrument.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Status {
     /// Time since power-up, us.
     pub time_us: u64,
@@ -301,6 +309,7 @@ pub struct Status {
 
 /// Counts of what the instrument's end of the link lost, since power-up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct LinkCounts {
     /// Received frames that were dropped.
     pub dropped: Dropped,

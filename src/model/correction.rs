@@ -30,6 +30,7 @@ use crate::base::sample::{CorrectedSample, RawSample};
 /// assert!((corrected.rot_sb[(0, 1)] - 100.0 * ARCSEC).abs() < 1e-9);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Calibration<T: Real> {
     /// `rot_sa (I + diag ka)^-1`
     force_matrix_sa: Matrix3<T>,

@@ -49,6 +49,7 @@ pub const INSTALLATION_STATES: usize = block::ACCEL_BIAS;
 
 /// Name and unit of a parameter, for reports.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ParameterInfo {
     /// Name, as in the literature and in all files.
     pub name: &'static str,
@@ -96,6 +97,7 @@ pub const PARAMETER_INFO: [ParameterInfo; PARAMETERS] = [
 
 /// The errors of one instrument and the attitude of its base: the 28 parameters by name.
 #[derive(Clone, Copy, Debug, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct InstrumentErrors<T> {
     /// Sgxy Sgxz Sgyx Sgyz Sgzx Sgzy of (M1), rad.
     pub gyro_non_orthogonality: [T; 6],

@@ -33,6 +33,7 @@ pub const HARMONICS: usize = 8;
 
 /// A predicted measurement and its derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Prediction<T: Real> {
     /// Predicted value, three channels.
     pub value: Vector3<T>,
@@ -50,6 +51,7 @@ pub struct Prediction<T: Real> {
 
 /// Predicts the measurements of segments, linearized about one set of errors.
 #[derive(Clone, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct MeasurementModel<T: Real> {
     pub(super) errors: InstrumentErrors<T>,
     pub(super) force_b: Vector3<T>,

@@ -33,6 +33,7 @@ mod optional {
 
 /// Which optional states are estimated, and which noise is allowed for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Options {
     /// Estimate ramps of all biases, as during warm-up.
     pub bias_ramp: bool,
@@ -114,6 +115,7 @@ pub const OPTIONAL_INFO: [ParameterInfo; OPTIONAL_STATES] = [
 
 /// Optional states with their standard deviations, SI; 0 for a state that is off.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct OptionalEstimate {
     /// Estimated values, SI.
     pub values: [f64; OPTIONAL_STATES],

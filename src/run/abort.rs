@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 /// The reason why a run was given up.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum AbortReason {
     /// The operator or the navigation software gave the command to abort.
     Commanded,
@@ -45,6 +46,7 @@ impl AbortReason {
 
 /// A run that was given up.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Abort {
     /// The reason.
     pub reason: AbortReason,

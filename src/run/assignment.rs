@@ -24,6 +24,7 @@ pub const MAX_ASSIGNMENT_BYTES: usize = 2048;
 
 /// What to do after power-up.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
 pub enum Assignment {
     /// Calibrate or use the stored calibration, then correct samples.

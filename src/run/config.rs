@@ -19,6 +19,7 @@ use serde::{Deserialize, Serialize};
 
 /// The configuration of the chain from samples to parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CalibratorConfig {
     /// Nominal sample rate, Hz.
     pub rate_hz: f64,
@@ -30,6 +31,7 @@ pub struct CalibratorConfig {
 
 /// The configuration of a self-calibration run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SelfCalibrationConfig {
     /// The configuration of the chain from samples to parameters.
     pub calibrator: CalibratorConfig,
@@ -54,6 +56,7 @@ pub struct SelfCalibrationConfig {
 
 /// Why a configuration is refused. An axis is 0 for the outer axis and 1 for the inner axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ConfigError {
     /// The sample rate is not from 50 to 10 000 Hz.
     Rate,

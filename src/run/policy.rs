@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 /// When the instrument calibrates itself.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum PowerUpPolicy {
     /// At every power-up.
     Always,
@@ -31,6 +32,7 @@ impl Default for PowerUpPolicy {
 
 /// The conditions of a calibration or of a power-up.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Conditions {
     /// Seconds since 1970-01-01 UTC; `None` if there is no clock.
     pub utc_s: Option<u64>,
@@ -40,6 +42,7 @@ pub struct Conditions {
 
 /// The decision at power-up, and its cause.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Decision {
     /// A calibration begins.
     Calibrate(Cause),
@@ -51,6 +54,7 @@ pub enum Decision {
 
 /// The cause of a decision.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Cause {
     /// The policy permits no other decision.
     Policy,

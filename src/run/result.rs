@@ -20,6 +20,7 @@ pub const REASONS_SCHEMA: u8 = 1;
 
 /// A calibration with its origin and its verdict.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StoredCalibration {
     /// The estimated errors, SI.
     pub errors: InstrumentErrors<f64>,
@@ -70,6 +71,7 @@ impl StoredCalibration {
 
 /// The short form of a verdict.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct StoredVerdict {
     /// Number of doubts; 0 means accepted.
     pub doubts: u16,

@@ -40,6 +40,7 @@ const COMMANDED: Decision = Decision::Calibrate(Cause::Commanded);
 
 /// What the main loop must do after a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[must_use]
 pub struct Step<T: Real> {
     /// The new command to the gimbal, if there is a new command.

@@ -42,6 +42,7 @@ const TURN_TIMEOUT_US: u64 = 10_000_000;
 
 /// The limits on the duration of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Pace {
     /// Number of disturbed stops that may be repeated in one run.
     pub stop_repeats: u8,
@@ -68,6 +69,7 @@ impl Pace {
 
 /// What the sequencer needs to know at each step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Input {
     /// Time, us.
     pub now_us: u64,
@@ -103,6 +105,7 @@ pub struct Input {
 /// What the main loop must do now.
 #[must_use]
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Action {
     /// No change.
     Continue,
@@ -143,6 +146,7 @@ pub enum Action {
 
 /// The state machine.
 #[derive(Clone, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Sequencer {
     scheme: Scheme,
     state: State,

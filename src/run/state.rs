@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 /// The state of the run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum State {
     /// Nothing is decided yet.
     PowerUp,

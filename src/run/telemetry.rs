@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 
 /// A finished segment and the live estimate after it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Progress {
     /// Number of segments so far.
     pub segments: u16,
@@ -30,6 +31,7 @@ pub struct Progress {
 
 /// A message of the instrument.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Message {
     /// What the calibration store held at power-up.
     Store {

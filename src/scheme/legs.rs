@@ -15,6 +15,7 @@ const LONGEST_S: f64 = 7.0 * 86_400.0;
 
 /// One move and the stop after it. The first stop of a scheme is a leg to (0, 0) without a move.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Leg {
     /// Target of the outer axis, counted over whole turns, rad.
     pub outer_rad: f64,
@@ -33,6 +34,7 @@ impl Leg {
 
 /// Rate and acceleration of a turning axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Turning {
     /// Highest rate, rad/s.
     pub rate_rad_s: f64,
@@ -74,6 +76,7 @@ impl Turning {
 /// assert!((scheme.duration_s() - (10.0 + 3.0 * (5.5 + 8.0))).abs() < 1e-9);
 /// ```
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Scheme {
     /// Name, for reports.
     pub name: String<MAX_NAME_BYTES>,
@@ -91,6 +94,7 @@ pub struct Scheme {
 
 /// Why a scheme is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SchemeError {
     /// The rate, the acceleration or the number of periods is not positive and finite.
     Motion,

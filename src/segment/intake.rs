@@ -9,6 +9,7 @@ const GAP_INTERVALS: f64 = 1.5;
 
 /// Counts of samples and gaps since the last restart of the counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct IntakeCounts {
     /// Samples admitted.
     pub admitted: u64,
@@ -32,6 +33,7 @@ impl IntakeCounts {
 /// Decision about one sample.
 #[must_use]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Admission {
     /// The sample is admitted.
     Admitted {
@@ -48,6 +50,7 @@ pub enum Admission {
 
 /// Check of every sample before it is used.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Intake {
     nominal_us: f64,
     /// Longest interval that does not count as a gap, us.

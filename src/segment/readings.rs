@@ -23,6 +23,7 @@ const DITHERED_CHANGES: f64 = 8.0;
 
 /// Estimator of the resolution of an encoder.
 #[derive(Clone, Copy, Debug, Default)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Steps {
     last_held: Option<Angle>,
     differing_bits: u32,
@@ -48,6 +49,7 @@ impl Steps {
 
 /// Readings of one encoder over a segment.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Readings {
     /// Sum of the squares of second differences, ticks^2.
     pub jumps_ticks2: f32,

@@ -16,6 +16,7 @@ const EXPLAINED: f64 = 1e-6;
 
 /// Scatter of the block means of a stop, without the part that the encoders see.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Scatter {
     /// Number of blocks.
     pub blocks: u16,
@@ -32,6 +33,7 @@ pub struct Scatter {
 
 /// Means over one block.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BlockMeans<T> {
     /// Force per axis, m/s^2.
     pub force: [T; 3],
@@ -45,6 +47,7 @@ pub struct BlockMeans<T> {
 
 /// Sums over the block means of a stop.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ScatterSums<T> {
     blocks: u16,
     force: TriadSums<T>,

@@ -34,6 +34,7 @@ pub const GUARD_S: f64 = GUARD_BLOCKS as f64 * BLOCK_US as f64 * 1e-6;
 
 /// Criterion for an axis at rest.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Stillness {
     /// Limit for an axis at rest, rad. The limit applies to the range of the encoder angle over 0.1 s and to the
     /// distance from the angle where the stop began. The limit is at most 1 deg and must exceed the encoder's noise

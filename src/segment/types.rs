@@ -14,6 +14,7 @@ pub const LONGEST_GAP_US: u64 = 100_000;
 
 /// Stop or move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum SegmentKind {
     /// Both axes are at rest.
     Stop,
@@ -23,6 +24,7 @@ pub enum SegmentKind {
 
 /// A finished stop or move.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Segment<T: Real> {
     /// Time of the last sample before the segment, us.
     pub start_us: u64,
@@ -107,6 +109,7 @@ impl<T: Real> Segment<T> {
 
 /// The kind of a segment, with the sums that only this kind has.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Course<T: Real> {
     /// Both axes are at rest.
     Stop(Standing<T>),
@@ -116,6 +119,7 @@ pub enum Course<T: Real> {
 
 /// Measurements while both axes are at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Standing<T: Real> {
     /// Mean of the accelerometer outputs, m/s^2.
     pub force_a: Vector3<T>,
@@ -127,6 +131,7 @@ pub struct Standing<T: Real> {
 
 /// Angles by which the axes turn over a segment, and integrals over the outer angle, rad.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Turned<T> {
     /// Increment of the outer angle.
     pub outer: T,
@@ -141,6 +146,7 @@ pub struct Turned<T> {
 /// Further sums over the gimbal angles. With [`Turned`] they determine the integrals of (M3) for any
 /// non-perpendicularity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct AngleIntegrals<T> {
     /// Integral of (1, cos, sin)(inner) x (1, cos, sin)(outer) over time, s. Rows are inner, columns are outer. The
     /// integrals weight the Earth rate, so `f32` gives an error of 0.0002" over a stop of 200 s. `f32` saves memory,
@@ -157,6 +163,7 @@ pub struct AngleIntegrals<T> {
 /// Integrals over the outer angle, rad. Through them the harmonics of the encoder errors act on a move. The errors are
 /// some arcsec, and an accuracy of 1 % is sufficient. So the sums are `f32` and are not compensated.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct HarmonicSums {
     /// Integrals of (cos, sin)(inner) x (cos, sin, cos of the double angle, sin of the double angle)(outer).
     pub outer: [[f32; 4]; 2],
@@ -187,6 +194,7 @@ impl HarmonicSums {
 
 /// Readings that repeat to the last bit. Readings with noise do not repeat.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Held {
     /// Longest run of samples over which one channel kept the same value.
     pub samples: u16,

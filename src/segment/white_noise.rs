@@ -23,6 +23,7 @@ const TREND_PART: f64 = 3.0;
 
 /// White noise of the sensors and repeatability of the encoders.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Noise {
     /// Velocity random walk, m/s^2/sqrt(Hz).
     pub accel_psd_sqrt: f64,
@@ -37,6 +38,7 @@ pub struct Noise {
 
 /// Scatter of one channel at a stop, in units of the noise that is allowed.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ScatterRatios {
     /// Variance of the block means.
     pub variance: f64,

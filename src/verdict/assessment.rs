@@ -15,6 +15,7 @@ pub(super) const MAX_REASONS: usize = 12;
 
 /// The verdict: accepted, or rejected with reasons.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Verdict {
     /// Doubts, in the order in which they were found. Without doubts, the result is accepted.
     pub reasons: heapless::Vec<Reason, MAX_REASONS>,
@@ -52,6 +53,7 @@ impl Verdict {
 
 /// Everything that the verdict uses.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Assessment<'a, T: Real> {
     /// The solution after all sweeps.
     pub solution: &'a Solution,

@@ -11,6 +11,7 @@ pub(super) const INSTALLATION: Range<usize> = 0..INSTALLATION_STATES;
 
 /// Limits of a result that do not follow from statistics.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct VerdictLimits {
     /// Largest plausible non-orthogonality and mounting angle, rad.
     pub installation_rad: f64,

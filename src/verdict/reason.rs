@@ -17,6 +17,7 @@ pub const CHANNEL_NAMES: [&str; CHANNELS] = ["accel x", "accel y", "accel z", "g
 
 /// Why a stop does not look like an instrument at rest.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Unrest {
     /// The variance of the block means of the stop is this many times that of white noise.
     Variance(f32),
@@ -28,6 +29,7 @@ pub enum Unrest {
 
 /// One channel or one triad of sensors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Sensors {
     /// One channel, as in [`CHANNEL_NAMES`].
     Channel(u8),
@@ -44,6 +46,7 @@ pub enum Sensors {
 /// [`REASONS_SCHEMA`](crate::run::result::REASONS_SCHEMA) first, and writes the page of a new [code](Self::code) into
 /// the chapter [`reasons`](crate::guide::reasons) of the guide.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[expect(missing_docs, reason = "the text of a variant says what its fields are")]
 pub enum Reason {
     /// The samples are not in the expected units.

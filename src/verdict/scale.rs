@@ -23,6 +23,7 @@ const UNIT_TOLERANCE: f64 = 0.15;
 
 /// A scale that shows wrong units.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum WrongScale {
     /// The accelerometers measure this many times gravity at the stops.
     Force {

@@ -28,6 +28,7 @@ const SHARED_PART: f64 = 0.2;
 
 /// A configured value that is wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[expect(missing_docs, reason = "the text of a variant says what its fields are")]
 pub enum WrongSetting {
     /// The gyros measure the Earth rate of another latitude, rad.

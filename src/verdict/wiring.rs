@@ -18,6 +18,7 @@ const EXPLAINED: f64 = 0.25;
 
 /// One wiring mistake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Wiring {
     /// The sign of a channel is wrong. Channels: 0 to 2 are accelerometers x y z, 3 to 5 gyros x y z.
     Reversed(u8),
