@@ -757,7 +757,7 @@ fn a_corrected_log_has_no_errors_left() {
     fs::write(&wrong, fs::read_to_string(&out).unwrap() + "no,row\n").unwrap();
     let cut = scratch("apply-cut.csv");
     let message = refused(&["apply", &wrong, "--calibration", &cal, "--out", &cut]);
-    assert!(message.starts_with("apply-wrong.csv:58522: 2 fields, the header has 9"), "{message}");
+    assert!(message.starts_with("apply-wrong.csv:58522: the row has 2 fields, the header has 9"), "{message}");
     assert!(!Path::new(&cut).exists(), "half a log is none");
 }
 
