@@ -227,7 +227,7 @@ fn recorded_samples_of_the_firmware_are_those_that_the_host_corrects() {
     let csv = std::fs::read_to_string(&out).expect("the recording");
     let rows: Vec<Vec<f64>> =
         csv.lines().skip(1).map(|row| row.split(',').map(|field| field.parse().expect("a number")).collect()).collect();
-    assert!(said.contains(&format!("{} corrected samples recorded, 0 missing", rows.len())), "{said}");
+    assert!(said.contains(&format!("corrected samples: {} recorded, 0 missing", rows.len())), "{said}");
     let numbers: Vec<_> = rows.iter().map(|row| row[10] as usize).collect();
     assert_eq!(numbers, (0..rows.len()).collect::<Vec<_>>());
 

@@ -156,7 +156,9 @@ fn schemes_that_cannot_be_run_are_refused_by_name_and_reason() {
     let fast =
         fs::read_to_string(scratch("wrong.toml")).unwrap().replace("first_stop_s", "rate_deg_s = 100.0\nfirst_stop_s");
     fs::write(scratch("quick.toml"), fast).unwrap();
-    assert!(refused(&["calibrate", "--scheme", "quick.toml"]).contains("faster than the limits of the outer axis permit"));
+    assert!(
+        refused(&["calibrate", "--scheme", "quick.toml"]).contains("faster than the limits of the outer axis permit")
+    );
     let message = refused(&["calibrate", "--scheme", "8-position"]);
     assert!(message.contains("8-position") && message.contains("unobserved"), "{message}");
 }

@@ -1,5 +1,6 @@
 //! `rins monitor`
 
+use super::arguments::value::number_in;
 use super::ending::Ending;
 use super::output::{is_quiet, must_sayln};
 use super::{files, history};
@@ -57,10 +58,10 @@ pub struct MonitorArguments {
     #[arg(long, requires = "unlock")]
     erase: bool,
     /// Record every corrected sample until q, Ctrl-C, or the line closes
-    #[arg(long, value_name = "OUT.csv", conflicts_with_all = ["abort", "read", "configure", "erase"])]
+    #[arg(long, value_name = "OUT.csv", conflicts_with_all = ["start", "abort", "read", "configure", "erase"])]
     record: Option<PathBuf>,
     /// Stop recording after this time, s
-    #[arg(long, value_name = "S", requires = "record")]
+    #[arg(long, value_name = "S", requires = "record", value_parser = seconds, allow_negative_numbers = true)]
     seconds: Option<f64>,
     /// Unlock the instrument for `--configure` and `--erase`
     #[arg(long)]
@@ -129,6 +130,11 @@ fn unknown_key(found: &toml::Value, known: &toml::Value) -> Option<(String, Stri
             (inside, inner)
         }),
     })
+}
+
+/// Length of a recording, s: up to a year.
+fn seconds(text: &str) -> Result<f64, String> {
+    number_in(text, 0.001, 3.2e7)
 }
 
 fn tell(text: &str) {
@@ -276,11 +282,12 @@ fn print_toml(value: &impl Serialize) -> Result<()> {
 /// Shows events until the user quits, until the run that this program started has ended, or until the recording is
 /// complete.
 fn follow(client: &mut Client, arguments: &MonitorArguments) -> Result<Ending> {
-    let recorder = arguments.record.as_deref().map(Recorder::create).transpose()?;
-    let mut show = Show::new(recorder);
+    let mut show = Show::new();
     let answer = client.ask(&Command::Hello, |event| show.event(event))?;
     show.event(&Event::Answer(0, answer));
-    if show.recorder.is_some() {
+    if let Some(path) = &arguments.record {
+        // Created once the instrument has answered: an older recording is not lost to a wrong port.
+        show.recorder = Some(Recorder::create(path)?);
         client.ask(&Command::Stream(true), |event| show.event(event))?;
     }
     if arguments.start {
@@ -297,8 +304,11 @@ fn watch(client: &mut Client, show: &mut Show, arguments: &MonitorArguments) -> 
     loop {
         match client.poll() {
             Ok(event) => event.iter().for_each(|event| show.event(event)),
-            // The line has closed because the instrument was switched off. The recording is complete.
-            Err(_) if show.recorder.is_some() => return Ok(Ending::Done),
+            // Without a time, a recording lasts until the instrument is switched off.
+            Err(error) if show.recorder.is_some() && end.is_none() => {
+                tell(&format!("{error:#}"));
+                return Ok(Ending::Done);
+            }
             Err(error) => return Err(error),
         }
         if let Some(error) = show.failed.take() {
@@ -341,7 +351,7 @@ struct Screen {
 }
 
 impl Show {
-    fn new(recorder: Option<Recorder>) -> Self {
+    fn new() -> Self {
         let term = Term::stdout();
         let screen = (term.is_term() && !is_quiet()).then(|| Screen::new(term));
         Self {
@@ -350,7 +360,7 @@ impl Show {
             quiet: is_quiet(),
             started: false,
             note: String::new(),
-            recorder,
+            recorder: None,
             failed: None,
         }
     }
@@ -371,15 +381,14 @@ impl Show {
 
     /// Whether the run that this program started has ended with success; `None` before its end.
     fn ended(&self) -> Option<bool> {
-        self.view.ended().filter(|_| self.started && self.recorder.is_none())
+        self.view.ended().filter(|_| self.started)
     }
 
     /// Writes the rest of the recording, and prints how many samples it has and how many are missing.
     fn end_recording(&mut self) -> Result<()> {
         if let Some(mut recorder) = self.recorder.take() {
             recorder.flush()?;
-            let (recorded, missing) = recorder.counts();
-            must_sayln!("{recorded} corrected samples recorded, {missing} missing");
+            must_sayln!("{}", recorder.summary());
         }
         Ok(())
     }

@@ -23,7 +23,8 @@ pub struct Recorder {
     rows: String,
     recorded: u64,
     missing: u64,
-    next: Option<u32>,
+    restarts: u64,
+    next: u32,
 }
 
 impl Recorder {
@@ -33,17 +34,20 @@ impl Recorder {
     /// The file cannot be created.
     pub fn create(path: &Path) -> Result<Self> {
         let file = File::create(path).with_context(|| format!("{}: cannot create", path.display()))?;
-        Ok(Self { path: path.into(), file, rows: HEADER.into(), recorded: 0, missing: 0, next: None })
+        Ok(Self { path: path.into(), file, rows: HEADER.into(), recorded: 0, missing: 0, restarts: 0, next: 0 })
     }
 
-    /// Appends a sample. A gap in the running numbers is counted.
+    /// Appends a sample. A gap in the running numbers is counted. A number that goes back is an instrument that has begun to
+    /// count anew.
     ///
     /// # Errors
     /// The file cannot be written.
     pub fn record(&mut self, report: &CorrectedReport) -> Result<()> {
-        let expected = self.next.unwrap_or(0);
-        self.missing += u64::from(report.number.wrapping_sub(expected));
-        self.next = Some(report.number.wrapping_add(1));
+        match report.number.checked_sub(self.next) {
+            Some(gap) => self.missing += u64::from(gap),
+            None => self.restarts += 1,
+        }
+        self.next = report.number.saturating_add(1);
         self.recorded += 1;
         let _ = write!(self.rows, "{}.{:06}", report.time_us / 1_000_000, report.time_us % 1_000_000);
         for number in report.omega_is_s.iter().chain(&report.force_s) {
@@ -56,9 +60,14 @@ impl Recorder {
         if self.rows.len() < BUFFER_BYTES { Ok(()) } else { self.flush() }
     }
 
-    /// Number of recorded samples, and number of samples that are missing by their running numbers.
-    pub fn counts(&self) -> (u64, u64) {
-        (self.recorded, self.missing)
+    /// What the recording holds, in one line.
+    pub fn summary(&self) -> String {
+        let Self { recorded, missing, restarts, .. } = self;
+        let again = match restarts {
+            0 => String::new(),
+            times => format!("; the instrument began to count anew, restarts: {times}"),
+        };
+        format!("corrected samples: {recorded} recorded, {missing} missing{again}")
     }
 
     /// Writes the collected rows.
@@ -91,14 +100,17 @@ mod tests {
             angles: [Angle::from_ticks(1 << 30), Angle::from_ticks(3 << 30)],
             status: SampleStatus::AT_REST,
         };
-        for number in [0, 1, 4] {
+        for number in [0, 1, 4, 0, 1] {
             recorder.record(&report(number)).unwrap();
         }
         recorder.flush().unwrap();
-        assert_eq!(recorder.counts(), (3, 2));
+        assert_eq!(
+            recorder.summary(),
+            "corrected samples: 5 recorded, 2 missing; the instrument began to count anew, restarts: 1"
+        );
         let text = std::fs::read_to_string(&path).unwrap();
         let rows: Vec<_> = text.lines().collect();
-        assert_eq!(rows.len(), 4);
+        assert_eq!(rows.len(), 6);
         let fields: Vec<_> = rows[3].split(',').collect();
         assert_eq!((fields[0], fields[9], fields[10]), ("5.002500", "4", "4"));
         let number = |field: &str| field.parse::<f64>().unwrap().to_bits();
