@@ -104,7 +104,7 @@ fn run() -> Option<()> {
     let store = CalibrationStore::new(Eeprom(SensorBoard::at_external_memory()));
     let mut devices = Devices { samples, store };
     // Your start-up code knows why the software has started. Replace `PowerOn` with that reason.
-    let mut instrument = Instrument::power_up(config, &Restart::PowerOn, link, calibrator, &mut devices).ok()?;
+    let mut instrument = Instrument::power_up(&config, &Restart::PowerOn, link, calibrator, &mut devices).ok()?;
     start_interrupts()?;
     loop {
         instrument.turn(&mut devices);

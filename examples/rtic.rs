@@ -111,9 +111,7 @@ mod app {
         let store = CalibrationStore::new(Eeprom(SensorBoard::at_external_memory()));
         let mut devices = Devices { samples, store, gimbal, now_us: 0 };
         // Your start-up code knows why the software has started. Replace `PowerOn` with that reason.
-        let Ok(mut instrument) =
-            Instrument::power_up(config.clone(), &Restart::PowerOn, link, calibrator, &mut devices)
-        else {
+        let Ok(mut instrument) = Instrument::power_up(config, &Restart::PowerOn, link, calibrator, &mut devices) else {
             refuse()
         };
         loop {

@@ -276,7 +276,7 @@ fn by_hand(
     let (producer, mut consumer) = queue.split();
     let mut interrupts = Interrupts::new(&bench, 200.0, Gimbal::new(&config.axes, &config.motors), producer);
     let mut calibrator = Calibrator::<f64>::UNCONFIGURED;
-    let mut run = SelfCalibration::new(config, None, &mut calibrator).expect("a good configuration");
+    let mut run = SelfCalibration::new(&config, None, &mut calibrator).expect("a good configuration");
     let mut samples = 0;
     while interrupts.period(&bench) {
         while let Some(mut observed) = consumer.pop() {

@@ -72,7 +72,8 @@ impl SampleStatus {
     pub const AT_REST: Self = Self(1 << 2);
     /// An axis has a fault, and both axes are brought to rest.
     pub const GIMBAL_FAULT: Self = Self(1 << 3);
-    /// At least one sample is missing between the previous corrected sample and this one.
+    /// At least one sample is missing between the sample before and this sample: its time stamp is more than 1.5 nominal
+    /// intervals later.
     pub const SAMPLES_MISSED: Self = Self(1 << 4);
 
     /// This word, and also the bits of `other` if `set` is true.

@@ -5,7 +5,7 @@ use super::surroundings::{Archive, FoundRecord, Surroundings};
 use crate::acquisition::queue::SampleWithGimbal;
 use crate::base::linear::Real;
 use crate::base::restart::Restart;
-use crate::base::sample::{CorrectedSample, RawSample, SampleStatus};
+use crate::base::sample::SampleStatus;
 use crate::estimator::{BASIC_STATES, MAX_SEGMENTS};
 use crate::gimbal::{GimbalStatus, MotionCommand};
 use crate::keep::black_box::Event;
@@ -99,7 +99,7 @@ use crate::run::telemetry::Message;
 /// };
 /// let (mut link, mut calibrator) = (Link::new(), Box::new(Calibrator::UNCONFIGURED));
 /// let mut instrument =
-///     Instrument::<f64>::power_up(config, &Restart::PowerOn, &mut link, &mut calibrator, &mut board)?;
+///     Instrument::<f64>::power_up(&config, &Restart::PowerOn, &mut link, &mut calibrator, &mut board)?;
 /// instrument.turn(&mut board);
 /// // The axes are held until base and axes have been at rest for a second. Then they move to the start of the scheme.
 /// assert_eq!(board.commands[0], MotionCommand::Hold);
@@ -114,8 +114,6 @@ pub struct Instrument<'m, T: Real, const STATES: usize = BASIC_STATES> {
     run: SelfCalibration<'m, T, STATES>,
     link: &'m mut Link,
     samples: u64,
-    /// Number of missing samples at the last corrected sample.
-    missing: u32,
 }
 
 impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
@@ -126,7 +124,7 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
     /// What is wrong with the configuration. The refusal has already been reported.
     #[inline(never)]
     pub fn power_up(
-        config: SelfCalibrationConfig,
+        config: &SelfCalibrationConfig,
         restart: &Restart,
         link: &'m mut Link,
         calibrator: &'m mut Calibrator<T, MAX_SEGMENTS, STATES>,
@@ -136,7 +134,7 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
         let stored = load(link, outside);
         tell(link, outside, &Message::Restarted(restart.clone()));
         match SelfCalibration::new(config, stored.as_ref(), calibrator) {
-            Ok(run) => Ok(Self { run, link, samples: 0, missing: 0 }),
+            Ok(run) => Ok(Self { run, link, samples: 0 }),
             Err(error) => {
                 tell(link, outside, &Message::Refused(error));
                 Err(error)
@@ -151,6 +149,8 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
             let during = self.run.state();
             self.sample(&observed, outside);
             outside.sample_done(during);
+            // A backlog of samples gives more frames than the outbox holds.
+            outside.transmit(self.link);
         }
         self.tick(outside);
         self.serve(outside);
@@ -183,7 +183,10 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
         let step = self.run.step(sample, gimbal, &mut |message| tell(self.link, outside, message));
         command(outside, step.motion, gimbal);
         if let Some(corrected) = &step.corrected {
-            self.hand_on(corrected, sample, gimbal, outside);
+            let status = self.sample_status(gimbal, step.after_gap);
+            let angles = [sample.outer, sample.inner];
+            self.link.take(corrected, angles, status);
+            outside.take(corrected, angles, status);
         }
         if step.note
             && let Some(record) = self.run.record()
@@ -196,25 +199,13 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
         }
     }
 
-    /// Passes a corrected sample to all its users.
-    fn hand_on(
-        &mut self,
-        corrected: &CorrectedSample<T>,
-        sample: &RawSample<T>,
-        gimbal: &GimbalStatus,
-        outside: &mut impl Surroundings<T>,
-    ) {
-        let missing = outside.losses().total();
-        let status = SampleStatus::NONE
+    fn sample_status(&self, gimbal: &GimbalStatus, after_gap: bool) -> SampleStatus {
+        SampleStatus::NONE
             .with(SampleStatus::CALIBRATED_NOW, self.run.has_calibrated())
             .with(SampleStatus::RUN_UNDER_WAY, self.run.state().is_under_way())
             .with(SampleStatus::AT_REST, gimbal.at_rest)
             .with(SampleStatus::GIMBAL_FAULT, gimbal.fault.is_some())
-            .with(SampleStatus::SAMPLES_MISSED, missing != self.missing);
-        self.missing = missing;
-        let angles = [sample.outer, sample.inner];
-        self.link.take(corrected, angles, status);
-        outside.take(corrected, angles, status);
+            .with(SampleStatus::SAMPLES_MISSED, after_gap)
     }
 
     #[inline(never)]

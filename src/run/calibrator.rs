@@ -72,12 +72,15 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
 
     /// Takes one sample. Returns the live estimate if this sample completes a segment.
     pub fn step(&mut self, sample: &RawSample<T>) -> Option<Progress> {
-        if self.admit(sample) { self.measure(sample) } else { None }
+        match self.admit(sample) {
+            Admission::Admitted { .. } => self.measure(sample),
+            Admission::Repeated | Admission::OutOfOrder | Admission::NonFinite => None,
+        }
     }
 
-    /// Whether a sample may be used. Samples that may not be used are counted.
-    pub fn admit(&mut self, sample: &RawSample<T>) -> bool {
-        matches!(self.intake.admit(sample), Admission::Admitted { .. })
+    /// Checks whether a sample may be used. Samples that may not be used are counted.
+    pub fn admit(&mut self, sample: &RawSample<T>) -> Admission {
+        self.intake.admit(sample)
     }
 
     /// Takes an admitted sample. Otherwise the same as [`Self::step`].
@@ -88,6 +91,11 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
     /// Restarts the sample counts, because the measurement begins here.
     pub fn restart_counts(&mut self) {
         self.intake.restart_counts();
+    }
+
+    /// Continues after a restart with the samples that follow the sample at this time, us.
+    pub fn follow(&mut self, last_us: u64) {
+        self.intake.follow(last_us);
     }
 
     /// Admits the next sample whatever its time, because samples were lost.

@@ -22,6 +22,7 @@ use crate::run::state::State;
 use crate::run::telemetry::{Message, tell};
 use crate::scheme::Scheme;
 use crate::segment::LONGEST_GAP_US;
+use crate::segment::intake::Admission;
 use crate::verdict::{Reason, Verdict, unrest};
 use core::mem;
 use heapless::String;
@@ -47,6 +48,8 @@ pub struct Step<T: Real> {
     pub motion: Option<MotionCommand>,
     /// The sample without the instrument's errors, if a calibration is available.
     pub corrected: Option<CorrectedSample<T>>,
+    /// Samples are missing between the sample before and this sample.
+    pub after_gap: bool,
     /// The record must be stored now. Answer with [`SelfCalibration::saved`].
     pub save: bool,
     /// The record of a rejected run may be added to the history. No answer is expected.
@@ -81,7 +84,7 @@ struct Heard {
 /// let calibrator = CalibratorConfig::new(Method::Joint, Site::default(), noise, 200.0);
 /// let config = SelfCalibrationConfig::new(calibrator, Scheme::named("fast-180").expect("in the library"));
 /// let mut memory = Box::new(Calibrator::UNCONFIGURED);
-/// let mut instrument = SelfCalibration::<f64>::new(config, None, &mut memory)?;
+/// let mut instrument = SelfCalibration::<f64>::new(&config, None, &mut memory)?;
 ///
 /// // On a board the samples come from the queue. The gimbal is [`Control`](crate::gimbal::control::Control).
 /// let mut gimbal = GimbalStatus { at_rest: true, arrived: true, ..GimbalStatus::default() };
@@ -138,18 +141,18 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     /// What is wrong with the configuration.
     #[inline(never)]
     pub fn new(
-        config: SelfCalibrationConfig,
+        config: &SelfCalibrationConfig,
         stored: Option<&StoredCalibration>,
         calibrator: &'c mut Calibrator<T, MAX_SEGMENTS, STATES>,
     ) -> Result<Self, ConfigError> {
-        prepare(&config, calibrator)?;
+        prepare(config, calibrator)?;
         Ok(Self::prepared(config, stored, calibrator))
     }
 
     /// Not inlined, because the rehearsal before it needs the stack.
     #[inline(never)]
     fn prepared(
-        config: SelfCalibrationConfig,
+        config: &SelfCalibrationConfig,
         stored: Option<&StoredCalibration>,
         calibrator: &'c mut Calibrator<T, MAX_SEGMENTS, STATES>,
     ) -> Self {
@@ -175,7 +178,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             start: false,
             corrected_report_us: None,
             stored,
-            config,
+            config: config.clone(),
         }
     }
 
@@ -183,9 +186,9 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     /// (repeated, out of order or not finite) is only counted.
     #[inline(never)]
     pub fn step(&mut self, sample: &RawSample<T>, gimbal: &GimbalStatus, report: &mut impl FnMut(&Message)) -> Step<T> {
-        if !self.calibrator.admit(sample) {
-            return Step { motion: None, corrected: None, save: false, note: false };
-        }
+        let Admission::Admitted { after_gap, .. } = self.calibrator.admit(sample) else {
+            return Step { motion: None, corrected: None, after_gap: false, save: false, note: false };
+        };
         let last_us = self.previous.as_ref().map_or(sample.time_us, |previous| previous.time_us);
         self.previous = Some(*sample);
         let gimbal = &self.as_commanded(gimbal);
@@ -201,7 +204,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         let motion = self.act(action, state, report);
         self.report_state(state, sample.time_us, report);
         let note = action == Action::GiveUp(None) && self.solution.is_some();
-        Step { motion, corrected: self.correct(sample, report), save: action == Action::Save, note }
+        Step { motion, corrected: self.correct(sample, report), after_gap, save: action == Action::Save, note }
     }
 
     /// Checks, by the board's clock (us), that samples still arrive. Call it on every turn of the main loop, after the
@@ -499,6 +502,9 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             tell(report, || Message::Decided(COMMANDED));
         }
         self.calibrator.restart(&self.config.run());
+        if let Some(sample) = &self.previous {
+            self.calibrator.follow(sample.time_us);
+        }
         (self.measuring, self.enough, self.solution) = (false, None, None);
         (self.accepted, self.saved) = (None, false);
     }
@@ -586,17 +592,28 @@ mod tests {
         for name in ["8-position", "16-position"] {
             let mut config = SelfCalibrationConfig { scheme: Scheme::named(name).expect("there"), ..config() };
             // Sgxz
-            let refusal = SelfCalibration::new(config.clone(), None, &mut calibrator).err();
+            let refusal = SelfCalibration::new(&config, None, &mut calibrator).err();
             assert_eq!(refusal, Some(ConfigError::Unobserved(1)), "{name}");
             config.refuse_unobserved = false;
-            assert!(SelfCalibration::new(config, None, &mut calibrator).is_ok(), "{name}");
+            assert!(SelfCalibration::new(&config, None, &mut calibrator).is_ok(), "{name}");
         }
+    }
+
+    #[test]
+    fn a_step_tells_whether_samples_are_missing_before_its_sample() {
+        let mut calibrator = std::boxed::Box::new(Calibrator::<f64, MAX_SEGMENTS>::UNCONFIGURED);
+        let mut run = SelfCalibration::new(&config(), None, &mut calibrator).expect("it is right");
+        let after_gap = [5000, 10_000, 20_000, 25_000, 25_000, 30_000].map(|time_us| {
+            let sample = RawSample { time_us, ..RawSample::default() };
+            run.step(&sample, &GimbalStatus::default(), &mut |_| ()).after_gap
+        });
+        assert_eq!(after_gap, [false, false, true, false, false, false]);
     }
 
     #[test]
     fn a_refused_configuration_leaves_the_old_one_in_force() {
         let mut calibrator = std::boxed::Box::new(Calibrator::<f64, MAX_SEGMENTS>::UNCONFIGURED);
-        let mut run = SelfCalibration::new(config(), None, &mut calibrator).expect("it is right");
+        let mut run = SelfCalibration::new(&config(), None, &mut calibrator).expect("it is right");
         let in_force = *run.calibrator().estimator().config();
         let noisy = |config: &mut SelfCalibrationConfig| config.calibrator.estimator.noise.gyro_psd_sqrt = 4e-7;
         let refused = run.reconfigure(|config| {

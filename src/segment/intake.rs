@@ -39,6 +39,8 @@ pub enum Admission {
     Admitted {
         /// Time since the sample before, us; 0 for the first sample.
         interval_us: u64,
+        /// Whether samples are missing between the sample before and this sample.
+        after_gap: bool,
     },
     /// The sample is refused: its time equals that of the sample before.
     Repeated,
@@ -86,10 +88,10 @@ impl Intake {
             Some(last) => sample.time_us - last,
             None => 0,
         };
-        self.note_gap(interval_us);
+        let after_gap = self.note_gap(interval_us);
         self.last_us = Some(sample.time_us);
         self.counts.admitted += 1;
-        Admission::Admitted { interval_us }
+        Admission::Admitted { interval_us, after_gap }
     }
 
     /// Sets all counts to zero.
@@ -97,17 +99,24 @@ impl Intake {
         self.counts = IntakeCounts::NONE;
     }
 
+    /// Continues a sequence of times whose last sample has this time, us.
+    pub fn follow(&mut self, last_us: u64) {
+        self.last_us = Some(last_us);
+    }
+
     /// Starts a new sequence of times with the next sample. After a loss of samples the clock may have gone back.
     pub fn resume(&mut self) {
         self.last_us = None;
     }
 
-    fn note_gap(&mut self, interval_us: u64) {
-        if interval_us > self.regular_us {
+    fn note_gap(&mut self, interval_us: u64) -> bool {
+        let gap = interval_us > self.regular_us;
+        if gap {
             let missing = ComplexField::round(interval_us as f64 / self.nominal_us) - 1.0;
             self.counts.gaps += 1;
             self.counts.missing = self.counts.missing.saturating_add(missing as u32);
         }
+        gap
     }
 
     /// The counts so far.
@@ -123,12 +132,13 @@ mod tests {
     #[test]
     fn every_irregular_sample_is_counted() {
         let mut intake = Intake::new(200.0);
+        let regular = |interval_us| Admission::Admitted { interval_us, after_gap: false };
         let at = |time_us| RawSample::<f64> { time_us, ..RawSample::default() };
-        assert_eq!(intake.admit(&at(1000)), Admission::Admitted { interval_us: 0 });
-        assert_eq!(intake.admit(&at(6000)), Admission::Admitted { interval_us: 5000 });
+        assert_eq!(intake.admit(&at(1000)), regular(0));
+        assert_eq!(intake.admit(&at(6000)), regular(5000));
         assert_eq!(intake.admit(&at(6000)), Admission::Repeated);
         assert_eq!(intake.admit(&at(5000)), Admission::OutOfOrder);
-        assert_eq!(intake.admit(&at(26_000)), Admission::Admitted { interval_us: 20_000 });
+        assert_eq!(intake.admit(&at(26_000)), Admission::Admitted { interval_us: 20_000, after_gap: true });
         let mut bad = at(31_000);
         bad.omega_g.y = f64::NAN;
         assert_eq!(intake.admit(&bad), Admission::NonFinite);
@@ -136,7 +146,7 @@ mod tests {
         assert_eq!(intake.counts(), expected);
         intake.resume();
         intake.restart_counts();
-        assert_eq!(intake.admit(&at(0)), Admission::Admitted { interval_us: 0 });
+        assert_eq!(intake.admit(&at(0)), regular(0));
         assert_eq!(intake.counts(), IntakeCounts { admitted: 1, ..IntakeCounts::NONE });
     }
 }

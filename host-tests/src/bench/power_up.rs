@@ -140,8 +140,7 @@ pub fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
     let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::UNCONFIGURED);
     let refused = |error| refused(error, &config.scheme, &config.axes);
     let mut instrument =
-        Instrument::power_up(config.clone(), &Restart::PowerOn, &mut link, &mut calibrator, &mut board)
-            .map_err(refused)?;
+        Instrument::power_up(config, &Restart::PowerOn, &mut link, &mut calibrator, &mut board).map_err(refused)?;
     while board.period() {
         instrument.turn(&mut board);
     }

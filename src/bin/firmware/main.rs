@@ -118,7 +118,7 @@ fn power_up<'m>(
 ) -> Result<Instrument<'m, Scalar, STATES>, ConfigError> {
     defmt::info!("scheme {=str}", config.scheme.name.as_str());
     let restart = board.parts().restart.clone();
-    Instrument::power_up(config.clone(), &restart, link, calibrator, &mut Devices::new(board))
+    Instrument::power_up(config, &restart, link, calibrator, &mut Devices::new(board))
 }
 
 /// Starts control and sampling.

@@ -92,7 +92,7 @@ fn serve(input: &[u8], calibrator: &mut Memories) -> Outcome {
     let memory = Memory { stored: Some(samples::record(1)), ..Memory::default() };
     let mut board = Board { memory, ..Board::default() };
     let mut link = Link::new();
-    let mut instrument = Instrument::power_up(config.clone(), &Restart::PowerOn, &mut link, calibrator, &mut board)
+    let mut instrument = Instrument::power_up(&config, &Restart::PowerOn, &mut link, calibrator, &mut board)
         .expect("a valid configuration");
     for (index, byte) in input.iter().enumerate() {
         board.now_us = 1000 * index as u64;
