@@ -20,6 +20,7 @@ use crate::estimator::{
     Estimate, EstimatorConfig, Fit, HeadingSource, LargestInnovation, SegmentInnovations, Solution,
 };
 use crate::gimbal::axis::AxisLimits;
+use crate::gimbal::servo::MotorAndLoad;
 use crate::gimbal::{BridgeFault, EncoderFault, Fault, FaultKind};
 use crate::keep::black_box::{Entry, Event};
 use crate::model::error_model::{InstrumentErrors, PARAMETERS};
@@ -27,7 +28,7 @@ use crate::model::options::{OPTIONAL_STATES, OptionalEstimate, Options};
 use crate::run::abort::{Abort, AbortReason};
 use crate::run::config::CalibratorConfig;
 use crate::run::config::ConfigError;
-use crate::run::policy::{Cause, Decision, PowerUpPolicy};
+use crate::run::policy::{Cause, Decision, MotionLock, PowerUpPolicy};
 use crate::run::result::{StoredCalibration, StoredVerdict};
 use crate::run::sequencer::Pace;
 use crate::run::state::State;
@@ -165,6 +166,20 @@ fn axis(first: f64) -> AxisLimits {
     }
 }
 
+fn motor(first: f64) -> MotorAndLoad {
+    MotorAndLoad {
+        inertia_kg_m2: first,
+        coulomb_nm: first + 1.0,
+        viscous_nm_s: first + 2.0,
+        torque_constant_nm_a: first + 3.0,
+        resistance_ohm: first + 4.0,
+        inductance_h: first + 5.0,
+        supply_v: first + 6.0,
+        highest_current_a: first + 7.0,
+        encoder_bits: 26,
+    }
+}
+
 fn limits() -> VerdictLimits {
     VerdictLimits {
         installation_rad: 1.0,
@@ -174,7 +189,6 @@ fn limits() -> VerdictLimits {
         non_perpendicularity_rad: 5.0,
         base_tilt_rad: 6.0,
         required_sigmas: Some(row()),
-        accept_change: true,
     }
 }
 
@@ -196,7 +210,7 @@ fn abort(reason: AbortReason) -> Abort {
 
 #[test]
 fn the_bytes_of_every_message_are_these() {
-    assert_eq!(PROTOCOL_VERSION, 4, "the rows of this file are of this version");
+    assert_eq!(PROTOCOL_VERSION, 5, "the rows of this file are of this version");
     let counts = IntakeCounts { admitted: 60_000, repeated: 1, out_of_order: 2, non_finite: 3, gaps: 4, missing: 5 };
     let losses = LossCounts { overrun: 1, bus: 2, crc: 3, status: 4, unread: 5 };
     let innovations =
@@ -262,6 +276,7 @@ fn the_bytes_of_every_command_are_these() {
             "04 03 05";
         Command::Read(Item::Setting(SettingName::PowerUpUtc)) => Command::Read(Item::Setting(SettingName::PowerUpUtc)),
             "04 03 06";
+        Command::Read(Item::Setting(SettingName::Motors)) => Command::Read(Item::Setting(SettingName::Motors)), "04 03 07";
         Command::Read(Item::History { .. }) => Command::Read(Item::History { back: 300 }), "04 04 ac 02";
         Command::Read(Item::Event { .. }) => Command::Read(Item::Event { back: 300 }), "04 05 ac 02";
         Command::Stream(_) => Command::Stream(true), "05 01";
@@ -270,19 +285,21 @@ fn the_bytes_of_every_command_are_these() {
             "124 bytes, CRC c87bafd1";
         Command::Set(Setting::Scheme(_)) => Command::Set(Setting::Scheme(scheme())), "57 bytes, CRC 54b35564";
         Command::Set(Setting::Axes(_)) => Command::Set(Setting::Axes([axis(1.0), axis(11.0)])), "130 bytes, CRC 6bfedcd1";
-        Command::Set(Setting::Limits(_)) => Command::Set(Setting::Limits(limits())), "276 bytes, CRC 487b0196";
+        Command::Set(Setting::Limits(_)) => Command::Set(Setting::Limits(limits())), "275 bytes, CRC c65dad80";
         Command::Set(Setting::Pace(_)) => Command::Set(Setting::Pace(pace())), "07 04 03 01 01 00 00 00 00 00 00 4e 40";
         Command::Set(Setting::Policy(_)) => Command::Set(Setting::Policy(policy())), "07 05 02 01 90 1c 01 00 00 b0 40";
         Command::Set(Setting::PowerUpUtc(_)) => Command::Set(Setting::PowerUpUtc(Some(1_790_000_000))),
             "07 06 01 80 f7 c4 d5 06";
+        Command::Set(Setting::Motors(_)) => Command::Set(Setting::Motors([motor(1.0), motor(11.0)])), "132 bytes, CRC a937aa18";
         Command::Erase => Command::Erase, "08";
+        Command::Stop => Command::Stop, "09";
     });
 }
 
 #[test]
 fn the_bytes_of_every_answer_are_these() {
     let software = "0.2.0".try_into().unwrap();
-    let hello = Hello { protocol: 4, software, store_format: b'4', scalar_bits: 64, states: 32 };
+    let hello = Hello { protocol: 5, software, store_format: b'4', scalar_bits: 64, states: 32 };
     let dropped = Dropped { corrupt: 1, version: 2 };
     let status = Status {
         time_us: 5_000_000,
@@ -293,6 +310,7 @@ fn the_bytes_of_every_answer_are_these() {
         angles_rad: [1.5, 2.5],
         correcting: true,
         unlocked: false,
+        motion_lock: Some(MotionLock::AfterReset),
         missing: 300,
         link: LinkCounts { dropped, not_understood: 3, overrun: 4, unsent: 5 },
     };
@@ -308,9 +326,10 @@ fn the_bytes_of_every_answer_are_these() {
             "01 05 11 1b";
         Answer::Refused(Refusal::Nothing) => Answer::Refused(Refusal::Nothing), "01 06";
         Answer::Refused(Refusal::Memory) => Answer::Refused(Refusal::Memory), "01 07";
-        Answer::Hello(_) => Answer::Hello(hello), "02 04 05 30 2e 32 2e 30 34 40 20";
+        Answer::Refused(Refusal::NotCommissioned) => Answer::Refused(Refusal::NotCommissioned), "01 08";
+        Answer::Hello(_) => Answer::Hello(hello), "02 05 05 30 2e 32 2e 30 34 40 20";
         Answer::Status(_) => Answer::Status(status),
-            "03 c0 96 b1 02 04 03 12 07 00 00 72 42 00 00 c0 3f 00 00 20 40 01 00 ac 02 01 02 03 04 05";
+            "03 c0 96 b1 02 04 03 12 07 00 00 72 42 00 00 c0 3f 00 00 20 40 01 00 01 01 ac 02 01 02 03 04 05";
         Answer::Calibration(_) => Answer::Calibration(stored()), "512 bytes, CRC 3dd62b4e";
         Answer::Estimate { .. } => Answer::Estimate { segments: 7, estimate: estimate() }, "450 bytes, CRC aabcb290";
         Answer::Covariance { .. } => Answer::Covariance { row: 27, values: row() }, "226 bytes, CRC f0950c12";
@@ -319,13 +338,14 @@ fn the_bytes_of_every_answer_are_these() {
         Answer::Setting(Setting::Scheme(_)) => Answer::Setting(Setting::Scheme(scheme())), "57 bytes, CRC 54b35564";
         Answer::Setting(Setting::Axes(_)) => Answer::Setting(Setting::Axes([axis(1.0), axis(11.0)])),
             "130 bytes, CRC 6bfedcd1";
-        Answer::Setting(Setting::Limits(_)) => Answer::Setting(Setting::Limits(limits())), "276 bytes, CRC 487b0196";
+        Answer::Setting(Setting::Limits(_)) => Answer::Setting(Setting::Limits(limits())), "275 bytes, CRC c65dad80";
         Answer::Setting(Setting::Pace(_)) => Answer::Setting(Setting::Pace(pace())),
             "07 04 03 01 01 00 00 00 00 00 00 4e 40";
         Answer::Setting(Setting::Policy(_)) => Answer::Setting(Setting::Policy(policy())),
             "07 05 02 01 90 1c 01 00 00 b0 40";
         Answer::Setting(Setting::PowerUpUtc(_)) => Answer::Setting(Setting::PowerUpUtc(Some(1_790_000_000))),
             "07 06 01 80 f7 c4 d5 06";
+        Answer::Setting(Setting::Motors(_)) => Answer::Setting(Setting::Motors([motor(1.0), motor(11.0)])), "132 bytes, CRC a937aa18";
         Answer::Event(_) => Answer::Event(event), "08 ac 02 c0 96 b1 02 06 03 02";
     });
 }
@@ -348,6 +368,7 @@ fn the_bytes_of_every_state_and_decision_are_these() {
         State::Parking => State::Parking, "0c";
         State::Parked => State::Parked, "0d";
         State::Stranded => State::Stranded, "0e";
+        State::Stopped => State::Stopped, "0f";
     });
     check_bytes(table! { Decision:
         Decision::Calibrate(Cause::Policy) => Decision::Calibrate(Cause::Policy), "00 00";
@@ -360,6 +381,9 @@ fn the_bytes_of_every_state_and_decision_are_these() {
         Decision::Calibrate(Cause::Temperature { .. }) =>
             Decision::Calibrate(Cause::Temperature { difference_k: 6.5, limit_k: 5.5 }), "00 06 00 00 d0 40 00 00 b0 40";
         Decision::Calibrate(Cause::TemperatureUnknown) => Decision::Calibrate(Cause::TemperatureUnknown), "00 07";
+        Decision::Calibrate(Cause::ImuExchanged) => Decision::Calibrate(Cause::ImuExchanged), "00 08";
+        Decision::Calibrate(Cause::NotCommissioned) => Decision::Calibrate(Cause::NotCommissioned), "00 09";
+        Decision::Calibrate(Cause::AfterReset) => Decision::Calibrate(Cause::AfterReset), "00 0a";
         Decision::UseStored(_) => Decision::UseStored(Cause::Policy), "01 00";
         Decision::StandBy(_) => Decision::StandBy(Cause::Policy), "02 00";
     });
@@ -409,6 +433,8 @@ fn the_bytes_of_every_abort_and_fault_are_these() {
         AbortReason::Gimbal(_) => AbortReason::Gimbal(fault(FaultKind::Following { error_rad: 0.5 })),
             "03 01 00 00 00 bf 00 00 00 00 3f";
         AbortReason::SampleLoss => AbortReason::SampleLoss, "04";
+        AbortReason::Stopped => AbortReason::Stopped, "05";
+        AbortReason::SampleRate => AbortReason::SampleRate, "06";
     });
     check_bytes(table! { FaultKind:
         FaultKind::Following { .. } => FaultKind::Following { error_rad: 0.5 }, "00 00 00 00 3f";
@@ -457,5 +483,6 @@ fn the_bytes_of_every_event_and_restart_are_these() {
         Restart::Watchdog => Restart::Watchdog, "02";
         Restart::Pin => Restart::Pin, "03";
         Restart::Unexplained => Restart::Unexplained, "04";
+        Restart::BrownOut => Restart::BrownOut, "05";
     });
 }

@@ -28,8 +28,6 @@ pub struct VerdictLimits {
     /// Largest permitted sigmas, in the order of the parameter vector, SI; infinite for a parameter without
     /// requirement.
     pub required_sigmas: Option<[f64; PARAMETERS]>,
-    /// Whether a result may replace the stored calibration although it differs from it by more than the sigmas explain.
-    pub accept_change: bool,
 }
 
 impl VerdictLimits {
@@ -66,7 +64,7 @@ impl VerdictLimits {
 }
 
 impl Default for VerdictLimits {
-    /// 5 deg; 20 mg; 20 deg/h; 5000 ppm; 0.5 deg; 15 deg; no required sigmas; no change is accepted.
+    /// 5 deg; 20 mg; 20 deg/h; 5000 ppm; 0.5 deg; 15 deg; no required sigmas.
     fn default() -> Self {
         Self {
             installation_rad: 5.0 * DEG,
@@ -76,7 +74,6 @@ impl Default for VerdictLimits {
             non_perpendicularity_rad: 0.5 * DEG,
             base_tilt_rad: 15.0 * DEG,
             required_sigmas: None,
-            accept_change: false,
         }
     }
 }
