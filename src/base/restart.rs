@@ -91,6 +91,8 @@ pub enum Restart {
     Pin,
     /// The reset reason is unknown.
     Unexplained,
+    /// The supply voltage was too low for a moment.
+    BrownOut,
 }
 
 /// Bits of the configurable fault status register (ARMv7-M) and their messages.
@@ -150,6 +152,7 @@ impl fmt::Display for Restart {
             Self::Watchdog => f.write_str("reset by the watchdog"),
             Self::Pin => f.write_str("reset by the NRST pin"),
             Self::Unexplained => f.write_str("reset for an unknown reason"),
+            Self::BrownOut => f.write_str("reset because the supply voltage was too low"),
         }
     }
 }

@@ -73,9 +73,11 @@ fn of_aborts() -> Vec<Row<AbortReason>> {
     let gimbal = |kind| AbortReason::Gimbal(Fault { axis: 0, angle_rad: 0.5, kind });
     table! { AbortReason:
         AbortReason::Commanded => AbortReason::Commanded, "commanded";
+        AbortReason::Stopped => AbortReason::Stopped, "stopped";
         AbortReason::NotStill => AbortReason::NotStill, "not-still";
         AbortReason::TurnTimeout => AbortReason::TurnTimeout, "turn-timeout";
         AbortReason::SampleLoss => AbortReason::SampleLoss, "sample-loss";
+        AbortReason::SampleRate => AbortReason::SampleRate, "sample-rate";
         AbortReason::Gimbal(Fault { kind: FaultKind::Following { .. }, .. }) =>
             gimbal(FaultKind::Following { error_rad: 0.5 }), "following";
         AbortReason::Gimbal(Fault { kind: FaultKind::Stall { .. }, .. }) =>
@@ -107,6 +109,7 @@ fn of_refusals() -> Vec<Row<Refusal>> {
         Refusal::NotUnderstood => Refusal::NotUnderstood, "not-understood";
         Refusal::NotNow(_) => Refusal::NotNow(State::Compute), "not-now";
         Refusal::Policy => Refusal::Policy, "policy-never";
+        Refusal::NotCommissioned => Refusal::NotCommissioned, "not-commissioned";
         Refusal::Locked => Refusal::Locked, "locked";
         Refusal::WrongWord => Refusal::WrongWord, "wrong-word";
         Refusal::Nothing => Refusal::Nothing, "nothing-there";

@@ -1,9 +1,11 @@
 //! The commands of the serial line: what each command does, and when it is refused.
 
+use super::main_loop::{command, tell};
 use super::surroundings::{Archive, Surroundings};
 use crate::base::linear::Real;
 use crate::link::{Answer, Command, Hello, Item, Link, Refusal, Setting, Status};
 use crate::model::error_model::PARAMETERS;
+use crate::run::policy::Cause;
 use crate::run::self_calibration::SelfCalibration;
 use crate::run::state::State;
 
@@ -24,7 +26,7 @@ pub(super) fn carry_out<T: Real, const STATES: usize>(
     match command {
         Command::Hello => Ok(Answer::Hello(Hello::new::<T>(STATES))),
         Command::Status => Ok(Answer::Status(status(run, link, outside))),
-        Command::Start => start(run),
+        Command::Stop => stop(run, link, outside),
         Command::Abort => abort(run),
         Command::Read(item) => read(*item, run, outside),
         Command::Stream(on) => {
@@ -33,7 +35,12 @@ pub(super) fn carry_out<T: Real, const STATES: usize>(
         }
         Command::Unlock(word) if link.unlock(*word, now_us) => Ok(Answer::Done),
         Command::Unlock(_) => Err(Refusal::WrongWord),
-        Command::Set(_) | Command::Erase if !link.is_unlocked(now_us) => Err(Refusal::Locked),
+        Command::Set(Setting::PowerUpUtc(utc_s)) => {
+            run.set_power_up_utc(*utc_s);
+            Ok(Answer::Done)
+        }
+        Command::Start | Command::Set(_) | Command::Erase if !link.is_unlocked(now_us) => Err(Refusal::Locked),
+        Command::Start => start(run),
         Command::Set(setting) => set(setting, run, outside),
         Command::Erase => erase(run.state(), outside),
     }
@@ -55,6 +62,7 @@ pub(super) fn status<T: Real, const STATES: usize>(
         angles_rad: run.angles_rad().map_or([f32::NAN; 2], |angles| angles.map(|angle| angle as f32)),
         correcting: run.is_correcting(),
         unlocked: link.is_unlocked(time_us),
+        motion_lock: run.motion_lock(),
         missing: outside.losses().total(),
         link: link.counts(),
     }
@@ -67,14 +75,33 @@ fn idle(state: State) -> Result<(), Refusal> {
 
 fn start<T: Real, const STATES: usize>(run: &mut Run<'_, T, STATES>) -> Result<Answer, Refusal> {
     idle(run.state())?;
-    if run.start() { Ok(Answer::Done) } else { Err(Refusal::Policy) }
+    match run.start() {
+        Ok(()) => Ok(Answer::Done),
+        Err(Cause::NotCommissioned) => Err(Refusal::NotCommissioned),
+        Err(_) => Err(Refusal::Policy),
+    }
+}
+
+/// Gives the command to the gimbal at once: no sample is needed.
+#[inline(never)]
+fn stop<T: Real, const STATES: usize>(
+    run: &mut Run<'_, T, STATES>,
+    link: &mut Link,
+    outside: &mut impl Surroundings<T>,
+) -> Result<Answer, Refusal> {
+    let gimbal = outside.status();
+    let motion = run.stop(&gimbal, &mut |message| tell(link, outside, message));
+    command(outside, motion, &gimbal);
+    Ok(Answer::Done)
 }
 
 fn abort<T: Real, const STATES: usize>(run: &mut Run<'_, T, STATES>) -> Result<Answer, Refusal> {
-    if !run.state().is_under_way() {
-        return Err(Refusal::NotNow(run.state()));
+    match run.state() {
+        state if state.is_under_way() => run.abort(),
+        // The run has already ended, and the axes return.
+        State::Stopping | State::Parking => {}
+        state => return Err(Refusal::NotNow(state)),
     }
-    run.abort();
     Ok(Answer::Done)
 }
 

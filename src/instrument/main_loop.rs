@@ -12,9 +12,13 @@ use crate::keep::black_box::Event;
 use crate::link::{Answer, Hello, Link, MAX_FRAME_BYTES};
 use crate::run::calibrator::Calibrator;
 use crate::run::config::{ConfigError, SelfCalibrationConfig};
+use crate::run::policy::MotionLock;
 use crate::run::result::StoredCalibration;
 use crate::run::self_calibration::SelfCalibration;
 use crate::run::telemetry::Message;
+
+/// Largest number of received bytes that one turn of the main loop processes: what the fastest line brings in 5 ms.
+const BYTES_PER_TURN: usize = 512;
 
 /// A dual-axis RINS from power-up to power-off. The caller owns the memory of link and calibrator; on a board they are
 /// statics.
@@ -134,7 +138,12 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
         let stored = load(link, outside);
         tell(link, outside, &Message::Restarted(restart.clone()));
         match SelfCalibration::new(config, stored.as_ref(), calibrator) {
-            Ok(run) => Ok(Self { run, link, samples: 0 }),
+            Ok(mut run) => {
+                if let Some(lock) = MotionLock::after(restart) {
+                    run.lock_motion(lock);
+                }
+                Ok(Self { run, link, samples: 0 })
+            }
             Err(error) => {
                 tell(link, outside, &Message::Refused(error));
                 Err(error)
@@ -179,6 +188,9 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
         SampleWithGimbal { sample, gimbal }: &SampleWithGimbal<T>,
         outside: &mut impl Surroundings<T>,
     ) {
+        if self.samples == 0 {
+            self.run.identify_imu(outside.imu());
+        }
         self.samples += 1;
         let step = self.run.step(sample, gimbal, &mut |message| tell(self.link, outside, message));
         command(outside, step.motion, gimbal);
@@ -221,11 +233,16 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
         command(outside, motion, &gimbal);
     }
 
-    /// Answers the received commands, and reports the status when it is due.
+    /// Answers the received command, and reports the status when it is due. The work is bounded, whatever arrives: while
+    /// an answer waits to be sent, received bytes stay where they are.
     #[inline(never)]
     fn serve(&mut self, outside: &mut impl Surroundings<T>) {
         self.link.note_overrun(outside.overrun());
-        while let Some(byte) = outside.receive() {
+        for _ in 0..BYTES_PER_TURN {
+            if !self.link.is_answered() {
+                break;
+            }
+            let Some(byte) = outside.receive() else { break };
             if let Some((number, command)) = self.link.receive(byte) {
                 let answer = carry_out(&command, &mut self.run, self.link, outside);
                 self.link.reply(number, &answer.unwrap_or_else(Answer::Refused));
@@ -246,7 +263,12 @@ fn load<T: Real>(link: &mut Link, outside: &mut impl Surroundings<T>) -> Option<
     record
 }
 
-fn command<T: Real>(outside: &mut impl Surroundings<T>, motion: Option<MotionCommand>, gimbal: &GimbalStatus) {
+/// Gives the gimbal a command, if there is one.
+pub(super) fn command<T: Real>(
+    outside: &mut impl Surroundings<T>,
+    motion: Option<MotionCommand>,
+    gimbal: &GimbalStatus,
+) {
     if let Some(motion) = motion {
         outside.command(motion, gimbal.time_us);
     }

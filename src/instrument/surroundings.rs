@@ -2,6 +2,7 @@
 
 use crate::acquisition::queue::SampleWithGimbal;
 use crate::base::angle::Angle;
+use crate::base::imu_identity::ImuIdentity;
 use crate::base::linear::Real;
 use crate::base::loss::LossCounts;
 use crate::base::sample::{CorrectedSample, SampleStatus};
@@ -155,6 +156,11 @@ pub trait Surroundings<T: Real>: Axes + CorrectedSink<T> + Events + SerialLine +
 
     /// The counts of missing samples, since power-up.
     fn losses(&mut self) -> LossCounts;
+
+    /// Which IMU gives the samples; by default the IMU does not tell. Asked for at the first sample.
+    fn imu(&mut self) -> Option<ImuIdentity> {
+        None
+    }
 
     /// The memory that keeps calibrations.
     fn archive(&mut self) -> &mut impl Archive;

@@ -14,8 +14,10 @@
 //!
 //! The module uses no port and no clock, and it never waits. A frame that is damaged, of another version or of an
 //! unknown kind is dropped and counted; [`Status`] reports the counts. A frame that cannot be sent in time is left out
-//! as a whole, live values first. An intact frame that contains no command is answered with a refusal, and a frame of
-//! another version with a hello.
+//! as a whole, live values first. Only commands are answered: an intact frame of the command's kind that contains no
+//! command of this version is answered with a refusal, and a frame of another version with a hello. Other frames, such
+//! as an echo of the instrument's own frames, are counted. While [`Link::is_answered`] is false, an answer waits; then
+//! leave received bytes where they are. So the work for commands is bounded however many arrive.
 
 use super::corrected::{MAX_CORRECTED_FRAME_BYTES, Stream};
 use super::frame::{Damage, Decoder, MAX_FRAME_BYTES, encode};
@@ -29,8 +31,10 @@ use crate::base::sample::{CorrectedSample, SampleStatus};
 use super::outbox::Outbox;
 use crate::run::telemetry::Message;
 
-/// Memory for urgent frames, bytes: two of the longest answers, or a verdict with all messages before it.
-const URGENT_BYTES: usize = 2560;
+/// Memory for urgent frames, bytes: a verdict with all messages before it.
+const URGENT_BYTES: usize = 1792;
+/// Memory for answers, bytes: the longest answer.
+const ANSWER_BYTES: usize = MAX_FRAME_BYTES;
 /// Memory for live values, bytes: two estimates.
 const ROUTINE_BYTES: usize = 1024;
 /// Interval between two statuses, us.
@@ -60,7 +64,7 @@ const STATUS_US: u64 = 500_000;
 #[derive(Debug)]
 pub struct Link {
     decoder: Decoder,
-    outbox: Outbox<URGENT_BYTES, ROUTINE_BYTES>,
+    outbox: Outbox<URGENT_BYTES, ANSWER_BYTES, ROUTINE_BYTES>,
     lock: Lock,
     stream: Stream,
     hello: Option<Hello>,
@@ -100,14 +104,16 @@ impl Link {
             Ok(frame) => match frame.read() {
                 Some(command) => return Some((frame.number, command)),
                 None => {
-                    let number = frame.number;
+                    let (number, is_command) = (frame.number, frame.is::<Command>());
                     self.not_understood = self.not_understood.saturating_add(1);
-                    self.reply(number, &Answer::Refused(Refusal::NotUnderstood));
+                    if is_command {
+                        self.reply(number, &Answer::Refused(Refusal::NotUnderstood));
+                    }
                 }
             },
             Err(Damage::Version(_)) => {
                 if let Some(hello) = self.hello.clone() {
-                    self.volunteer(&Answer::Hello(hello));
+                    self.reply(0, &Answer::Hello(hello));
                 }
             }
             Err(Damage::Corrupt) => {}
@@ -119,7 +125,12 @@ impl Link {
     #[inline(never)]
     pub fn reply(&mut self, number: u16, answer: &Answer) {
         let mut frame = [0; MAX_FRAME_BYTES];
-        self.put(encode(number, answer, &mut frame), Lane::Urgent);
+        self.put(encode(number, answer, &mut frame), Lane::Answer);
+    }
+
+    /// Whether all answers are sent, so that there is room for the answer to the next command.
+    pub fn is_answered(&self) -> bool {
+        self.outbox.is_answered()
     }
 
     /// Puts a message into the outbox and returns its frame for other channels. Messages without a lane go to the other

@@ -10,7 +10,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol. Frames, the command [`super::Command::Hello`] and its answer are the same in all versions.
-pub const PROTOCOL_VERSION: u8 = 4;
+pub const PROTOCOL_VERSION: u8 = 5;
 
 /// Longest payload, bytes.
 pub const MAX_PAYLOAD_BYTES: usize = 1280;
@@ -119,9 +119,14 @@ pub struct Frame<'d> {
 }
 
 impl Frame<'_> {
+    /// Whether the frame is of the kind of `P`.
+    pub fn is<P: Payload>(&self) -> bool {
+        self.kind == P::KIND
+    }
+
     /// The payload, if it is a `P` and no byte is left over.
     pub fn read<P: Payload>(&self) -> Option<P> {
-        if self.kind != P::KIND {
+        if !self.is::<P>() {
             return None;
         }
         let (payload, rest) = postcard::take_from_bytes(self.payload).ok()?;

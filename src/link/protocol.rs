@@ -3,12 +3,13 @@
 use super::frame::{Dropped, PROTOCOL_VERSION, Payload};
 use crate::estimator::Estimate;
 use crate::gimbal::axis::AxisLimits;
+use crate::gimbal::servo::MotorAndLoad;
 use crate::keep::black_box::Entry;
 use crate::keep::record::FORMAT_VERSION;
 use crate::model::error_model::PARAMETERS;
 use crate::run::config::CalibratorConfig;
 use crate::run::config::{ConfigError, SelfCalibrationConfig};
-use crate::run::policy::PowerUpPolicy;
+use crate::run::policy::{MotionLock, PowerUpPolicy};
 use crate::run::result::StoredCalibration;
 use crate::run::sequencer::Pace;
 use crate::run::state::State;
@@ -32,9 +33,9 @@ pub enum Command {
     Hello,
     /// Report the state of the instrument: [`Answer::Status`].
     Status,
-    /// Begin a run, if no run is under way.
+    /// Begin a run, if no run is under way. Permitted only when unlocked.
     Start,
-    /// Abort the run. The gimbals are parked.
+    /// Abort the run. Axes that this run has moved return to (0, 0), if base and axes are well.
     Abort,
     /// Report this item.
     Read(Item),
@@ -42,12 +43,16 @@ pub enum Command {
     Stream(bool),
     /// Permit changes of settings and erasing for [`super::UNLOCKED_US`]. The number must be [`super::UNLOCK_WORD`].
     Unlock(u32),
-    /// Change the configuration until power-off. Permitted only when unlocked and while no run is under way.
+    /// Change the configuration until power-off. Permitted only when unlocked and while no run is under way. The time of
+    /// power-up may be set at any time.
     Set(Setting),
     /// Erase the stored calibrations. Samples are corrected with the calibration in use until power-off. Permitted only
     /// when unlocked and while no run is under way. Erasing takes seconds. Samples that do not fit into the queue
     /// meanwhile are not corrected, but counted.
     Erase,
+    /// Bring both axes to rest and hold them. Permitted in every state, locked or not. A run under way ends, and no move
+    /// follows.
+    Stop,
 }
 
 impl Payload for Command {
@@ -100,6 +105,8 @@ pub enum Setting {
     Policy(PowerUpPolicy),
     /// Time of power-up, seconds since 1970-01-01 UTC.
     PowerUpUtc(Option<u64>),
+    /// Motors, loads and encoders of the outer and the inner axis.
+    Motors([MotorAndLoad; 2]),
 }
 
 /// Name of a part of the configuration.
@@ -120,12 +127,22 @@ pub enum SettingName {
     Policy,
     /// See [`Setting::PowerUpUtc`].
     PowerUpUtc,
+    /// See [`Setting::Motors`].
+    Motors,
 }
 
 impl SettingName {
     /// All names.
-    pub const ALL: [Self; 7] =
-        [Self::Calibrator, Self::Scheme, Self::Axes, Self::Limits, Self::Pace, Self::Policy, Self::PowerUpUtc];
+    pub const ALL: [Self; 8] = [
+        Self::Calibrator,
+        Self::Scheme,
+        Self::Axes,
+        Self::Limits,
+        Self::Pace,
+        Self::Policy,
+        Self::PowerUpUtc,
+        Self::Motors,
+    ];
 }
 
 impl Setting {
@@ -139,6 +156,7 @@ impl Setting {
             SettingName::Pace => Self::Pace(config.pace),
             SettingName::Policy => Self::Policy(config.policy),
             SettingName::PowerUpUtc => Self::PowerUpUtc(config.utc_s),
+            SettingName::Motors => Self::Motors(config.motors),
         }
     }
 
@@ -152,6 +170,7 @@ impl Setting {
             Self::Pace(pace) => config.pace = *pace,
             Self::Policy(policy) => config.policy = *policy,
             Self::PowerUpUtc(utc_s) => config.utc_s = *utc_s,
+            Self::Motors(motors) => config.motors = *motors,
         }
     }
 }
@@ -215,6 +234,8 @@ pub enum Refusal {
     Nothing,
     /// The calibration memory does not work.
     Memory,
+    /// The unit is not commissioned, so nothing may move.
+    NotCommissioned,
 }
 
 impl Refusal {
@@ -224,6 +245,7 @@ impl Refusal {
             Self::NotUnderstood => "not-understood",
             Self::NotNow(_) => "not-now",
             Self::Policy => "policy-never",
+            Self::NotCommissioned => "not-commissioned",
             Self::Locked => "locked",
             Self::WrongWord => "wrong-word",
             Self::Config(error) => error.code(),
@@ -243,6 +265,7 @@ impl fmt::Display for Refusal {
             Self::NotUnderstood => f.write_str("the instrument does not understand the command"),
             Self::NotNow(state) => write!(f, "the command is not allowed while the instrument is in state {state:?}"),
             Self::Policy => f.write_str("the power-up policy is never to calibrate"),
+            Self::NotCommissioned => f.write_str("the unit has no configuration of its own, so nothing may move"),
             Self::Locked => f.write_str("the instrument is locked; unlock it first"),
             Self::WrongWord => f.write_str("this word does not unlock the instrument"),
             Self::Config(error) => error.fmt(f),
@@ -299,8 +322,10 @@ pub struct Status {
     pub angles_rad: [f32; 2],
     /// Whether samples are corrected.
     pub correcting: bool,
-    /// Whether settings may be changed and calibrations erased.
+    /// Whether settings may be changed, calibrations erased and runs started.
     pub unlocked: bool,
+    /// Why motion is locked, if it is.
+    pub motion_lock: Option<MotionLock>,
     /// Number of missing samples.
     pub missing: u32,
     /// The counts of what the link lost.

@@ -19,6 +19,10 @@ pub enum AbortReason {
     Gimbal(Fault),
     /// Samples were missing or unusable for too long.
     SampleLoss,
+    /// The operator or the navigation software gave the command to stop all motion.
+    Stopped,
+    /// The samples come at another rate than the configured one.
+    SampleRate,
 }
 
 impl AbortReason {
@@ -26,16 +30,18 @@ impl AbortReason {
     pub fn code(&self) -> &'static str {
         match self {
             Self::Commanded => "commanded",
+            Self::Stopped => "stopped",
             Self::NotStill => "not-still",
             Self::TurnTimeout => "turn-timeout",
             Self::Gimbal(fault) => fault.kind.code(),
             Self::SampleLoss => "sample-loss",
+            Self::SampleRate => "sample-rate",
         }
     }
 
     /// Whether the reason is a fault and not a command.
     pub(super) fn is_fault(self) -> bool {
-        self != Self::Commanded
+        !matches!(self, Self::Commanded | Self::Stopped)
     }
 
     /// Whether the axes may still be turned.
@@ -59,10 +65,15 @@ impl fmt::Display for AbortReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let text = match self {
             Self::Commanded => "the run was aborted by a command",
+            Self::Stopped => "all motion was stopped by a command",
             Self::NotStill => "base and axes were not at rest for 1 s within 60 s of the start of the run",
             Self::TurnTimeout => "the axes did not arrive within 10 s after the planned end of the move",
             Self::Gimbal(fault) => return fault.fmt(f),
             Self::SampleLoss => "no usable sample arrived for 1 s, or for 0.1 s during a move",
+            Self::SampleRate => {
+                "the samples come at another rate than the configured one: the IMU has restarted, or its settings are \
+                 wrong"
+            }
         };
         write!(f, "[{}] {text}", self.code())
     }

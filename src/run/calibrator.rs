@@ -88,6 +88,11 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
         self.segmenter.step(sample).and_then(|segment| self.add(&segment))
     }
 
+    /// Whether the samples come at another rate than the configured one.
+    pub fn has_other_rate(&self) -> bool {
+        self.intake.has_other_rate()
+    }
+
     /// Restarts the sample counts, because the measurement begins here.
     pub fn restart_counts(&mut self) {
         self.intake.restart_counts();

@@ -1,5 +1,7 @@
 //! The decision at power-up: calibrate, or correct with the stored calibration.
 
+use crate::base::imu_identity::ImuIdentity;
+use crate::base::restart::Restart;
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
@@ -24,9 +26,41 @@ pub enum PowerUpPolicy {
 }
 
 impl Default for PowerUpPolicy {
-    /// Calibrate if there is no stored calibration.
+    /// Calibrate at every power-up.
     fn default() -> Self {
-        Self::WhenDue { age_s: None, temperature_k: None }
+        Self::Always
+    }
+}
+
+/// Why the instrument must not move its axes by itself.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum MotionLock {
+    /// There is no valid configuration of this unit.
+    NotCommissioned,
+    /// The software started after a reset that nobody asked for: by the watchdog, a panic, a processor fault or a loss
+    /// of supply. A command to start a run ends this lock.
+    AfterReset,
+}
+
+impl MotionLock {
+    /// The lock after a start of the software for this reason, if there is one. Power-on and the reset pin are what
+    /// somebody asked for.
+    pub fn after(restart: &Restart) -> Option<Self> {
+        match restart {
+            Restart::PowerOn | Restart::Pin => None,
+            Restart::Stopped(_) | Restart::Watchdog | Restart::BrownOut | Restart::Unexplained => {
+                Some(Self::AfterReset)
+            }
+        }
+    }
+
+    /// The cause of a decision that this lock forces.
+    pub fn cause(self) -> Cause {
+        match self {
+            Self::NotCommissioned => Cause::NotCommissioned,
+            Self::AfterReset => Cause::AfterReset,
+        }
     }
 }
 
@@ -38,6 +72,15 @@ pub struct Conditions {
     pub utc_s: Option<u64>,
     /// IMU temperature, deg C; not a number if there is no sensor.
     pub temperature_c: f32,
+    /// The IMU; `None` if it does not tell which it is.
+    pub imu: Option<ImuIdentity>,
+}
+
+impl Conditions {
+    /// Whether both conditions name an IMU, and the IMUs are not the same.
+    pub fn has_other_imu(&self, other: &Self) -> bool {
+        self.imu.zip(other.imu).is_some_and(|(one, another)| one != another)
+    }
 }
 
 /// The decision at power-up, and its cause.
@@ -82,15 +125,29 @@ pub enum Cause {
     },
     /// One of the temperatures is not known.
     TemperatureUnknown,
+    /// The stored calibration belongs to another IMU, so it is not used.
+    ImuExchanged,
+    /// There is no valid configuration of this unit, so nothing may move.
+    NotCommissioned,
+    /// The software started after a reset that nobody asked for, so nothing may move.
+    AfterReset,
 }
 
 impl PowerUpPolicy {
-    /// Decides at the conditions `now`. `stored` holds the conditions of the stored calibration, if there is one.
-    pub fn decide(self, stored: Option<Conditions>, now: Conditions) -> Decision {
+    /// Decides at the conditions `now`. `stored` holds the conditions of the stored calibration, if there is one. A
+    /// calibration of another IMU counts as none. With a `lock` no calibration begins.
+    pub fn decide(self, stored: Option<Conditions>, now: Conditions, lock: Option<MotionLock>) -> Decision {
+        let exchanged = stored.is_some_and(|stored| stored.has_other_imu(&now));
+        let stored = stored.filter(|_| !exchanged);
+        if let Some(lock) = lock {
+            return if stored.is_some() { Decision::UseStored(lock.cause()) } else { Decision::StandBy(lock.cause()) };
+        }
         match (self, stored) {
             (Self::Always, _) => Decision::Calibrate(Cause::Policy),
             (Self::OnCommand | Self::Never, Some(_)) => Decision::UseStored(Cause::Policy),
+            (Self::OnCommand | Self::Never, None) if exchanged => Decision::StandBy(Cause::ImuExchanged),
             (Self::OnCommand | Self::Never, None) => Decision::StandBy(Cause::Policy),
+            (Self::WhenDue { .. }, None) if exchanged => Decision::Calibrate(Cause::ImuExchanged),
             (Self::WhenDue { .. }, None) => Decision::Calibrate(Cause::NothingStored),
             (Self::WhenDue { age_s, temperature_k }, Some(stored)) => {
                 let due = age_s.and_then(|limit| too_old(stored, now, limit));
@@ -160,6 +217,17 @@ impl fmt::Display for Cause {
             Self::TemperatureUnknown => {
                 write!(f, "the present temperature or that of the stored calibration is not known")
             }
+            Self::ImuExchanged => write!(f, "the stored calibration belongs to another IMU"),
+            Self::NotCommissioned => {
+                write!(
+                    f,
+                    "the unit is not commissioned, so nothing moves; write its configuration and power it up again"
+                )
+            }
+            Self::AfterReset => write!(
+                f,
+                "the software was reset and nobody asked for it, so nothing moves; a command to start a run ends this lock"
+            ),
         }
     }
 }
@@ -168,15 +236,15 @@ impl fmt::Display for Cause {
 mod tests {
     use super::*;
 
-    const STORED: Conditions = Conditions { utc_s: Some(1_000_000), temperature_c: 30.0 };
+    const STORED: Conditions = Conditions { utc_s: Some(1_000_000), temperature_c: 30.0, imu: None };
 
     fn due(age_s: Option<u64>, temperature_k: Option<f32>, stored: Option<Conditions>, now: Conditions) -> Decision {
-        PowerUpPolicy::WhenDue { age_s, temperature_k }.decide(stored, now)
+        PowerUpPolicy::WhenDue { age_s, temperature_k }.decide(stored, now, None)
     }
 
     #[test]
     fn policies_without_a_choice() {
-        let decide = |policy: PowerUpPolicy, stored| policy.decide(stored, STORED);
+        let decide = |policy: PowerUpPolicy, stored| policy.decide(stored, STORED, None);
         assert_eq!(decide(PowerUpPolicy::Always, Some(STORED)), Decision::Calibrate(Cause::Policy));
         for policy in [PowerUpPolicy::Never, PowerUpPolicy::OnCommand] {
             assert_eq!(decide(policy, Some(STORED)), Decision::UseStored(Cause::Policy));
@@ -186,7 +254,7 @@ mod tests {
 
     #[test]
     fn a_calibration_is_due_by_age_or_temperature() {
-        let at = |utc_s, temperature_c| Conditions { utc_s: Some(utc_s), temperature_c };
+        let at = |utc_s, temperature_c| Conditions { utc_s: Some(utc_s), temperature_c, imu: None };
         let (limit_s, limit_k) = (Some(3600), Some(5.0));
         assert_eq!(due(None, None, None, STORED), Decision::Calibrate(Cause::NothingStored));
         assert_eq!(due(None, None, Some(STORED), at(9, 90.0)), Decision::UseStored(Cause::WithinLimits));
@@ -200,7 +268,7 @@ mod tests {
 
     #[test]
     fn what_is_not_known_does_not_count_as_good() {
-        let unknown = Conditions { utc_s: None, temperature_c: f32::NAN };
+        let unknown = Conditions { utc_s: None, temperature_c: f32::NAN, imu: None };
         for (stored, now) in [(STORED, unknown), (unknown, STORED)] {
             let by_age = due(Some(3600), None, Some(stored), now);
             assert_eq!(by_age, Decision::Calibrate(Cause::AgeUnknown));
@@ -209,5 +277,31 @@ mod tests {
         }
         let from_the_future = Conditions { utc_s: Some(1), ..STORED };
         assert_eq!(due(Some(3600), None, Some(STORED), from_the_future), Decision::Calibrate(Cause::AgeUnknown));
+    }
+
+    #[test]
+    fn a_calibration_of_another_imu_counts_as_none() {
+        let imu = |serial| Conditions { imu: Some(ImuIdentity { product: 16495, serial }), ..STORED };
+        let cases = [
+            (PowerUpPolicy::WhenDue { age_s: None, temperature_k: None }, Decision::Calibrate(Cause::ImuExchanged)),
+            (PowerUpPolicy::OnCommand, Decision::StandBy(Cause::ImuExchanged)),
+            (PowerUpPolicy::Never, Decision::StandBy(Cause::ImuExchanged)),
+            (PowerUpPolicy::Always, Decision::Calibrate(Cause::Policy)),
+        ];
+        for (policy, decision) in cases {
+            assert_eq!(policy.decide(Some(imu(1)), imu(2), None), decision);
+        }
+        for now in [imu(1), STORED] {
+            assert_eq!(due(None, None, Some(imu(1)), now), Decision::UseStored(Cause::WithinLimits));
+        }
+    }
+
+    #[test]
+    fn no_calibration_begins_while_motion_is_locked() {
+        for lock in [MotionLock::NotCommissioned, MotionLock::AfterReset] {
+            let decide = |stored| PowerUpPolicy::Always.decide(stored, STORED, Some(lock));
+            assert_eq!(decide(Some(STORED)), Decision::UseStored(lock.cause()));
+            assert_eq!(decide(None), Decision::StandBy(lock.cause()));
+        }
     }
 }

@@ -6,6 +6,7 @@
 //! [`SelfCalibration::record`] when [`Step::save`] is set.
 
 use crate::base::angle::{Angle, ticks_to_rad};
+use crate::base::imu_identity::ImuIdentity;
 use crate::base::linear::{Real, real};
 use crate::base::sample::{CorrectedSample, RawSample};
 use crate::base::units::DEG;
@@ -15,7 +16,7 @@ use crate::model::correction::Calibration;
 use crate::run::abort::{Abort, AbortReason};
 use crate::run::calibrator::Calibrator;
 use crate::run::config::{ConfigError, SelfCalibrationConfig};
-use crate::run::policy::{Cause, Conditions, Decision, PowerUpPolicy};
+use crate::run::policy::{Cause, Conditions, Decision, MotionLock, PowerUpPolicy};
 use crate::run::result::{StoredCalibration, StoredVerdict};
 use crate::run::sequencer::{Action, Input, Sequencer};
 use crate::run::state::State;
@@ -109,6 +110,9 @@ struct Heard {
 pub struct SelfCalibration<'c, T: Real, const STATES: usize = BASIC_STATES> {
     config: SelfCalibrationConfig,
     stored: Option<(Estimate, Conditions)>,
+    /// While motion is locked, no command is given to the gimbal.
+    lock: Option<MotionLock>,
+    imu: Option<ImuIdentity>,
     decision: Option<Decision>,
     start: bool,
     sequencer: Sequencer,
@@ -160,6 +164,8 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         Self {
             sequencer: Sequencer::new(config.scheme.clone(), config.pace),
             calibrator,
+            lock: None,
+            imu: None,
             measuring: false,
             previous: None,
             heard: None,
@@ -180,6 +186,32 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             stored,
             config: config.clone(),
         }
+    }
+
+    /// Locks all motion, before the first sample. Samples are corrected as usual.
+    pub fn lock_motion(&mut self, lock: MotionLock) {
+        self.lock = Some(lock);
+    }
+
+    /// Why motion is locked, if it is.
+    pub fn motion_lock(&self) -> Option<MotionLock> {
+        self.lock
+    }
+
+    /// Tells which IMU gives the samples, before the first sample. Samples are not corrected with a stored calibration
+    /// of another IMU.
+    pub fn identify_imu(&mut self, imu: Option<ImuIdentity>) {
+        self.imu = imu;
+        let now = self.conditions();
+        if self.stored.as_ref().is_some_and(|(_, stored)| stored.has_other_imu(&now)) {
+            self.calibration = None;
+        }
+    }
+
+    /// Sets the time of power-up, seconds since 1970-01-01 UTC; `None` if it is not known. Permitted at any time: a
+    /// decision and a record that come later use it.
+    pub fn set_power_up_utc(&mut self, utc_s: Option<u64>) {
+        self.config.utc_s = utc_s;
     }
 
     /// Takes one sample and the state of the gimbal. Calls `report` with every message. A sample that cannot be used
@@ -254,17 +286,42 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         }
     }
 
-    /// Starts a run if no run is under way. Returns whether the policy permits a run.
-    pub fn start(&mut self) -> bool {
-        if self.config.policy == PowerUpPolicy::Never {
-            return false;
+    /// Starts a run if no run is under way. Whoever calls this has the authority to move the axes, so that it ends a lock
+    /// after a reset.
+    ///
+    /// # Errors
+    /// Why no run may start: the policy is never to calibrate, or the unit is not commissioned.
+    pub fn start(&mut self) -> Result<(), Cause> {
+        if self.lock == Some(MotionLock::NotCommissioned) {
+            return Err(Cause::NotCommissioned);
         }
+        if self.config.policy == PowerUpPolicy::Never {
+            return Err(Cause::Policy);
+        }
+        self.lock = None;
         self.start = true;
         self.decision = Some(COMMANDED);
-        true
+        Ok(())
     }
 
-    /// Ends the run. The gimbals are parked, and the stored calibration is unchanged.
+    /// Brings the axes to rest and holds them, in any state. A run under way ends, and no move follows. Returns the
+    /// command to the gimbal, which needs no sample. Axes that were never controlled, or that are released because of a
+    /// fault, receive no command.
+    #[inline(never)]
+    #[must_use = "the command must be given to the gimbal"]
+    pub fn stop(&mut self, gimbal: &GimbalStatus, report: &mut impl FnMut(&Message)) -> Option<MotionCommand> {
+        (self.start, self.abort) = (false, None);
+        let (state, now_us) = (self.sequencer.state(), self.previous.map_or(0, |sample| sample.time_us));
+        let action = self.sequencer.stop(now_us);
+        self.carry_out(action, state, report);
+        // After a fault the gimbal brings the axes to rest by itself, as well as it still can.
+        let motion = if gimbal.fault.is_none() { self.command(action) } else { None };
+        self.report_state(state, now_us, report);
+        motion
+    }
+
+    /// Ends the run. Axes that this run has moved return to (0, 0), if base and axes are well. The stored calibration is
+    /// unchanged.
     pub fn abort(&mut self) {
         self.abort = Some(AbortReason::Commanded);
     }
@@ -360,13 +417,14 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         let now_us = sample.time_us;
         let lost = now_us.saturating_sub(last_us) > self.longest_silence_us();
         let (commanded, loss) = (self.abort.take(), lost.then_some(AbortReason::SampleLoss));
+        let rate = self.calibrator.has_other_rate().then_some(AbortReason::SampleRate);
         // A fault of an axis comes before every other reason, because it may forbid parking.
-        let abort = gimbal.fault.map(AbortReason::Gimbal).or(commanded).or(loss);
+        let abort = gimbal.fault.map(AbortReason::Gimbal).or(commanded).or(loss).or(rate);
         Input {
             now_us,
             decision: self.decision,
             start: mem::take(&mut self.start),
-            still: self.sequencer.state() == State::AwaitStill && self.is_still(sample),
+            still: matches!(self.sequencer.state(), State::AwaitStill | State::Stopping) && self.is_still(sample),
             arrived: gimbal.arrived,
             at_rest: gimbal.at_rest,
             move_us: gimbal.move_us,
@@ -435,6 +493,12 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     /// Carries out an action of the sequencer, which was decided in the state `during`. Returns the new command to the
     /// gimbal, if there is a new command.
     fn act(&mut self, action: Action, during: State, report: &mut impl FnMut(&Message)) -> Option<MotionCommand> {
+        self.carry_out(action, during, report);
+        self.command(action)
+    }
+
+    /// The part of an action that is not a command to the gimbal.
+    fn carry_out(&mut self, action: Action, during: State, report: &mut impl FnMut(&Message)) {
         match action {
             Action::Continue | Action::Save => {}
             Action::Decide => self.decide(report),
@@ -461,14 +525,20 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
                 }
             }
         }
+    }
+
+    /// The counted command to the gimbal that belongs to an action.
+    fn command(&mut self, action: Action) -> Option<MotionCommand> {
         let motion = self.motion(action);
         self.commands = self.commands.wrapping_add(motion.is_some().into());
         motion
     }
 
-    /// The command to the gimbal that belongs to an action. A gimbal with a fault has already stopped by itself.
+    /// The command to the gimbal that belongs to an action; none while motion is locked. A gimbal with a fault has
+    /// already stopped by itself. All commands to the gimbal come from here.
     fn motion(&self, action: Action) -> Option<MotionCommand> {
         match action {
+            _ if self.lock.is_some() => None,
             Action::GiveUp(Some(AbortReason::Gimbal(_))) => None,
             Action::Decide | Action::Begin | Action::Hold | Action::GiveUp(_) => Some(MotionCommand::Hold),
             Action::Release => Some(MotionCommand::Release),
@@ -489,11 +559,16 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     }
 
     fn decide(&mut self, report: &mut impl FnMut(&Message)) {
-        let temperature_c = self.previous.map_or(f32::NAN, |sample| sample.temperature_c);
-        let now = Conditions { utc_s: self.config.utc_s, temperature_c };
-        let decision = self.config.policy.decide(self.stored.as_ref().map(|(_, conditions)| *conditions), now);
+        let stored = self.stored.as_ref().map(|(_, conditions)| *conditions);
+        let decision = self.config.policy.decide(stored, self.conditions(), self.lock);
         self.decision = Some(decision);
         tell(report, || Message::Decided(decision));
+    }
+
+    /// The conditions now.
+    fn conditions(&self) -> Conditions {
+        let temperature_c = self.previous.map_or(f32::NAN, |sample| sample.temperature_c);
+        Conditions { utc_s: self.config.utc_s, temperature_c, imu: self.imu }
     }
 
     /// Begins a run and forgets the previous run.

@@ -13,15 +13,19 @@
 //!                  |                    |                                |
 //!                  +----(next leg)------+                         rejected|
 //!                                                                        v
-//!  any state before Store --(abort)------------------> Stopping --> Parking --> Parked
-//!                                                            |        |
-//!                                                            |        +--(fails)--> Stranded
-//!                                                            +--(not safe)-------------^
+//!  any state before Store --(abort)---+
+//!  Store --(saved)--------------------+--> Stopping --(base and axes at rest)--> Parking --> Parked or Correcting
+//!                                            |  |                                  |
+//!                    (stop, nothing to park, |  +--(an axis cannot be trusted)--+  |
+//!                     or the base moves)     v                                  v  v
+//!                                         Stopped                             Stranded
 //! ```
 //! Time is an argument, in microseconds. Leg 0 is the move to the scheme's start at (0, 0) and the first stop. Leg k >
-//! 0 is the scheme's k-th move and the stop after it. A rejected or aborted run parks the gimbals at (0, 0) and leaves
-//! the stored calibration unchanged. If the gimbals cannot be parked, they stay where they came to rest. A command
-//! starts a run, in state AwaitStill, from Correcting, StandBy, Parked and Stranded.
+//! 0 is the scheme's k-th move and the stop after it. After a run the axes return to (0, 0), if this run has moved them
+//! and if base and axes are well. An accepted run then ends in Correcting, every other run in Parked; in every case the
+//! stored calibration of a run that was not accepted is unchanged. The command to stop brings the axes to rest from any
+//! state, and no move follows. A command starts a run, in state AwaitStill, from Correcting, StandBy, Parked, Stopped
+//! and Stranded.
 
 use super::abort::AbortReason;
 use crate::run::policy::Decision;
@@ -31,7 +35,7 @@ use serde::{Deserialize, Serialize};
 
 /// Base and axes must have been at rest for this long before the first move begins, us.
 const STILL_US: u64 = 1_000_000;
-/// Longest wait for base and axes to come to rest, us.
+/// Longest wait for base and axes to come to rest, us. After this time no move begins.
 const STILL_TIMEOUT_US: u64 = 60_000_000;
 /// Settling time between the arrival of the axes and the beginning of the dwell, us.
 const SETTLE_US: u64 = (SETTLING_S * 1e6) as u64;
@@ -160,8 +164,23 @@ pub struct Sequencer {
     repeats_left: u8,
     /// The leg after which the time limit ended the run, if legs were left.
     cut_after: Option<u16>,
-    /// Nothing has happened that forbids turning the axes.
-    may_park: bool,
+    /// Whether this run has moved the axes.
+    moved: bool,
+    ending: Ending,
+    /// The result of this run is stored and in use.
+    accepted: bool,
+}
+
+/// What follows when the axes have come to rest at the end of a run. A later ending never replaces an earlier one that
+/// permits less.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Ending {
+    /// The axes return to (0, 0).
+    Park,
+    /// The axes are held where they are.
+    Hold,
+    /// The axes are released, because an axis cannot be trusted.
+    Release,
 }
 
 impl Sequencer {
@@ -177,7 +196,9 @@ impl Sequencer {
             pace,
             repeats_left: pace.stop_repeats,
             cut_after: None,
-            may_park: true,
+            moved: false,
+            ending: Ending::Park,
+            accepted: false,
         }
     }
 
@@ -252,17 +273,22 @@ impl Sequencer {
                 Some(false) => self.give_up(input, None),
                 None => Action::Continue,
             },
-            State::Store if input.saved => self.enter(input, State::Correcting, Action::Correct),
-            State::Stopping if input.at_rest && self.elapsed_us(input) >= STOP_US => self.park(input),
-            State::Parking if self.is_overdue(input) => self.enter(input, State::Stranded, Action::Release),
-            State::Parking if input.arrived => self.enter(input, State::Parked, Action::Hold),
-            State::Correcting | State::StandBy | State::Parked | State::Stranded if input.start => self.begin(input),
+            State::Store if input.saved => {
+                self.accepted = true;
+                self.conclude(input, Action::Correct)
+            }
+            State::Stopping => self.stopping(input),
+            State::Parking if self.is_overdue(input) => self.strand(input),
+            State::Parking if input.arrived => self.end(input, State::Parked, Action::Hold),
+            State::Correcting | State::StandBy | State::Parked | State::Stopped | State::Stranded if input.start => {
+                self.begin(input)
+            }
             State::Store
             | State::Correcting
             | State::StandBy
-            | State::Stopping
             | State::Parking
             | State::Parked
+            | State::Stopped
             | State::Stranded => Action::Continue,
         }
     }
@@ -282,18 +308,53 @@ impl Sequencer {
             | State::Weigh(_)
             | State::Compute
             | State::Verdict => self.give_up(&input, Some(reason)),
-            State::Parking if reason.is_fault() => self.enter(&input, State::Stranded, Action::Release),
+            State::Parking if reason.is_fault() => self.strand(&input),
             State::Stopping => {
-                self.may_park &= reason.allows_parking();
+                self.ending = self.ending.max(Ending::after(reason));
                 Action::Continue
             }
-            State::Store | State::Correcting | State::StandBy | State::Parked | State::Stranded
+            State::Store | State::Correcting | State::StandBy | State::Parked | State::Stopped | State::Stranded
                 if matches!(reason, AbortReason::Gimbal(_)) =>
             {
+                self.ending = Ending::Release;
                 Action::Release
             }
-            State::Store | State::Correcting | State::StandBy | State::Parking | State::Parked | State::Stranded => {
-                Action::Continue
+            State::Store
+            | State::Correcting
+            | State::StandBy
+            | State::Parking
+            | State::Parked
+            | State::Stopped
+            | State::Stranded => Action::Continue,
+        }
+    }
+
+    /// Brings the axes to rest from any state and holds them. A run under way ends, and no move follows. Axes that were
+    /// released because of a fault stay released. This function needs no samples.
+    pub fn stop(&mut self, now_us: u64) -> Action {
+        let input = Input { now_us, ..Input::default() };
+        let held = self.ending.max(Ending::Hold);
+        match self.state {
+            State::Stranded => Action::Continue,
+            State::Correcting | State::StandBy | State::Parked | State::Stopped => Action::Hold,
+            State::Store => {
+                self.ending = held;
+                Action::Hold
+            }
+            State::Stopping | State::Parking => {
+                self.ending = if self.state == State::Parking { Ending::Hold } else { held };
+                self.enter(&input, State::Stopping, Action::Hold)
+            }
+            State::PowerUp
+            | State::AwaitStill
+            | State::Turn(_)
+            | State::Settle(_)
+            | State::Dwell(_)
+            | State::Weigh(_)
+            | State::Compute
+            | State::Verdict => {
+                self.ending = Ending::Hold;
+                self.enter(&input, State::Stopping, Action::GiveUp(Some(AbortReason::Stopped)))
             }
         }
     }
@@ -311,17 +372,42 @@ impl Sequencer {
         input.now_us.saturating_sub(self.since_us)
     }
 
-    fn park(&mut self, input: &Input) -> Action {
-        if self.may_park {
-            self.enter(input, State::Parking, Action::MoveTo { outer_rad: 0.0, inner_rad: 0.0 })
-        } else {
-            self.enter(input, State::Stranded, Action::Release)
+    /// Waits until base and axes are at rest. The base need not be at rest if no move follows.
+    fn stopping(&mut self, input: &Input) -> Action {
+        let at_rest = input.at_rest && self.elapsed_us(input) >= STOP_US;
+        let still = self.has_been_still(input);
+        match self.ending {
+            Ending::Park if self.moved && self.elapsed_us(input) <= STILL_TIMEOUT_US => {
+                if at_rest && still {
+                    return self.enter(input, State::Parking, Action::MoveTo { outer_rad: 0.0, inner_rad: 0.0 });
+                }
+                Action::Continue
+            }
+            Ending::Park | Ending::Hold if at_rest => self.end(input, State::Stopped, Action::Continue),
+            Ending::Release if at_rest => self.strand(input),
+            Ending::Park | Ending::Hold | Ending::Release => Action::Continue,
         }
     }
 
+    /// Ends the run in this state; an accepted run ends in [`State::Correcting`].
+    fn end(&mut self, input: &Input, state: State, command: Action) -> Action {
+        self.enter(input, if self.accepted { State::Correcting } else { state }, command)
+    }
+
+    /// Releases axes that cannot be trusted.
+    fn strand(&mut self, input: &Input) -> Action {
+        self.end(input, State::Stranded, Action::Release)
+    }
+
     fn give_up(&mut self, input: &Input, reason: Option<AbortReason>) -> Action {
-        self.may_park = reason.is_none_or(AbortReason::allows_parking);
-        self.enter(input, State::Stopping, Action::GiveUp(reason))
+        self.ending = reason.map_or(Ending::Park, Ending::after);
+        self.conclude(input, Action::GiveUp(reason))
+    }
+
+    /// Brings the axes to rest at the end of a run.
+    fn conclude(&mut self, input: &Input, command: Action) -> Action {
+        self.still_since_us = None;
+        self.enter(input, State::Stopping, command)
     }
 
     fn power_up(&mut self, input: &Input) -> Action {
@@ -337,13 +423,12 @@ impl Sequencer {
         self.still_since_us = None;
         self.repeats_left = self.pace.stop_repeats;
         self.cut_after = None;
+        (self.moved, self.ending, self.accepted) = (false, Ending::Park, false);
         self.enter(input, State::AwaitStill, Action::Begin)
     }
 
     fn await_still(&mut self, input: &Input) -> Action {
-        if !input.still {
-            self.still_since_us = None;
-        } else if input.now_us.saturating_sub(*self.still_since_us.get_or_insert(input.now_us)) >= STILL_US {
+        if self.has_been_still(input) {
             return self.turn_to(input, 0);
         }
         if self.elapsed_us(input) > STILL_TIMEOUT_US {
@@ -352,7 +437,20 @@ impl Sequencer {
         Action::Continue
     }
 
+    /// Whether base and axes have been at rest for [`STILL_US`].
+    fn has_been_still(&mut self, input: &Input) -> bool {
+        if !input.still {
+            self.still_since_us = None;
+            return false;
+        }
+        // If the clock went back, the time at rest is counted from 0 again.
+        let since_us = self.still_since_us.get_or_insert(input.now_us);
+        *since_us = input.now_us.min(*since_us);
+        input.now_us - *since_us >= STILL_US
+    }
+
     fn turn_to(&mut self, input: &Input, leg: u16) -> Action {
+        self.moved = true;
         let Leg { outer_rad, inner_rad, .. } = self.leg(leg);
         self.enter(input, State::Turn(leg), Action::MoveTo { outer_rad, inner_rad })
     }
@@ -432,6 +530,13 @@ impl Sequencer {
     }
 }
 
+impl Ending {
+    /// The ending of a run that was given up for this reason.
+    fn after(reason: AbortReason) -> Self {
+        if reason.allows_parking() { Self::Park } else { Self::Release }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -452,6 +557,7 @@ mod tests {
         trace
     }
 
+    const PARK: Action = Action::MoveTo { outer_rad: 0.0, inner_rad: 0.0 };
     const FOLLOWING: AbortReason = gimbal(FaultKind::Following { error_rad: 0.02 });
 
     const fn gimbal(kind: FaultKind) -> AbortReason {
@@ -485,10 +591,16 @@ mod tests {
         let dwells = trace.iter().filter(|(state, _)| matches!(state, State::Dwell(_))).count();
         assert_eq!(dwells, 37);
         let moves = trace.iter().filter(|(_, command)| matches!(command, Action::MoveTo { .. })).count();
-        assert_eq!(moves, 37, "36 moves and the way to the start");
-        let commands: Vec<Action> = trace.iter().rev().take(4).rev().map(|(_, command)| *command).collect();
-        assert_eq!(commands, [Action::Solve, Action::Judge, Action::Save, Action::Correct]);
-        assert_eq!(sequencer.state(), State::Correcting);
+        assert_eq!(moves, 38, "36 moves, the way to the start, and the way back");
+        let end = [
+            (State::Compute, Action::Solve),
+            (State::Verdict, Action::Judge),
+            (State::Store, Action::Save),
+            (State::Stopping, Action::Correct),
+            (State::Parking, PARK),
+            (State::Correcting, Action::Hold),
+        ];
+        assert_eq!(trace[trace.len() - 6..], end);
     }
 
     #[test]
@@ -565,7 +677,8 @@ mod tests {
         State::Compute,
         State::Verdict,
     ];
-    const LATE: [State; 7] = [
+    const LATE: [State; 8] = [
+        State::Stopped,
         State::Store,
         State::Correcting,
         State::StandBy,
@@ -588,18 +701,97 @@ mod tests {
     }
 
     #[test]
-    fn abort_from_every_state_before_storing_parks_the_gimbals() {
+    fn abort_from_every_state_before_storing_parks_what_this_run_has_moved() {
         for state in ABORTABLE {
             for reason in [AbortReason::Commanded, FOLLOWING] {
-                let (sequencer, trace) = aborted_in(state, reason);
-                assert_eq!(sequencer.state(), State::Parked, "from {state:?}");
-                let end = [
-                    (State::Stopping, Action::GiveUp(Some(reason))),
-                    (State::Parking, Action::MoveTo { outer_rad: 0.0, inner_rad: 0.0 }),
-                    (State::Parked, Action::Hold),
-                ];
-                assert_eq!(trace[trace.len() - 3..], end, "from {state:?}");
+                let (_, trace) = aborted_in(state, reason);
+                let given_up = (State::Stopping, Action::GiveUp(Some(reason)));
+                let moved = [given_up, (State::Parking, PARK), (State::Parked, Action::Hold)];
+                let unmoved = [given_up, (State::Stopped, Action::Continue)];
+                let end: &[_] = if matches!(state, State::PowerUp | State::AwaitStill) { &unmoved } else { &moved };
+                assert!(trace.ends_with(end), "from {state:?}: {:?}", &trace[trace.len() - 3..]);
             }
+        }
+    }
+
+    #[test]
+    fn stop_brings_the_axes_to_rest_from_every_state_and_no_move_follows() {
+        for state in ABORTABLE.into_iter().chain(LATE) {
+            let pace = Pace { early_finish: true, ..Pace::default() };
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), pace);
+            (sequencer.state, sequencer.moved) = (state, true);
+            let action = sequencer.stop(0);
+            let expected = match state {
+                // The axes are released because of a fault.
+                State::Stranded => Action::Continue,
+                _ if ABORTABLE.contains(&state) => Action::GiveUp(Some(AbortReason::Stopped)),
+                _ => Action::Hold,
+            };
+            assert_eq!(action, expected, "{state:?}");
+            let trace = run(&mut sequencer, |now_us, state| Input { decision: None, ..cooperative(now_us, state) });
+            assert!(!trace.iter().any(|(_, action)| matches!(action, Action::MoveTo { .. })), "{state:?}: {trace:?}");
+            let end = match state {
+                State::Correcting | State::StandBy | State::Parked | State::Stranded => state,
+                // The result is stored and in use.
+                State::Store => State::Correcting,
+                _ => State::Stopped,
+            };
+            assert_eq!(sequencer.state(), end);
+        }
+    }
+
+    #[test]
+    fn an_axis_that_cannot_be_trusted_is_released_after_a_stop_too() {
+        let stall = gimbal(FaultKind::Stall { rate_rad_s: 0.0, wanted_rad_s: 0.3 });
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+        (sequencer.state, sequencer.moved) = (State::Turn(3), true);
+        let _ = sequencer.abort(0, stall);
+        let _ = sequencer.stop(1000);
+        assert_eq!(run(&mut sequencer, cooperative).last(), Some(&(State::Stranded, Action::Release)));
+    }
+
+    #[test]
+    fn nothing_turns_on_a_moving_base() {
+        let begins_to_move = |from_us: u64| {
+            move |now_us, state| Input {
+                still: now_us < from_us,
+                abort: (state == State::Dwell(3)).then_some(AbortReason::Commanded),
+                ..cooperative(now_us, state)
+            }
+        };
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+        let trace = run(&mut sequencer, begins_to_move(0));
+        assert!(!trace.iter().any(|(_, action)| matches!(action, Action::MoveTo { .. })), "{trace:?}");
+        assert_eq!(sequencer.state(), State::Stopped);
+        // The base begins to move after the first move. The axes stay where they are when the run is aborted.
+        let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+        let trace = run(&mut sequencer, begins_to_move(2_000_000));
+        assert!(!trace.iter().any(|(state, _)| *state == State::Parking), "{trace:?}");
+        assert_eq!(sequencer.state(), State::Stopped);
+    }
+
+    #[test]
+    fn an_accepted_run_ends_in_correction_wherever_the_axes_stay() {
+        let cases: [(fn(State) -> Input, Action); 3] = [
+            (
+                |state| Input { abort: (state == State::Parking).then_some(FOLLOWING), ..Input::default() },
+                Action::Release,
+            ),
+            (|state| Input { arrived: state != State::Parking, ..Input::default() }, Action::Release),
+            (|state| Input { still: state != State::Stopping, ..Input::default() }, Action::Continue),
+        ];
+        for (change, last) in cases {
+            let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
+            let trace = run(&mut sequencer, |now_us, state| {
+                let Input { abort, arrived, still, .. } = change(state);
+                let usual = cooperative(now_us, state);
+                match state {
+                    State::Parking => Input { abort, arrived, ..usual },
+                    State::Stopping => Input { still: still || last != Action::Continue, ..usual },
+                    _ => usual,
+                }
+            });
+            assert_eq!(trace.last(), Some(&(State::Correcting, last)));
         }
     }
 
@@ -621,11 +813,12 @@ mod tests {
     #[test]
     fn parking_begins_when_the_axes_are_at_rest() {
         let mut sequencer = Sequencer::new(Scheme::bai(10.0, 1), Pace::default());
-        sequencer.state = State::Stopping;
+        (sequencer.state, sequencer.moved) = (State::Stopping, true);
         let after = |now_us, at_rest| Input { at_rest, ..cooperative(now_us, State::Stopping) };
-        assert_eq!(sequencer.step(&after(STOP_US, false)), Action::Continue);
+        assert_eq!(sequencer.step(&after(0, false)), Action::Continue);
+        assert_eq!(sequencer.step(&after(STILL_US, false)), Action::Continue);
         assert_eq!(sequencer.step(&after(STOP_US - 1, true)), Action::Continue);
-        assert!(matches!(sequencer.step(&after(STOP_US, true)), Action::MoveTo { .. }));
+        assert_eq!(sequencer.step(&after(STOP_US, true)), PARK);
     }
 
     #[test]

@@ -28,23 +28,25 @@ pub enum State {
     Correcting,
     /// There is no calibration, and a run begins on command only.
     StandBy,
-    /// Bringing the axes to rest after a run that was aborted or rejected.
+    /// Bringing the axes to rest after a run, and waiting until the base is at rest too.
     Stopping,
     /// Turning back to (0, 0).
     Parking,
     /// At rest at (0, 0). This run gave no calibration.
     Parked,
-    /// At rest where the axes stopped, because parking failed.
+    /// At rest where the axes stopped and no longer controlled, because an axis cannot be trusted.
     Stranded,
+    /// Held at rest where the axes stopped, because a command stopped them, or because nothing may turn now.
+    Stopped,
 }
 
 impl State {
     /// Whether no run is under way and a command may start a run.
     pub fn is_idle(self) -> bool {
-        matches!(self, Self::Correcting | Self::StandBy | Self::Parked | Self::Stranded)
+        matches!(self, Self::Correcting | Self::StandBy | Self::Parked | Self::Stranded | Self::Stopped)
     }
 
-    /// Whether a run is under way that a command may abort.
+    /// Whether a run is under way. It ends when the axes come to rest.
     pub fn is_under_way(self) -> bool {
         matches!(
             self,

@@ -6,6 +6,10 @@ use serde::{Deserialize, Serialize};
 
 /// An interval this many times the nominal one counts as a gap.
 const GAP_INTERVALS: f64 = 1.5;
+/// An interval is irregular if it is longer or shorter than the nominal interval by more than this part of it.
+const IRREGULAR_PART: f64 = 0.2;
+/// With this number of consecutive irregular intervals the samples come at another rate.
+const OTHER_RATE_INTERVALS: u8 = 20;
 
 /// Counts of samples and gaps since the last restart of the counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -58,6 +62,8 @@ pub struct Intake {
     /// Longest interval that does not count as a gap, us.
     regular_us: u64,
     last_us: Option<u64>,
+    /// Number of consecutive irregular intervals.
+    irregular: u8,
     counts: IntakeCounts,
 }
 
@@ -66,7 +72,7 @@ impl Intake {
     pub const fn new(rate_hz: f64) -> Self {
         let nominal_us = 1e6 / rate_hz;
         let regular_us = (GAP_INTERVALS * nominal_us) as u64;
-        Self { nominal_us, regular_us, last_us: None, counts: IntakeCounts::NONE }
+        Self { nominal_us, regular_us, last_us: None, irregular: 0, counts: IntakeCounts::NONE }
     }
 
     /// Checks one sample and counts it.
@@ -89,6 +95,7 @@ impl Intake {
             None => 0,
         };
         let after_gap = self.note_gap(interval_us);
+        self.note_rate(interval_us);
         self.last_us = Some(sample.time_us);
         self.counts.admitted += 1;
         Admission::Admitted { interval_us, after_gap }
@@ -106,7 +113,7 @@ impl Intake {
 
     /// Starts a new sequence of times with the next sample. After a loss of samples the clock may have gone back.
     pub fn resume(&mut self) {
-        self.last_us = None;
+        (self.last_us, self.irregular) = (None, 0);
     }
 
     fn note_gap(&mut self, interval_us: u64) -> bool {
@@ -119,6 +126,18 @@ impl Intake {
         gap
     }
 
+    fn note_rate(&mut self, interval_us: u64) {
+        let off_us = interval_us as f64 - self.nominal_us;
+        let irregular = ComplexField::abs(off_us) > IRREGULAR_PART * self.nominal_us;
+        self.irregular = if irregular { self.irregular.saturating_add(1) } else { 0 };
+    }
+
+    /// Whether the last [`OTHER_RATE_INTERVALS`] intervals were all irregular: the IMU samples at another rate than the
+    /// configured one.
+    pub fn has_other_rate(&self) -> bool {
+        self.irregular >= OTHER_RATE_INTERVALS
+    }
+
     /// The counts so far.
     pub fn counts(&self) -> IntakeCounts {
         self.counts
@@ -128,6 +147,23 @@ impl Intake {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn another_rate_is_noticed_and_jitter_is_not() {
+        let after = |intervals_us: &mut dyn Iterator<Item = u64>| {
+            let (mut intake, mut time_us) = (Intake::new(200.0), 0);
+            for interval_us in intervals_us {
+                time_us += interval_us;
+                let _ = intake.admit(&RawSample::<f64> { time_us, ..RawSample::default() });
+            }
+            intake.has_other_rate()
+        };
+        assert!(after(&mut [10_000].repeat(21).into_iter()));
+        assert!(after(&mut [235].repeat(21).into_iter()), "an ADIS16495 after a reset samples 4250 times a second");
+        assert!(!after(&mut [5000].repeat(100).into_iter()));
+        assert!(!after(&mut (0..100).map(|k| if k % 2 == 0 { 4100 } else { 5900 })));
+        assert!(!after(&mut (0..100).map(|k| if k % 10 == 0 { 5000 } else { 10_000 })));
+    }
 
     #[test]
     fn every_irregular_sample_is_counted() {

@@ -221,7 +221,9 @@ fn reset_flags() -> Restart {
     let flags = pac::RCC.rsr().read();
     pac::RCC.rsr().modify(|flags| flags.set_rmvf(true));
     match flags {
-        flags if flags.porrstf() || flags.borrstf() => Restart::PowerOn,
+        flags if flags.porrstf() => Restart::PowerOn,
+        // Power-on sets this flag too: RM0433, RCC_RSR.
+        flags if flags.borrstf() => Restart::BrownOut,
         flags if flags.iwdg1rstf() => Restart::Watchdog,
         flags if flags.sftrstf() => Restart::Unexplained,
         _ => Restart::Pin,
