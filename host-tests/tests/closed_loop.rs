@@ -427,7 +427,7 @@ fn a_run_is_started_on_command_and_judged_against_the_one_before() {
                 run.saved();
             }
             if sample % (200 * 200) == 200 {
-                assert!(run.start());
+                assert_eq!(run.start(), Ok(()));
             }
             step.motion
         },

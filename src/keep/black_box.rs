@@ -236,7 +236,7 @@ impl fmt::Display for Event {
         match self {
             Self::Restarted(restart) => write!(f, "started: {restart}"),
             Self::Stopped(stop) => write!(f, "stopped: {stop}"),
-            Self::State(state) => write!(f, "state {state:?}"),
+            Self::State(state) => state.fmt(f),
             Self::Decided(decision) => decision.fmt(f),
             Self::Fault(fault) => fault.fmt(f),
             Self::Aborted(abort) => write!(f, "aborted: {abort}"),

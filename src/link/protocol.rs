@@ -263,7 +263,7 @@ impl fmt::Display for Refusal {
         }
         match self {
             Self::NotUnderstood => f.write_str("the instrument does not understand the command"),
-            Self::NotNow(state) => write!(f, "the command is not allowed while the instrument is in state {state:?}"),
+            Self::NotNow(state) => write!(f, "the command is not allowed now; the instrument is {state}"),
             Self::Policy => f.write_str("the power-up policy is never to calibrate"),
             Self::NotCommissioned => f.write_str("the unit has no configuration of its own, so nothing may move"),
             Self::Locked => f.write_str("the instrument is locked; unlock it first"),

@@ -174,6 +174,7 @@ pub struct Sequencer {
 /// What follows when the axes have come to rest at the end of a run. A later ending never replaces an earlier one that
 /// permits less.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 enum Ending {
     /// The axes return to (0, 0).
     Park,

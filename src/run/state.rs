@@ -1,5 +1,6 @@
 //! The states of a run.
 
+use core::fmt;
 use serde::{Deserialize, Serialize};
 
 /// The state of the run.
@@ -41,6 +42,14 @@ pub enum State {
 }
 
 impl State {
+    /// The leg of the run, if the run is at a leg.
+    pub fn leg(self) -> Option<u16> {
+        match self {
+            Self::Turn(leg) | Self::Settle(leg) | Self::Dwell(leg) | Self::Weigh(leg) => Some(leg),
+            _ => None,
+        }
+    }
+
     /// Whether no run is under way and a command may start a run.
     pub fn is_idle(self) -> bool {
         matches!(self, Self::Correcting | Self::StandBy | Self::Parked | Self::Stranded | Self::Stopped)
@@ -63,5 +72,30 @@ impl State {
     /// Whether the axes are turning or coming to rest. Samples lost during a move cannot be measured again.
     pub fn is_turning(self) -> bool {
         matches!(self, Self::Turn(_) | Self::Settle(_) | Self::Stopping | Self::Parking)
+    }
+}
+
+/// What the instrument does, in words.
+impl fmt::Display for State {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::PowerUp => "powering up",
+            Self::AwaitStill => "waiting until base and axes are at rest",
+            Self::Turn(_) => "turning",
+            Self::Settle(_) => "settling",
+            Self::Dwell(_) => "measuring",
+            Self::Weigh(_) => "checking the stop",
+            Self::Compute => "computing",
+            Self::Verdict => "judging",
+            Self::Store => "storing",
+            Self::Correcting => "correcting samples",
+            Self::StandBy => "standing by without a calibration",
+            Self::Stopping => "bringing the axes to rest",
+            Self::Parking => "returning to (0, 0)",
+            Self::Parked => "parked",
+            Self::Stranded => "stranded: the axes are released, because an axis cannot be trusted",
+            Self::Stopped => "stopped: the axes are held where they are",
+        })?;
+        self.leg().map_or(Ok(()), |leg| write!(f, ", leg {leg}"))
     }
 }

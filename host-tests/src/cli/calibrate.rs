@@ -286,21 +286,8 @@ impl<'a> Live<'a> {
 }
 
 fn in_words(state: State, legs: u16) -> String {
-    let last = legs.saturating_sub(1);
-    match state {
-        State::PowerUp => "power-up".into(),
-        State::AwaitStill => "waiting until the unit is at rest".into(),
-        State::Turn(leg) => format!("leg {leg} of {last}, turning"),
-        State::Settle(leg) | State::Dwell(leg) | State::Weigh(leg) => format!("leg {leg} of {last}, measuring"),
-        State::Compute | State::Verdict => "solving".into(),
-        State::Store => "storing".into(),
-        State::Correcting => "correcting".into(),
-        State::StandBy => "standing by".into(),
-        State::Stopping => "stopping".into(),
-        State::Parking => "parking".into(),
-        State::Parked => "parked".into(),
-        State::Stranded => "stranded".into(),
-    }
+    let of = state.leg().map_or_else(String::new, |_| format!(" of {}", legs.saturating_sub(1)));
+    format!("{state}{of}")
 }
 
 fn worst(progress: &Segmented) -> String {

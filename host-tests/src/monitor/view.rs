@@ -8,7 +8,7 @@ use rins_selfcal::estimator::Estimate;
 use rins_selfcal::link::{Answer, Dropped, Hello, Status};
 use rins_selfcal::model::error_model::{PARAMETER_INFO, PARAMETERS, block};
 use rins_selfcal::run::abort::Abort;
-use rins_selfcal::run::policy::Decision;
+use rins_selfcal::run::policy::{Decision, MotionLock};
 use rins_selfcal::run::state::State;
 use rins_selfcal::run::telemetry::Message;
 use rins_selfcal::verdict::Verdict;
@@ -172,31 +172,20 @@ fn named(hello: &Hello) -> String {
 
 fn state(status: &Status) -> String {
     let time_s = status.time_us as f64 * 1e-6;
-    let extra = [(status.correcting, ", correcting"), (status.unlocked, ", unlocked")];
+    let lock = match status.motion_lock {
+        Some(MotionLock::NotCommissioned) => ", motion locked: not commissioned",
+        Some(MotionLock::AfterReset) => ", motion locked after a reset",
+        None => "",
+    };
+    let extra = [(status.correcting, ", correcting"), (status.unlocked, ", unlocked"), (true, lock)];
     let extra: String = extra.into_iter().filter_map(|(holds, text)| holds.then_some(text)).collect();
     format!("{}{extra}, {time_s:.1} s after power-up", stage(status.state, status.legs))
 }
 
-/// Description of a state.
+/// What the instrument does, with the number of legs.
 fn stage(state: State, legs: u16) -> String {
-    let of = |verb: &str, leg: u16| format!("{verb}, leg {leg} of {}", legs.saturating_sub(1));
-    match state {
-        State::PowerUp => "powering up".into(),
-        State::AwaitStill => "waiting until base and axes are at rest".into(),
-        State::Turn(leg) => of("turning", leg),
-        State::Settle(leg) => of("settling", leg),
-        State::Dwell(leg) => of("measuring", leg),
-        State::Weigh(leg) => of("checking the stop", leg),
-        State::Compute => "computing".into(),
-        State::Verdict => "judging".into(),
-        State::Store => "storing".into(),
-        State::Correcting => "correcting samples".into(),
-        State::StandBy => "standing by without a calibration".into(),
-        State::Stopping => "stopping".into(),
-        State::Parking => "parking".into(),
-        State::Parked => "parked".into(),
-        State::Stranded => "stranded: the axes could not be parked".into(),
-    }
+    let of = state.leg().map_or_else(String::new, |_| format!(" of {}", legs.saturating_sub(1)));
+    format!("{state}{of}")
 }
 
 fn angles(status: &Status) -> String {

@@ -15,7 +15,6 @@ use rins_selfcal::instrument::{
 };
 use rins_selfcal::keep::black_box::{Entry, Event};
 use rins_selfcal::link::{Link, Refusal};
-use rins_selfcal::run::policy::Decision;
 use rins_selfcal::run::result::StoredCalibration;
 use rins_selfcal::run::state::State;
 use rins_selfcal::run::telemetry::Message;
@@ -171,8 +170,8 @@ impl<B: Board> Archive for Devices<'_, B> {
 /// Logs the milestones of a run, for readers who do not receive the telemetry.
 fn log(message: &Message) {
     match message {
-        Message::State { time_us, legs, .. } => {
-            defmt::debug!("{=u64} us: next state, {=u16} legs in all", *time_us, *legs);
+        Message::State { time_us, state, .. } => {
+            defmt::info!("{=u64:us}: {}", *time_us, defmt::Display2Format(state));
         }
         Message::Store { found, damaged, fault } => defmt::info!(
             "calibration in store: {=bool}, a slot damaged: {=bool}, memory at fault: {=bool}",
@@ -181,16 +180,19 @@ fn log(message: &Message) {
             *fault
         ),
         Message::Refused(error) => defmt::error!("the configuration was refused: {}", defmt::Display2Format(error)),
-        Message::Decided(Decision::Calibrate(_)) => defmt::info!("a calibration begins"),
-        Message::Decided(Decision::UseStored(_)) => defmt::info!("samples are corrected with the stored calibration"),
-        Message::Decided(Decision::StandBy(_)) => defmt::info!("standing by without a calibration"),
+        Message::Decided(decision) => defmt::info!("{}", defmt::Display2Format(decision)),
         Message::Solved { solution, .. } => defmt::info!(
             "solved: chi-square {=f64} with {=u32} degrees of freedom",
             solution.fit.chi_square,
             solution.degrees_of_freedom
         ),
-        Message::Judged(verdict) => defmt::info!("accepted: {=bool}", verdict.accepted()),
-        Message::Aborted(_) => defmt::warn!("the run was aborted"),
+        Message::Judged(verdict) => {
+            defmt::info!("{=str}", if verdict.accepted() { "accepted" } else { "rejected" });
+            verdict.reasons.iter().for_each(|reason| defmt::info!("  {}", defmt::Display2Format(reason)));
+            verdict.changes.iter().for_each(|change| defmt::info!("  {}", defmt::Display2Format(change)));
+        }
+        Message::Aborted(abort) => defmt::warn!("the run was aborted: {}", defmt::Display2Format(abort)),
+        Message::Fault(fault) => defmt::warn!("{}", defmt::Display2Format(fault)),
         Message::Restarted(restart) => defmt::info!("{}", defmt::Display2Format(restart)),
         Message::Saved(saved) => defmt::info!("stored: {=bool}", *saved),
         Message::Queue { samples, losses } => {
@@ -201,7 +203,6 @@ fn log(message: &Message) {
         | Message::Segment(_)
         | Message::Innovations(_)
         | Message::Covariance { .. }
-        | Message::Corrected { .. }
-        | Message::Fault(_) => {}
+        | Message::Corrected { .. } => {}
     }
 }
