@@ -106,6 +106,9 @@ impl Run {
     }
 }
 
+/// Calibrate if nothing is stored.
+const WHEN_DUE: PowerUpPolicy = PowerUpPolicy::WhenDue { age_s: None, temperature_k: None };
+
 /// Runs a unit that stands at these angles for a time, with faults in its readings and in the frames of its chips.
 fn run(
     standing_deg: [f64; 2],
@@ -114,7 +117,7 @@ fn run(
     fault: impl FnMut(f64, &mut Tick),
     damage: impl FnMut(Chip, &mut [u8]) + 'static,
 ) -> Run {
-    run_as(PowerUpPolicy::default(), standing_deg, run_s, stored, fault, damage)
+    run_as(WHEN_DUE, standing_deg, run_s, stored, fault, damage)
 }
 
 fn run_as(

@@ -153,7 +153,7 @@ fn commands_that_make_no_sense_in_a_state_are_refused_there() {
     let mut memory = Memory::default();
     let all = power_up(PowerUpPolicy::Always, &mut memory, &[], |told, sender| {
         let Some(state) = state(told) else { return false };
-        // The commands arrive in the same turn of the main loop, so in the state that was told.
+        // A turn of the main loop answers one command, so the last ones may be answered in the next state.
         if seen.iter().all(|(_, before)| *before != name(state)) && !state.is_idle() {
             let first = 10 * (seen.len() as u16 + 1);
             (first..).zip(&batch).for_each(|(number, command)| sender.command(number, command));
@@ -161,7 +161,7 @@ fn commands_that_make_no_sense_in_a_state_are_refused_there() {
         }
         state.is_idle()
     });
-    let expected = ["AwaitStill", "Turn", "Settle", "Dwell", "Compute", "Verdict", "Store"];
+    let expected = ["AwaitStill", "Turn", "Settle", "Dwell", "Compute", "Verdict", "Store", "Stopping", "Parking"];
     assert_eq!(seen.iter().map(|(_, name)| name.as_str()).collect::<Vec<_>>(), expected);
     let answers = answers(&all);
     for (number, answer) in &answers {
@@ -171,7 +171,7 @@ fn commands_that_make_no_sense_in_a_state_are_refused_there() {
         }
     }
     assert_eq!(answers.len(), expected.len() * batch.len());
-    assert_eq!(answers.last().map(|last| last.1), Some(&refused(Refusal::NotNow(State::Store))));
+    assert_eq!(answers.last().map(|last| last.1), Some(&refused(Refusal::NotNow(State::Parking))));
     assert!(memory.saved && memory.stored.is_some());
 }
 
@@ -185,21 +185,21 @@ fn idle_instruments_start_on_command_are_not_aborted_and_can_be_given_up_once_th
             Some(State::StandBy) => {
                 sender.command(3, &Command::Abort);
                 sender.command(4, &Command::Start);
+                sender.command(5, &Command::Unlock(UNLOCK_WORD));
+                sender.command(6, &Command::Start);
             }
-            Some(State::Turn(2)) => sender.command(5, &Command::Abort),
-            Some(State::Parking) => sender.command(6, &Command::Abort),
+            Some(State::Turn(2)) => sender.command(7, &Command::Abort),
+            Some(State::Parking) => sender.command(8, &Command::Abort),
             Some(State::Parked) => aborts += 1,
             _ => {}
         }
         aborts > 0
     });
-    let not_now = |state| refused(Refusal::NotNow(state));
-    let standing_by = not_now(State::StandBy);
-    let parking = not_now(State::Parking);
+    let (standing_by, locked) = (refused(Refusal::NotNow(State::StandBy)), refused(Refusal::Locked));
     let done = Answer::Done;
     // The first two came before the first sample decided what to do, or just after it.
     let answers: Vec<_> = answers(&all).into_iter().filter(|(number, _)| *number > 2).collect();
-    assert_eq!(answers, [(3, &standing_by), (4, &done), (5, &done), (6, &parking)]);
+    assert_eq!(answers, [(3, &standing_by), (4, &locked), (5, &done), (6, &done), (7, &done), (8, &done)]);
     let aborted = Abort { reason: AbortReason::Commanded, during: State::Turn(2) };
     assert!(all.contains(&Told::Message(Message::Aborted(aborted))));
     assert!(memory.stored.is_none());
@@ -209,11 +209,12 @@ fn idle_instruments_start_on_command_are_not_aborted_and_can_be_given_up_once_th
 fn a_policy_of_never_holds_against_commands() {
     let all = power_up(PowerUpPolicy::Never, &mut Memory::default(), &[], |told, sender| {
         if state(told) == Some(State::StandBy) {
-            sender.command(1, &Command::Start);
+            sender.command(1, &Command::Unlock(UNLOCK_WORD));
+            sender.command(2, &Command::Start);
         }
-        matches!(told, Told::Answer(1, _))
+        matches!(told, Told::Answer(2, _))
     });
-    assert_eq!(answers(&all), [(1, &refused(Refusal::Policy))]);
+    assert_eq!(answers(&all)[1], (2, &refused(Refusal::Policy)));
 }
 
 /// A stored calibration, made by a run.
@@ -337,20 +338,19 @@ fn time_left_counts_down_to_the_end_of_measuring() {
 }
 
 #[test]
-fn whole_frames_without_a_command_are_answered_and_counted() {
+fn only_frames_of_commands_are_answered_and_all_are_counted() {
     // A command number of no version, and an answer in place of a command.
-    let unknown = framed(3, &Unknown(200));
+    let unknown = [framed(4, &Answer::Done), framed(3, &Unknown(200))].concat();
     let all = power_up(PowerUpPolicy::OnCommand, &mut Memory::default(), &unknown, |told, sender| {
         if matches!(told, Told::Answer(3, _)) {
-            sender.0.extend(framed(4, &Answer::Done));
             sender.0.extend([1, 2, 3, 0]);
             sender.command(5, &Command::Status);
         }
         matches!(told, Told::Answer(5, _))
     });
     let answers = answers(&all);
-    assert_eq!(answers[..2], [(3, &refused(Refusal::NotUnderstood)), (4, &refused(Refusal::NotUnderstood))]);
-    let Answer::Status(status) = answers[2].1 else { panic!("{answers:?}") };
+    assert_eq!(answers[0], (3, &refused(Refusal::NotUnderstood)));
+    let Answer::Status(status) = answers[1].1 else { panic!("{answers:?}") };
     assert_eq!((status.link.not_understood, status.link.dropped.corrupt), (2, 1));
 }
 

@@ -96,7 +96,8 @@ fn a_cut_while_storing_leaves_the_old_or_the_new_calibration_and_is_told() {
         let cut = boot(&image, &eeprom, PowerUpPolicy::Always, 2, Some(periods)).expect("a run");
         assert!(!cut.contains(&Message::Saved(true)), "after {periods} periods");
         let after = history();
-        let told = boot(&image, &eeprom, PowerUpPolicy::default(), 2, None).expect("a power-up");
+        let told = boot(&image, &eeprom, PowerUpPolicy::WhenDue { age_s: None, temperature_k: None }, 2, None)
+            .expect("a power-up");
         assert!(after.damaged <= 1, "after {periods} periods");
         let expected = Message::Store { found: true, damaged: after.damaged > 0, fault: false };
         assert_eq!(told[0], expected, "after {periods} periods");

@@ -18,6 +18,7 @@ use rins_selfcal::base::units::DEG;
 use rins_selfcal::run::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::run::config::CalibratorConfig;
 use rins_selfcal::run::config::SelfCalibrationConfig;
+use rins_selfcal::run::policy::{Cause, Decision};
 use rins_selfcal::run::state::State;
 use rins_selfcal::run::telemetry::Message;
 use rins_selfcal::scheme::Scheme;
@@ -52,6 +53,9 @@ struct Watched<'a> {
     off: &'a AtomicBool,
     driven: &'a AtomicU32,
     stopped: bool,
+    /// Number of control periods in which a motor was driven after the restart.
+    after_restart: &'a AtomicU32,
+    restarted: &'a AtomicBool,
 }
 
 impl Plant for Watched<'_> {
@@ -59,6 +63,10 @@ impl Plant for Watched<'_> {
         if self.harmed.load(Ordering::Relaxed) && !self.stopped {
             self.stopped = outputs == [Output::Open; 2];
             self.driven.fetch_add(u32::from(!self.stopped), Ordering::Relaxed);
+        }
+        let drives = outputs.iter().any(|output| matches!(output, Output::Driven(_)));
+        if self.restarted.load(Ordering::Relaxed) {
+            self.after_restart.fetch_add(u32::from(drives), Ordering::Relaxed);
         }
         if self.off.load(Ordering::Relaxed) { None } else { self.rins.advance(outputs) }
     }
@@ -82,9 +90,18 @@ fn restart_after(harm: impl Fn(&[u8], &mut Debugger) -> Result<()> + Sync) -> (R
     let socket = directory.path().join("debugger");
     let setup = MachineSetup { configuration, reboots: true, debugger: Some(&socket), ..MachineSetup::new(&image) };
     let (harmed, off, driven) = (AtomicBool::new(false), AtomicBool::new(false), AtomicU32::new(0));
-    let mut bench = Bench::new(Watched { rins, harmed: &harmed, off: &off, driven: &driven, stopped: false });
+    let (restarted, after_restart) = (AtomicBool::new(false), AtomicU32::new(0));
+    let mut bench = Bench::new(Watched {
+        rins,
+        harmed: &harmed,
+        off: &off,
+        driven: &driven,
+        stopped: false,
+        after_restart: &after_restart,
+        restarted: &restarted,
+    });
     let (turning, turns) = channel();
-    let mut restarts = Vec::new();
+    let (mut restarts, mut decisions) = (Vec::new(), Vec::new());
     thread::scope(|scope| {
         let (harm, socket, elf, harmed) = (&harm, &socket, &elf, &harmed);
         let debugger = scope.spawn(move || -> Result<()> {
@@ -97,9 +114,13 @@ fn restart_after(harm: impl Fn(&[u8], &mut Debugger) -> Result<()> + Sync) -> (R
         });
         let on_message = |message: &Message| match message {
             Message::State { state: State::Turn(1), .. } => drop(turning.send(())),
-            Message::Restarted(restart) => restarts.push(restart.clone()),
-            // The unit works again.
-            Message::State { state: State::Turn(0), .. } => off.store(restarts.len() > 1, Ordering::Relaxed),
+            Message::Restarted(restart) => {
+                restarts.push(restart.clone());
+                restarted.store(restarts.len() > 1, Ordering::Relaxed);
+            }
+            Message::Decided(decision) => decisions.push(*decision),
+            // After the restart the unit stands by, and is switched off.
+            Message::State { state: State::StandBy, .. } => off.store(true, Ordering::Relaxed),
             _ => {}
         };
         let run = run(&setup, &mut bench, |_| (), on_message);
@@ -109,6 +130,9 @@ fn restart_after(harm: impl Fn(&[u8], &mut Debugger) -> Result<()> + Sync) -> (R
     assert_eq!(bench.switched_off(), 1);
     assert_eq!(restarts.len(), 2, "{restarts:?}");
     assert_eq!(restarts[0], Restart::PowerOn);
+    let decided = [Decision::Calibrate(Cause::Policy), Decision::StandBy(Cause::AfterReset)];
+    assert_eq!(decisions, decided, "a run never begins by itself after a reset");
+    assert_eq!(after_restart.into_inner(), 0, "no motor is driven after the reset");
     (restarts.remove(1), driven.load(Ordering::Relaxed))
 }
 
