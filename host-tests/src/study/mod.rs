@@ -1,5 +1,6 @@
 //! Studies of many runs: statistics, disturbances, failures, and the paper's own results.
 
+pub mod chaos;
 pub mod closed_loop;
 pub mod fault_campaign;
 pub mod fault_table;
