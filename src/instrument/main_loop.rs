@@ -109,7 +109,6 @@ use crate::run::telemetry::Message;
 /// # Ok::<(), rins_selfcal::run::config::ConfigError>(())
 /// ```
 #[derive(Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Instrument<'m, T: Real, const STATES: usize = BASIC_STATES> {
     run: SelfCalibration<'m, T, STATES>,
     link: &'m mut Link,

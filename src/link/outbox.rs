@@ -17,7 +17,6 @@ pub enum Lane {
 
 /// Frames as bytes. A zero byte ends each frame.
 #[derive(Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Outbox<const URGENT: usize, const ROUTINE: usize> {
     urgent: Deque<u8, URGENT>,
     routine: Deque<u8, ROUTINE>,
