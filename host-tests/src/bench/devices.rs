@@ -16,6 +16,7 @@ use embedded_hal::delay::DelayNs;
 use embedded_hal::spi::{self, Operation, SpiDevice};
 use rins_selfcal::acquisition::queue::SampleProducer;
 use rins_selfcal::acquisition::{Acquisition, GimbalView, Streaming};
+use rins_selfcal::base::imu_identity::ImuIdentity;
 use rins_selfcal::base::linear::Real;
 use rins_selfcal::drivers::adis16495::{Adis16495, Adis16495Settings, BURST_BYTES, Clock};
 use rins_selfcal::drivers::biss::{BissEncoder, CAPTURE_BYTES, Mounting, Resolution};
@@ -192,6 +193,11 @@ impl<P: Plant> Bench<P> {
     /// The IMU of the bench.
     pub fn imu(&self) -> Imu {
         self.imu.kind()
+    }
+
+    /// Gives the IMU another serial number, as if it had been replaced. A KVH 1750 has none that its driver can read.
+    pub fn set_imu_serial(&mut self, serial: u16) {
+        self.imu.set_serial(serial);
     }
 
     /// Makes a gyro of the IMU fail.
@@ -371,6 +377,14 @@ impl<'q, T: Real, P: Plant> BenchImu<'q, T, P> {
                 let settings = kvh1750::Kvh1750Settings { rate_hz, ..kvh1750::Kvh1750Settings::default() };
                 Self::Kvh1750(Streaming::new(Kvh1750::new(&settings), producer))
             }
+        }
+    }
+
+    /// Identity of the IMU, if its driver knows it.
+    pub fn identity(&self) -> Option<ImuIdentity> {
+        match self {
+            Self::Adis16495(acquisition) => Some(acquisition.imu().identity()),
+            Self::Kvh1750(streaming) => streaming.imu().identity(),
         }
     }
 

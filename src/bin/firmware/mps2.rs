@@ -295,6 +295,7 @@ impl Mps2 {
         let queue = cortex_m::singleton!(: SampleQueue<Scalar, QUEUE_LENGTH> = SampleQueue::new())?;
         let (producer, samples) = queue.split();
         let Some(imu) = Imu::start(bus, producer) else { Self::stop(&FatalError::board("the IMU does not start")) };
+        let identity = imu.identity();
         critical_section::with(|cs| {
             IMU.borrow(cs).set(Some(imu));
             BUS.borrow(cs).set(Some(bus));
@@ -303,7 +304,7 @@ impl Mps2 {
         // Safety: no critical section depends on priorities.
         unsafe { core.SCB.set_priority(SystemHandler::SysTick, 0xf0) };
         start_waking(&mut core.SYST);
-        let parts = Parts { samples, store: CalibrationStore::new(eeprom()), restart };
+        let parts = Parts { samples, store: CalibrationStore::new(eeprom()), restart, imu: identity };
         Some(Self { parts, nvic: core.NVIC, telemetry, idle_ticks: 0 })
     }
 
