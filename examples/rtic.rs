@@ -12,6 +12,7 @@ use defmt_rtt as _;
 #[rtic::app(device = embassy_stm32::pac, peripherals = false)]
 mod app {
     use crate::sensor_board::SensorBoard;
+    use cortex_m::peripheral::SYST;
     use cortex_m::peripheral::syst::SystClkSource;
     use rins_selfcal::acquisition::queue::{SampleConsumer, SampleProducer, SampleQueue, SampleWithGimbal};
     use rins_selfcal::base::angle::Angle;
@@ -30,7 +31,6 @@ mod app {
     use rins_selfcal::link::Link;
     use rins_selfcal::run::assignment::Assignment;
     use rins_selfcal::run::calibrator::Calibrator;
-    use rins_selfcal::run::config::SelfCalibrationConfig;
     use rtic::Mutex;
 
     /// Clock of the processor as your start-up code sets it; here its value after reset, Hz.
@@ -50,23 +50,48 @@ mod app {
     struct Local {
         producer: SampleProducer<'static, f64>,
         samples: SampleConsumer<'static, f64>,
-        config: SelfCalibrationConfig,
+        store: CalibrationStore<Eeprom<SensorBoard>>,
+        instrument: Instrument<'static, f64>,
     }
 
-    #[init(local = [queue: SampleQueue<f64, 64> = SampleQueue::new()])]
+    /// Runs with all interrupts off. So neither control nor sampling runs before the decision at power-up.
+    #[init(local = [queue: SampleQueue<f64, 64> = SampleQueue::new(), link: Link = Link::new(),
+                    calibrator: Calibrator<f64, MAX_SEGMENTS> = Calibrator::UNCONFIGURED])]
     fn init(context: init::Context) -> (Shared, Local) {
         // Your start-up code: clocks, pins, external memory, the EXTI line of the data-ready edge.
-        let mut timer = context.core.SYST;
+        let init::LocalResources { queue, link, calibrator, .. } = context.local;
+        let (producer, mut samples) = queue.split();
+        let mut store = CalibrationStore::new(Eeprom(SensorBoard::at_external_memory()));
+        // The default has site, noise, scheme, axes and motors. Replace them with yours.
+        let Assignment::SelfCalibrate(config) = Assignment::default() else { refuse() };
+        let mut gimbal = Gimbal::new(&config.axes, &config.motors);
+        let mut devices = Devices { samples: &mut samples, store: &mut store, gimbal: Alone(&mut gimbal), now_us: 0 };
+        // Your start-up code knows why the software has started. Replace `PowerOn` with that reason.
+        let Ok(instrument) = Instrument::power_up(&config, &Restart::PowerOn, link, calibrator, &mut devices) else {
+            refuse()
+        };
+        start_periods(context.core.SYST);
+        (Shared { gimbal, now_us: 0 }, Local { producer, samples, store, instrument })
+    }
+
+    /// Starts the control periods. The first one ends after `init`.
+    fn start_periods(mut timer: SYST) {
         timer.set_clock_source(SystClkSource::Core);
         timer.set_reload(CORE_HZ / 1_000_000 * PERIOD_US as u32 - 1);
         timer.clear_current();
         timer.enable_counter();
         timer.enable_interrupt();
-        let (producer, samples) = context.local.queue.split();
-        // The default has site, noise, scheme, axes and motors. Replace them with yours.
-        let Assignment::SelfCalibrate(config) = Assignment::default() else { refuse() };
-        let gimbal = Gimbal::new(&config.axes, &config.motors);
-        (Shared { gimbal, now_us: 0 }, Local { producer, samples, config })
+    }
+
+    /// The gimbal during `init`, which needs no lock because no task runs yet.
+    struct Alone<'a>(&'a mut Gimbal<f64>);
+
+    impl Mutex for Alone<'_> {
+        type T = Gimbal<f64>;
+
+        fn lock<R>(&mut self, act: impl FnOnce(&mut Gimbal<f64>) -> R) -> R {
+            act(self.0)
+        }
     }
 
     /// Reached only if the configuration contradicts itself, which you will find on the bench.
@@ -102,18 +127,11 @@ mod app {
         });
     }
 
-    #[idle(local = [samples, config, link: Link = Link::new(),
-                    calibrator: Calibrator<f64, MAX_SEGMENTS> = Calibrator::UNCONFIGURED],
-           shared = [gimbal, now_us])]
+    #[idle(local = [samples, store, instrument], shared = [gimbal, now_us])]
     fn idle(context: idle::Context) -> ! {
-        let idle::LocalResources { samples, config, link, calibrator, .. } = context.local;
+        let idle::LocalResources { samples, store, instrument, .. } = context.local;
         let idle::SharedResources { gimbal, mut now_us, .. } = context.shared;
-        let store = CalibrationStore::new(Eeprom(SensorBoard::at_external_memory()));
         let mut devices = Devices { samples, store, gimbal, now_us: 0 };
-        // Your start-up code knows why the software has started. Replace `PowerOn` with that reason.
-        let Ok(mut instrument) = Instrument::power_up(config, &Restart::PowerOn, link, calibrator, &mut devices) else {
-            refuse()
-        };
         loop {
             devices.now_us = now_us.lock(|now_us| *now_us);
             instrument.turn(&mut devices);
@@ -124,7 +142,7 @@ mod app {
     /// The board as the instrument sees it. This board has neither a serial line nor a black box.
     struct Devices<'a, G> {
         samples: &'a mut SampleConsumer<'static, f64>,
-        store: CalibrationStore<Eeprom<SensorBoard>>,
+        store: &'a mut CalibrationStore<Eeprom<SensorBoard>>,
         gimbal: G,
         /// Time at the start of this turn, us.
         now_us: u64,
@@ -144,7 +162,7 @@ mod app {
         }
 
         fn archive(&mut self) -> &mut impl Archive {
-            &mut self.store
+            self.store
         }
     }
 

@@ -42,7 +42,8 @@
 //! Frames: n local level (east, north, up); b vehicle, equal to r at gimbal angles (0, 0); r fixed to the inner gimbal, x
 //! along the outer axis and z along the inner axis; s IMU; a and g the own axes of the accelerometers and of the gyros.
 //! `rot_ab` takes b-components to a-components. All values are in SI units and radians. Rooms decide and return values; only
-//! drivers touch pins. Time is an argument: no room reads a clock.
+//! drivers touch pins. No room has a clock of its own: the caller gives the time as an argument, or as a function that reads
+//! the clock of the board.
 //!
 //! # Features
 //!

@@ -17,6 +17,7 @@ use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use rins_selfcal::acquisition::Streaming;
 use rins_selfcal::acquisition::queue::{SampleQueue, SampleWithGimbal};
 use rins_selfcal::base::angle::Angle;
+use rins_selfcal::base::imu_identity::ImuIdentity;
 use rins_selfcal::base::loss::{LossCounts, LossReason};
 use rins_selfcal::drivers::adis16495::{self, Adis16495, Clock, FilterBank, StartFault};
 use rins_selfcal::drivers::biss::{BissEncoder, BissFault, Mounting, Resolution};
@@ -150,6 +151,16 @@ fn an_imu_that_does_not_start_says_why() {
     let chip = imu(Model::ADIS16495_1);
     chip.borrow_mut().fail_sensors(0b10_0001);
     assert_eq!(started(&chip).err(), Some(StartFault::Sensor(0b10_0001)));
+}
+
+#[test]
+fn each_unit_says_which_one_it_is() {
+    for (product, serial) in [(16_495, 1), (16_497, 0xffff)] {
+        let chip = imu(Model { product, number: 1 });
+        chip.borrow_mut().set_serial(serial);
+        let identity = started(&chip).expect("a start").identity();
+        assert_eq!(identity, ImuIdentity { product, serial: serial.into() });
+    }
 }
 
 #[test]

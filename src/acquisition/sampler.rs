@@ -68,6 +68,11 @@ impl<'q, T: Real, S: SpiDevice> Acquisition<'q, T, S> {
         Self { imu, sampler: Sampler::new(producer) }
     }
 
+    /// Driver of the IMU.
+    pub fn imu(&self) -> &Adis16495<S> {
+        &self.imu
+    }
+
     /// Reads the IMU and queues the sample. Call this function once for every data-ready edge, with the time of the
     /// edge. It makes one bus transfer and does not wait.
     ///

@@ -118,7 +118,6 @@ pub fn inverse3<T: Real>(m: &Matrix3<T>) -> Matrix3<T> {
 /// Sum that carries the rounding error of each addition into the next addition (Knuth's two-sum). The mean of 100 000
 /// `f32` samples is then as accurate as the mean of ten.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CompensatedSum<T> {
     sum: T,
     rest: T,

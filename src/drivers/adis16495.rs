@@ -30,6 +30,7 @@
 //! memory, 1 boot.
 
 use super::imu::{Counter, ImuFault, ImuReading, field};
+use crate::base::imu_identity::ImuIdentity;
 use crate::base::linear::{Real, Vector3, real};
 use crate::base::units::{DEG, MICRO_G};
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
@@ -83,6 +84,9 @@ impl Register {
     pub const FILTR_BNK_0: Self = Self::new(3, 0x16, 65);
     /// FIR filter of the z accelerometer.
     pub const FILTR_BNK_1: Self = Self::new(3, 0x18, 65);
+
+    /// Serial number within a production lot.
+    pub const SERIAL_NUM: Self = Self::new(4, 0x20, STALL_US);
 
     const fn new(page: u8, address: u8, stall_us: u32) -> Self {
         Self { page, address, stall_us }
@@ -247,14 +251,15 @@ impl Scale {
 #[derive(Debug)]
 pub struct Adis16495<S> {
     spi: S,
+    identity: ImuIdentity,
     scale: Scale,
     lag_us: u64,
     counter: Counter,
 }
 
 impl<S: SpiDevice> Adis16495<S> {
-    /// Resets the IMU on `spi`, checks product and sub-model, and writes the settings. The IMU samples from then on.
-    /// This call takes a quarter of a second.
+    /// Resets the IMU on `spi`, checks product and sub-model, reads the serial number, and writes the settings. The IMU
+    /// samples from then on. This call takes a quarter of a second.
     ///
     /// # Errors
     /// The IMU does not answer as a member of its family, reports a fault, or does not accept the settings.
@@ -266,7 +271,9 @@ impl<S: SpiDevice> Adis16495<S> {
         registers.write(Register::GLOB_CMD, 1 << 7)?;
         registers.delay.delay_ms(RESET_MS);
         registers.page = None;
-        let scale = Scale::new(registers.read(Register::PROD_ID)?, registers.read(Register::RANG_MDL)?)?;
+        let product = registers.read(Register::PROD_ID)?;
+        let scale = Scale::new(product, registers.read(Register::RANG_MDL)?)?;
+        let identity = ImuIdentity { product, serial: registers.read(Register::SERIAL_NUM)?.into() };
         for (register, value) in settings.registers() {
             registers.write(register, value)?;
             let holds = registers.read(register)?;
@@ -280,9 +287,14 @@ impl<S: SpiDevice> Adis16495<S> {
         }
         match registers.read(Register::SYS_E_FLAG)? & FLAGS {
             // Page 0 is selected now, as the burst requires.
-            0 => Ok(Self { spi: registers.spi, scale, lag_us: settings.lag_us(), counter: Counter::new(16) }),
+            0 => Ok(Self { spi: registers.spi, identity, scale, lag_us: settings.lag_us(), counter: Counter::new(16) }),
             flags => Err(StartFault::Status(flags)),
         }
+    }
+
+    /// Product and serial number, as read at the start.
+    pub fn identity(&self) -> ImuIdentity {
+        self.identity
     }
 
     /// Reads the measurement of the last data-ready edge, which came at `edge_us`. Call this function once for every
@@ -428,6 +440,7 @@ mod tests {
         all.flat_map(u16::to_be_bytes).collect::<Vec<_>>().try_into().unwrap()
     }
 
+    const SERIAL: u16 = 1234;
     const WORDS: [u16; 15] = [0, 80, 1, 0, 0xffff, 0xffff, 0, 1, 0, 0x8000, 5, 0, 0, 4000, 513];
 
     fn transaction(operation: Transaction<u8>) -> Vec<Transaction<u8>> {
@@ -442,14 +455,16 @@ mod tests {
         [sent(&[word]), transaction(Transaction::read_vec(answer.to_be_bytes().to_vec()))].concat()
     }
 
-    /// Expected transfers of a start: reset, product, sub-model, then the settings, each read back.
+    /// Expected transfers of a start: reset, product, sub-model, serial number, then the settings, each read back.
     fn start_script(product: u16, model: u16, function: u16, errors: u16) -> Vec<Transaction<u8>> {
         [
             sent(&[0x8003, 0x8280, 0x8300, 0x8000]),
             answered(0x7e00, product),
             sent(&[0x8003]),
             answered(0x1200, model),
-            sent(&[0x86cd, 0x8700]),
+            sent(&[0x8004]),
+            answered(0x2000, SERIAL),
+            sent(&[0x8003, 0x86cd, 0x8700]),
             answered(0x0600, function),
             sent(&[0x8c13, 0x8d00]),
             answered(0x0c00, 19),
@@ -470,6 +485,7 @@ mod tests {
             us(&[5, 5, 1120]),
             vec![Delay::delay_ms(210)],
             us(&[5, 5, 5, 5, 5, 5]),
+            us(&[5, 5, 5, 5]),
             us(&[5, 340, 5, 5, 5, 340, 5, 5, 5, 65, 5, 5, 5, 65, 5, 5]),
             us(&[5, 5, 5, 5, 5]),
         ]
@@ -502,7 +518,8 @@ mod tests {
     fn the_start_sends_the_words_of_the_data_sheet() {
         let mut spi = Mock::new(&start_script(16_495, 0x3, 0x00cd, 0));
         let mut delay = CheckedDelay::new(&start_delays());
-        Adis16495::start(spi.clone(), &mut delay, &Adis16495Settings::default()).unwrap();
+        let imu = Adis16495::start(spi.clone(), &mut delay, &Adis16495Settings::default()).unwrap();
+        assert_eq!(imu.identity(), ImuIdentity { product: 16_495, serial: SERIAL.into() });
         spi.done();
         delay.done();
     }

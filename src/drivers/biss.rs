@@ -116,7 +116,6 @@ struct Frame {
 
 /// Driver of the encoder of one axis.
 #[derive(Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BissEncoder<S> {
     spi: S,
     resolution: Resolution,

@@ -23,7 +23,6 @@ use embedded_hal::pwm::{self, SetDutyCycle};
 
 /// Placeholder for a pin that the bridge does not have.
 #[derive(Clone, Copy, Debug, Default)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct NoPin;
 
 impl ErrorType for NoPin {
@@ -65,7 +64,6 @@ pub enum BridgeDriverFault {
 
 /// Driver of the bridge of one motor.
 #[derive(Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Bridge<P, D, E = NoPin, F = NoPin> {
     pwm: P,
     direction: D,

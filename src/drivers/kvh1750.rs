@@ -20,10 +20,14 @@
 //! rising edge on MSYNC (RS-422), which stays high for 30 to 90 us (table 10-1). The message begins 30 to 100 us later
 //! (table 11-1 for the signal TOV, which is then MSYNC again).
 //!
+//! The driver knows no serial number. The unit reports it on request (`?IS`) in its configuration mode only, in which it
+//! sends no measurements. The driver does not enter this mode: it only listens, and needs no line to the unit but MSYNC.
+//!
 //! An f32 near 1 g has steps of 1.2e-7 g, and at 20 deg/s steps of 3e-8 rad/s. At 200 Hz this is less than 1/1000 of
 //! the noise with 10 ug/sqrt(Hz), and 1/130 of the noise with 0.001 deg/sqrt(h). The noise dithers the steps.
 
 use super::imu::{Counter, ImuFault, ImuReading, field};
+use crate::base::imu_identity::ImuIdentity;
 use crate::base::linear::{Real, Vector3, real};
 use crate::base::units::{DEG, MICRO_G};
 use core::convert::Infallible;
@@ -126,6 +130,12 @@ impl Kvh1750 {
             length: 0,
             discarded: Discarded::default(),
         }
+    }
+
+    /// Always `None`: the unit reports its serial number in its configuration mode only, which this driver does not
+    /// enter.
+    pub fn identity(&self) -> Option<ImuIdentity> {
+        None
     }
 
     /// Data discarded so far.

@@ -202,7 +202,6 @@ const SUSPECTS: usize = 19;
 
 /// Changes that begin with one segment, under test in one sweep of the filter.
 #[derive(Clone, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Suspects<const STATES: usize> {
     onset: u16,
     duration_s: f32,

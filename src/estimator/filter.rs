@@ -57,7 +57,6 @@ pub struct Measurement<T: Real, const N: usize> {
 
 /// States and their covariance, `P = U D U^T`.
 #[derive(Clone, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct UdFilter<T: Real, const N: usize> {
     x: Vector<T, N>,
     u: Matrix<T, N, N>,

@@ -44,7 +44,6 @@ const PASSING_PART: f64 = 0.25;
 
 /// Estimates the parameters from segments.
 #[derive(Clone, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATES: usize = BASIC_STATES> {
     pub(super) config: EstimatorConfig,
     pub(super) segments: heapless::Vec<Segment<T>, SEGMENTS>,

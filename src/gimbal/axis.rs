@@ -115,7 +115,6 @@ enum Mode<T> {
 
 /// One axis and its state.
 #[derive(Clone, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Axis<T: Real> {
     limits: AxisLimits,
     /// Rate below which the axis is at rest, rad/s: not less than one encoder step per control period.

@@ -173,7 +173,6 @@ impl<T: Real> Setpoint<T> {
 
 /// Control loops of one axis.
 #[derive(Clone, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Servo<T> {
     gains: Gains<T>,
     /// Filtered rate of the encoder, rad/s.

@@ -113,7 +113,6 @@ const BYTES_PER_TURN: usize = 512;
 /// # Ok::<(), rins_selfcal::run::config::ConfigError>(())
 /// ```
 #[derive(Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Instrument<'m, T: Real, const STATES: usize = BASIC_STATES> {
     run: SelfCalibration<'m, T, STATES>,
     link: &'m mut Link,

@@ -14,6 +14,8 @@
 //! main loop.
 
 mod commands;
+#[cfg(feature = "defmt")]
+mod logged;
 mod main_loop;
 mod recording;
 mod surroundings;

@@ -14,7 +14,6 @@ use crate::verdict::VerdictLimits;
 
 /// Takes the samples of a recording, and computes the solution when they end.
 #[derive(Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Recording<'m, T: Real, const STATES: usize = BASIC_STATES> {
     calibrator: &'m mut Calibrator<T, MAX_SEGMENTS, STATES>,
     link: &'m mut Link,

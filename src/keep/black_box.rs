@@ -125,7 +125,6 @@ impl Entry {
 
 /// The memory of the black box. Any bytes are valid.
 #[derive(Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(transparent)]
 pub struct BlackBox<const N: usize> {
     slots: [Slot; N],

@@ -47,7 +47,6 @@ pub trait Medium {
 
 /// Memory whose bytes can be written at any time. The store begins at its address 0.
 #[derive(Clone, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Eeprom<S>(pub S);
 
 impl<S: Storage> Medium for Eeprom<S> {
@@ -77,7 +76,6 @@ impl<S: Storage> Medium for Eeprom<S> {
 
 /// A part of a NOR flash: whole sectors that nothing else uses.
 #[derive(Clone, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Flash<F> {
     flash: F,
     range: Range<u32>,

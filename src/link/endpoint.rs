@@ -4,10 +4,11 @@
 //! on the wire   the frame encoded by COBS, then a zero byte. An encoded frame contains no zero byte, so a receiver can
 //!               start at any time: after a zero byte a new frame begins
 //! frame         0     version of the protocol
-//!               1     kind of the payload: 'M' message, 'C' command, 'A' answer
+//!               1     kind of the payload: 'M' message, 'C' command, 'A' answer, 'S' corrected sample
 //!               2-3   number, little-endian. Messages are counted, so that gaps show. The sender of a command chooses
-//!                     its number, from 1, and the answer repeats it. An answer with number 0 was sent without a command
-//!               4..   payload: postcard of `Message`, `Command` or `Answer`
+//!                     its number, from 1, and the answer repeats it. An answer with number 0 was sent without a
+//!                     command. A corrected sample has the lower half of its own number
+//!               4..   payload: postcard of `Message`, `Command`, `Answer` or `CorrectedReport`
 //!               last  CRC-32/ISO-HDLC of all bytes before it, little-endian, 4 bytes
 //! ```
 //! Both ends use this module. The other end needs [`encode`] and [`Decoder`] only.

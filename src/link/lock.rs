@@ -9,7 +9,6 @@ pub const UNLOCKED_US: u64 = 30_000_000;
 
 /// The lock. It is locked at first.
 #[derive(Clone, Copy, Debug, Default)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Lock {
     unlocked_us: Option<u64>,
 }

@@ -20,7 +20,6 @@ pub enum Lane {
 
 /// Frames as bytes. A zero byte ends each frame.
 #[derive(Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Outbox<const URGENT: usize, const ANSWER: usize, const ROUTINE: usize> {
     urgent: Deque<u8, URGENT>,
     answer: Deque<u8, ANSWER>,

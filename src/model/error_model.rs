@@ -14,6 +14,7 @@
 use crate::base::angle::Angle;
 use crate::base::linear::{Matrix3, Real, Vector, Vector3, exp_so3, inverse3};
 use crate::base::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM};
+use core::slice::from_mut;
 use serde::{Deserialize, Serialize};
 
 /// Number of parameters.
@@ -124,92 +125,37 @@ pub struct InstrumentErrors<T> {
 }
 
 impl<T: Real> InstrumentErrors<T> {
+    /// Every parameter, in the order of the parameter vector. This is the only list of that order by name.
+    fn in_order(&mut self) -> impl Iterator<Item = &mut T> {
+        [
+            self.gyro_non_orthogonality.as_mut_slice(),
+            &mut self.accel_non_orthogonality,
+            &mut self.mounting,
+            &mut self.accel_bias_a,
+            &mut self.accel_scale,
+            &mut self.gyro_bias_g,
+            &mut self.gyro_scale,
+            from_mut(&mut self.axis_non_perpendicularity),
+            from_mut(&mut self.base_roll),
+            from_mut(&mut self.base_pitch),
+            from_mut(&mut self.heading),
+        ]
+        .into_iter()
+        .flatten()
+    }
+
     /// The errors with the values of the parameter vector (28), SI.
     pub fn from_vector(x: &Vector<T, PARAMETERS>) -> Self {
-        let [
-            g0,
-            g1,
-            g2,
-            g3,
-            g4,
-            g5,
-            a0,
-            a1,
-            a2,
-            m0,
-            m1,
-            m2,
-            ba0,
-            ba1,
-            ba2,
-            ka0,
-            ka1,
-            ka2,
-            bg0,
-            bg1,
-            bg2,
-            kg0,
-            kg1,
-            kg2,
-            d,
-            roll,
-            pitch,
-            heading,
-        ] = x.data.0[0];
-        Self {
-            gyro_non_orthogonality: [g0, g1, g2, g3, g4, g5],
-            accel_non_orthogonality: [a0, a1, a2],
-            mounting: [m0, m1, m2],
-            accel_bias_a: [ba0, ba1, ba2],
-            accel_scale: [ka0, ka1, ka2],
-            gyro_bias_g: [bg0, bg1, bg2],
-            gyro_scale: [kg0, kg1, kg2],
-            axis_non_perpendicularity: d,
-            base_roll: roll,
-            base_pitch: pitch,
-            heading,
-        }
+        let mut errors = Self::default();
+        errors.in_order().zip(x.iter()).for_each(|(parameter, value)| *parameter = *value);
+        errors
     }
 
     /// The parameter vector (28), SI.
     pub fn to_vector(&self) -> Vector<T, PARAMETERS> {
-        let [g0, g1, g2, g3, g4, g5] = self.gyro_non_orthogonality;
-        let [a0, a1, a2] = self.accel_non_orthogonality;
-        let [m0, m1, m2] = self.mounting;
-        let [ba0, ba1, ba2] = self.accel_bias_a;
-        let [ka0, ka1, ka2] = self.accel_scale;
-        let [bg0, bg1, bg2] = self.gyro_bias_g;
-        let [kg0, kg1, kg2] = self.gyro_scale;
-        Vector::from([
-            g0,
-            g1,
-            g2,
-            g3,
-            g4,
-            g5,
-            a0,
-            a1,
-            a2,
-            m0,
-            m1,
-            m2,
-            ba0,
-            ba1,
-            ba2,
-            ka0,
-            ka1,
-            ka2,
-            bg0,
-            bg1,
-            bg2,
-            kg0,
-            kg1,
-            kg2,
-            self.axis_non_perpendicularity,
-            self.base_roll,
-            self.base_pitch,
-            self.heading,
-        ])
+        let (mut errors, mut x) = (*self, Vector::<T, PARAMETERS>::zeros());
+        x.iter_mut().zip(errors.in_order()).for_each(|(value, parameter)| *value = *parameter);
+        x
     }
 
     /// (M1): accelerometer axes to IMU axes.

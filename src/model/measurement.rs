@@ -51,7 +51,6 @@ pub struct Prediction<T: Real> {
 
 /// Predicts the measurements of segments, linearized about one set of errors.
 #[derive(Clone, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct MeasurementModel<T: Real> {
     pub(super) errors: InstrumentErrors<T>,
     pub(super) force_b: Vector3<T>,

@@ -44,7 +44,6 @@ use crate::verdict::{Assessment, Verdict, VerdictLimits, is_good_fit, judge};
 /// // At the end of a log, `conclude` gives the solution and `judge` the verdict.
 /// ```
 #[derive(Clone, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Calibrator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATES: usize = BASIC_STATES> {
     intake: Intake,
     segmenter: Segmenter<T>,

@@ -150,7 +150,6 @@ pub enum Action {
 
 /// The state machine.
 #[derive(Clone, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Sequencer {
     scheme: Scheme,
     state: State,

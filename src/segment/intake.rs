@@ -56,7 +56,6 @@ pub enum Admission {
 
 /// Check of every sample before it is used.
 #[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Intake {
     nominal_us: f64,
     /// Longest interval that does not count as a gap, us.

@@ -23,7 +23,6 @@ const DITHERED_CHANGES: f64 = 8.0;
 
 /// Estimator of the resolution of an encoder.
 #[derive(Clone, Copy, Debug, Default)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Steps {
     last_held: Option<Angle>,
     differing_bits: u32,

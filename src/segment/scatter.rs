@@ -47,7 +47,6 @@ pub struct BlockMeans<T> {
 
 /// Sums over the block means of a stop.
 #[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ScatterSums<T> {
     blocks: u16,
     force: TriadSums<T>,

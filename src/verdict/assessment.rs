@@ -53,7 +53,6 @@ impl Verdict {
 
 /// Everything that the verdict uses.
 #[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Assessment<'a, T: Real> {
     /// The solution after all sweeps.
     pub solution: &'a Solution,

@@ -4,23 +4,22 @@
 //! Time advances in control periods. The IMU samples as often as the plant does. The decimation that is set in the IMU
 //! has no effect.
 
+use super::bridge_pins::{BridgeLines, Outputs, PinBridge, bridge};
 use super::bus::{Chip, Damage};
 use super::chips::biss::BissChip;
 use super::chips::bridge::BridgeChip;
 use super::chips::exchange;
 use super::imu::{Imu, ImuChip, Received};
-use super::wire::{DUTY_STEPS, PERIOD_BYTES, input, pin};
+use super::wire::{PERIOD_BYTES, input, pin};
 use crate::virtual_unit::plant::{Output, Plant, Tick};
 use embedded_hal::delay::DelayNs;
-use embedded_hal::digital::{self, InputPin, OutputPin};
-use embedded_hal::pwm::{self, SetDutyCycle};
 use embedded_hal::spi::{self, Operation, SpiDevice};
 use rins_selfcal::acquisition::queue::SampleProducer;
 use rins_selfcal::acquisition::{Acquisition, GimbalView, Streaming};
+use rins_selfcal::base::imu_identity::ImuIdentity;
 use rins_selfcal::base::linear::Real;
 use rins_selfcal::drivers::adis16495::{Adis16495, Adis16495Settings, BURST_BYTES, Clock};
 use rins_selfcal::drivers::biss::{BissEncoder, CAPTURE_BYTES, Mounting, Resolution};
-use rins_selfcal::drivers::bridge::Bridge;
 use rins_selfcal::drivers::kvh1750::{self, Kvh1750};
 use rins_selfcal::gimbal::Gimbal;
 use rins_selfcal::gimbal::control::Control;
@@ -196,6 +195,11 @@ impl<P: Plant> Bench<P> {
         self.imu.kind()
     }
 
+    /// Gives the IMU another serial number, as if it had been replaced. A KVH 1750 has none that its driver can read.
+    pub fn set_imu_serial(&mut self, serial: u16) {
+        self.imu.set_serial(serial);
+    }
+
     /// Makes a gyro of the IMU fail.
     pub fn fail_gyro(&mut self) {
         self.imu.fail_gyro();
@@ -326,74 +330,25 @@ impl<P: Plant> SpiDevice for BenchSpi<P> {
     }
 }
 
-/// A pin of a bridge.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Role {
-    Pwm,
-    Direction,
-    Enable,
-    Fault,
-}
+/// The bridges' pins on a shared bench.
+pub struct BenchLines<P>(SharedBench<P>);
 
-/// A pin of a bridge on a shared bench.
-pub struct BenchPin<P> {
-    bench: SharedBench<P>,
-    axis: usize,
-    role: Role,
-}
-
-impl<P: Plant> BenchPin<P> {
-    fn change(&mut self, change: impl FnOnce(&mut BridgeChip)) {
-        let mut pins = self.bench.borrow().axes[self.axis].bridge;
-        change(&mut pins);
-        self.bench.borrow_mut().axes[self.axis].bridge.set(pins.duty, pins.forward, pins.enabled);
-    }
-
-    fn set(&mut self, high: bool) {
-        let role = self.role;
-        self.change(|pins| match role {
-            Role::Direction => pins.forward = high,
-            Role::Enable => pins.enabled = high,
-            Role::Pwm | Role::Fault => {}
-        });
+impl<P> Clone for BenchLines<P> {
+    fn clone(&self) -> Self {
+        Self(Rc::clone(&self.0))
     }
 }
 
-impl<P> pwm::ErrorType for BenchPin<P> {
-    type Error = Infallible;
-}
+impl<P: Plant> BridgeLines for BenchLines<P> {
+    fn change(&mut self, axis: usize, change: impl FnOnce(&mut Outputs)) {
+        let chip = &mut self.0.borrow_mut().axes[axis].bridge;
+        let mut outputs = Outputs { duty: chip.duty, forward: chip.forward, enabled: chip.enabled };
+        change(&mut outputs);
+        chip.set(outputs.duty, outputs.forward, outputs.enabled);
+    }
 
-impl<P: Plant> SetDutyCycle for BenchPin<P> {
-    fn max_duty_cycle(&self) -> u16 {
-        DUTY_STEPS
-    }
-    fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
-        self.change(|pins| pins.duty = duty);
-        Ok(())
-    }
-}
-
-impl<P> digital::ErrorType for BenchPin<P> {
-    type Error = Infallible;
-}
-
-impl<P: Plant> OutputPin for BenchPin<P> {
-    fn set_low(&mut self) -> Result<(), Infallible> {
-        self.set(false);
-        Ok(())
-    }
-    fn set_high(&mut self) -> Result<(), Infallible> {
-        self.set(true);
-        Ok(())
-    }
-}
-
-impl<P: Plant> InputPin for BenchPin<P> {
-    fn is_high(&mut self) -> Result<bool, Infallible> {
-        Ok(self.bench.borrow().axes[self.axis].bridge.fault_line())
-    }
-    fn is_low(&mut self) -> Result<bool, Infallible> {
-        self.is_high().map(|high| !high)
+    fn fault_line(&mut self, axis: usize) -> bool {
+        self.0.borrow().axes[axis].bridge.fault_line()
     }
 }
 
@@ -425,6 +380,14 @@ impl<'q, T: Real, P: Plant> BenchImu<'q, T, P> {
         }
     }
 
+    /// Identity of the IMU, if its driver knows it.
+    pub fn identity(&self) -> Option<ImuIdentity> {
+        match self {
+            Self::Adis16495(acquisition) => Some(acquisition.imu().identity()),
+            Self::Kvh1750(streaming) => streaming.imu().identity(),
+        }
+    }
+
     /// Does the work of the interrupt at the end of a control period.
     pub fn on_period(&mut self, bench: &SharedBench<P>, view_at: impl Fn(u64) -> GimbalView) {
         let (now_us, data_ready) = (bench.borrow().now_us(), bench.borrow().data_ready());
@@ -445,7 +408,7 @@ impl<'q, T: Real, P: Plant> BenchImu<'q, T, P> {
 /// The acquisition of a bench. On the board the data-ready interrupt runs it.
 pub type BenchAcquisition<'q, T, P> = Acquisition<'q, T, BenchSpi<P>>;
 /// A bridge of a bench.
-pub type BenchBridge<P> = Bridge<BenchPin<P>, BenchPin<P>, BenchPin<P>, BenchPin<P>>;
+pub type BenchBridge<P> = PinBridge<BenchLines<P>>;
 /// The control of a bench. On the board the control interrupt runs it.
 pub type BenchControl<T, P> = Control<T, BenchSpi<P>, BenchBridge<P>>;
 
@@ -468,11 +431,6 @@ pub fn acquisition<'q, T: Real, P: Plant>(
 /// The control of a bench, assembled as on the board.
 pub fn control<T: Real, P: Plant>(bench: &SharedBench<P>, gimbal: Gimbal<T>) -> BenchControl<T, P> {
     let encoder = |chip| BissEncoder::new(BenchSpi::new(bench, chip), Resolution::Bits26, Mounting::STRAIGHT);
-    let pin = |axis, role| BenchPin { bench: Rc::clone(bench), axis, role };
-    let bridge = |axis| {
-        let [pwm, direction, enable, fault] =
-            [Role::Pwm, Role::Direction, Role::Enable, Role::Fault].map(|role| pin(axis, role));
-        Bridge::with_pins(pwm, direction, enable, fault)
-    };
-    Control::new([Chip::OuterEncoder, Chip::InnerEncoder].map(encoder), [0, 1].map(bridge), gimbal)
+    let lines = BenchLines(Rc::clone(bench));
+    Control::new([Chip::OuterEncoder, Chip::InnerEncoder].map(encoder), [0, 1].map(|axis| bridge(&lines, axis)), gimbal)
 }

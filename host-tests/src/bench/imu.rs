@@ -85,6 +85,13 @@ impl ImuChip {
         }
     }
 
+    /// Gives the IMU another serial number. A KVH 1750 has none that the driver can read.
+    pub(super) fn set_serial(&mut self, serial: u16) {
+        if let Self::Adis16495(chip) = self {
+            chip.set_serial(serial);
+        }
+    }
+
     /// The serial line, if the IMU has one.
     pub(super) fn line_mut(&mut self) -> Option<&mut SerialLine> {
         match self {

@@ -1,6 +1,8 @@
 //! The instrument's simulated devices, and the programs that run on them: the core in this process, or the firmware in
 //! the emulator.
 
+#[path = "../../../src/bin/firmware/mps2/bridge_pins.rs"]
+mod bridge_pins;
 mod bus;
 pub mod chips;
 mod devices;

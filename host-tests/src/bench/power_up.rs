@@ -11,6 +11,7 @@ use crate::virtual_unit::plant::{Output, Plant, Tick};
 use anyhow::{Context, Result, anyhow};
 use rins_selfcal::acquisition::queue::{SampleConsumer, SampleProducer, SampleQueue, SampleWithGimbal};
 use rins_selfcal::base::angle::Angle;
+use rins_selfcal::base::imu_identity::ImuIdentity;
 use rins_selfcal::base::linear::Real;
 use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::restart::Restart;
@@ -209,6 +210,10 @@ impl<T: Real, P: Plant, L: Line, N: Listener<T>> Surroundings<T> for VirtualBoar
 
     fn losses(&mut self) -> LossCounts {
         self.samples.losses()
+    }
+
+    fn imu(&mut self) -> Option<ImuIdentity> {
+        self.interrupts.imu.identity()
     }
 
     fn archive(&mut self) -> &mut impl Archive {

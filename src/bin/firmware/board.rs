@@ -3,6 +3,7 @@
 use crate::Scalar;
 use embedded_hal::spi::SpiDevice;
 use rins_selfcal::acquisition::queue::SampleConsumer;
+use rins_selfcal::base::imu_identity::ImuIdentity;
 use rins_selfcal::base::restart::FatalError;
 use rins_selfcal::base::restart::Restart;
 use rins_selfcal::gimbal::Gimbal;
@@ -25,6 +26,8 @@ pub struct Parts<M> {
     pub store: CalibrationStore<M>,
     /// Why the software has started.
     pub restart: Restart,
+    /// The IMU that is fitted; `None` if its driver cannot know.
+    pub imu: Option<ImuIdentity>,
 }
 
 /// A board, as the main loop uses it.

@@ -20,6 +20,7 @@ use board::{Board, ThisBoard};
 use cortex_m::singleton;
 use cortex_m_rt::entry;
 use devices::Devices;
+use rins_selfcal::base::imu_identity::ImuIdentity;
 use rins_selfcal::base::restart::Task;
 #[cfg(not(feature = "optional-states"))]
 use rins_selfcal::estimator::BASIC_STATES;
@@ -117,6 +118,9 @@ fn power_up<'m>(
     calibrator: &'m mut ImageCalibrator,
 ) -> Result<Instrument<'m, Scalar, STATES>, ConfigError> {
     defmt::info!("scheme {=str}", config.scheme.name.as_str());
+    if let Some(ImuIdentity { product, serial }) = board.parts().imu {
+        defmt::info!("IMU {=u16}, serial number {=u32}", product, serial);
+    }
     let restart = board.parts().restart.clone();
     Instrument::power_up(config, &restart, link, calibrator, &mut Devices::new(board))
 }

@@ -17,6 +17,7 @@
 #[cfg(not(feature = "kvh1750"))]
 mod adis16495;
 mod bit_bang_i2c;
+mod bridge_pins;
 mod eeprom;
 #[cfg(feature = "kvh1750")]
 mod kvh1750;
@@ -33,6 +34,7 @@ use crate::work::{Span, Work, count, loads};
 use crate::{Scalar, recorder, stack, watchdog};
 #[cfg(not(feature = "kvh1750"))]
 use adis16495::Imu;
+use bridge_pins::{PinBridge, bridge};
 use core::cell::{Cell, RefCell};
 use core::fmt::Write;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -44,7 +46,7 @@ use critical_section::Mutex;
 use eeprom::{Eeprom, eeprom};
 #[cfg(feature = "kvh1750")]
 use kvh1750::Imu;
-use pipe_pins::{BridgePin, EncoderSpi};
+use pipe_pins::{EncoderSpi, LatchedLines};
 use pipe_spi::{POWERED, PipeBus};
 use register::{Register, Timer};
 use rins_selfcal::acquisition::GimbalView;
@@ -53,7 +55,6 @@ use rins_selfcal::base::loss::LossReason;
 use rins_selfcal::base::restart::FatalError;
 use rins_selfcal::base::restart::Task;
 use rins_selfcal::drivers::biss::{BissEncoder, Mounting, Resolution};
-use rins_selfcal::drivers::bridge::Bridge;
 use rins_selfcal::gimbal::Gimbal;
 use rins_selfcal::gimbal::control::Control;
 use rins_selfcal::gimbal::servo::PERIOD_US;
@@ -127,7 +128,7 @@ defmt::timestamp!("{=u64:us}", uptime_us());
 
 // --------------------------------------------------------------------------------------------------------- interrupts
 
-type BoardBridge = Bridge<BridgePin, BridgePin, BridgePin, BridgePin>;
+type BoardBridge = PinBridge<LatchedLines>;
 type BoardControl = Control<Scalar, EncoderSpi, BoardBridge>;
 
 /// Filled once at power-up. [`rins_selfcal::gimbal::control`] lists its users.
@@ -294,6 +295,7 @@ impl Mps2 {
         let queue = cortex_m::singleton!(: SampleQueue<Scalar, QUEUE_LENGTH> = SampleQueue::new())?;
         let (producer, samples) = queue.split();
         let Some(imu) = Imu::start(bus, producer) else { Self::stop(&FatalError::board("the IMU does not start")) };
+        let identity = imu.identity();
         critical_section::with(|cs| {
             IMU.borrow(cs).set(Some(imu));
             BUS.borrow(cs).set(Some(bus));
@@ -302,7 +304,7 @@ impl Mps2 {
         // Safety: no critical section depends on priorities.
         unsafe { core.SCB.set_priority(SystemHandler::SysTick, 0xf0) };
         start_waking(&mut core.SYST);
-        let parts = Parts { samples, store: CalibrationStore::new(eeprom()), restart };
+        let parts = Parts { samples, store: CalibrationStore::new(eeprom()), restart, imu: identity };
         Some(Self { parts, nvic: core.NVIC, telemetry, idle_ticks: 0 })
     }
 
@@ -349,11 +351,8 @@ impl Board for Mps2 {
 
     fn begin(&mut self, gimbal: Gimbal<Scalar>) {
         let encoder = |axis| BissEncoder::new(EncoderSpi { axis }, Resolution::Bits26, Mounting::STRAIGHT);
-        let bridge = |axis| {
-            let [pwm, direction, enable, fault] = BridgePin::all(axis);
-            Bridge::with_pins(pwm, direction, enable, fault)
-        };
-        let control = Control::new([0, 1].map(encoder), [0, 1].map(bridge), gimbal);
+        let bridges = [0, 1].map(|axis| bridge(&LatchedLines, axis));
+        let control = Control::new([0, 1].map(encoder), bridges, gimbal);
         critical_section::with(|cs| {
             CONTROL.borrow(cs).try_borrow_mut().map(|mut place| *place = Some(control)).unwrap_or(())
         });

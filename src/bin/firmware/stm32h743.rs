@@ -208,7 +208,7 @@ impl Stm32h743 {
         let serial = serial::start(p.USART3, p.PD9, p.PD8)?;
         let flash = medium::Flash::new(CheckedFlash(Flash::new_blocking(p.FLASH)), CALIBRATIONS);
         Some(Self {
-            parts: Parts { samples, store: CalibrationStore::new(flash), restart },
+            parts: Parts { samples, store: CalibrationStore::new(flash), restart, imu: imu.identity },
             devices: Some(([outer, inner], bridges, p.TIM6)),
             imu,
             _serial: serial,

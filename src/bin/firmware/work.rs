@@ -5,8 +5,9 @@ use core::cell::Cell;
 use core::sync::atomic::{AtomicU32, Ordering};
 use critical_section::Mutex;
 
-/// Ticks that belong to no span's own work: transfers, telemetry, and interrupts, which may come during any span.
-/// Interrupts and the main loop write it. Spans nest, so each span subtracts what was added during it.
+/// Ticks that belong to no span's own work: transfers with devices, the serial line and the memory, the log, and
+/// interrupts, which may come during any span. The encoding of messages is work and is not included. Interrupts and the
+/// main loop write it. Spans nest, so each span subtracts what was added during it.
 static ASIDE: AtomicU32 = AtomicU32::new(0);
 
 /// A period of processor time that is being measured.

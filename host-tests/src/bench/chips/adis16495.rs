@@ -2,7 +2,7 @@
 
 use super::bits::{bits_of, crc};
 /// Pages that are simulated. The pages after them hold the coefficients of the filters.
-const PAGES: usize = 5;
+const PAGES: usize = 6;
 
 const PAGE_ID: u8 = 0x00;
 const DATA_CNT: u8 = 0x04;
@@ -17,6 +17,7 @@ const FNCTIO_CTRL: u8 = 0x06;
 const DEC_RATE: u8 = 0x0c;
 const RANG_MDL: u8 = 0x12;
 const FILTR_BNK_0: u8 = 0x16;
+const SERIAL_NUM: u8 = 0x20;
 
 /// Flags of SYS_E_FLAG.
 pub mod flag {
@@ -57,6 +58,7 @@ impl Model {
 #[derive(Clone, Debug)]
 pub struct Adis16495Chip {
     model: Model,
+    serial: u16,
     /// Registers by page and half the address.
     registers: [[u16; 64]; PAGES],
     page: u8,
@@ -77,6 +79,7 @@ impl Adis16495Chip {
     pub fn new(model: Model) -> Self {
         let mut chip = Self {
             model,
+            serial: 0x0bad,
             registers: [[0; 64]; PAGES],
             page: 0,
             fast: true,
@@ -88,6 +91,12 @@ impl Adis16495Chip {
         };
         chip.reset();
         chip
+    }
+
+    /// Gives the IMU another serial number.
+    pub fn set_serial(&mut self, serial: u16) {
+        self.serial = serial;
+        *self.register(4, SERIAL_NUM) = serial;
     }
 
     /// Advances the time.
@@ -182,7 +191,7 @@ impl Adis16495Chip {
         match (self.page, even) {
             (_, PAGE_ID) => self.page = if high { self.page } else { byte },
             // Measurements and identification cannot be written.
-            (0, _) | (3, RANG_MDL) => {}
+            (0 | 4, _) | (3, RANG_MDL) => {}
             (page, _) => {
                 let register = self.register(page, even);
                 *register =
@@ -210,6 +219,7 @@ impl Adis16495Chip {
         let initial = [
             (0, DIAG_STS, sensors),
             (0, PROD_ID, model.product),
+            (4, SERIAL_NUM, self.serial),
             (3, RANG_MDL, model.range()),
             (3, FNCTIO_CTRL, 0x000d),
         ];

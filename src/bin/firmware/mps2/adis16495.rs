@@ -7,6 +7,7 @@ use crate::Scalar;
 use core::sync::atomic::Ordering;
 use rins_selfcal::acquisition::Acquisition;
 use rins_selfcal::acquisition::queue::SampleProducer;
+use rins_selfcal::base::imu_identity::ImuIdentity;
 use rins_selfcal::drivers::adis16495::{Adis16495, Adis16495Settings};
 use rins_selfcal::gimbal::servo::PERIOD_US;
 
@@ -18,6 +19,11 @@ impl Imu {
     pub fn start(bus: PipeBus, producer: SampleProducer<'static, Scalar>) -> Option<Self> {
         let imu = Adis16495::start(bus.device(Chip::Imu), &mut Delay, &Adis16495Settings::default()).ok()?;
         Some(Self(Acquisition::new(imu, producer)))
+    }
+
+    /// Product and serial number.
+    pub fn identity(&self) -> Option<ImuIdentity> {
+        Some(self.0.imu().identity())
     }
 
     /// Reads a sample into the queue. Returns false: the interrupt need not be called again without an edge.

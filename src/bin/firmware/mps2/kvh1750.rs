@@ -18,6 +18,7 @@ use crate::Scalar;
 use embedded_hal::spi::SpiDevice;
 use rins_selfcal::acquisition::Streaming;
 use rins_selfcal::acquisition::queue::SampleProducer;
+use rins_selfcal::base::imu_identity::ImuIdentity;
 use rins_selfcal::drivers::kvh1750::{Kvh1750, Kvh1750Settings};
 
 /// Largest number of received bytes in one transfer.
@@ -40,6 +41,11 @@ impl Imu {
         let streaming = Streaming::new(Kvh1750::new(&Kvh1750Settings::default()), producer);
         let receiver = bus.device(Chip::Imu);
         Some(Self { receiver, fetched: [0; 1 + 3 * MOST_BYTES], taken: 0, end_us: 0, streaming })
+    }
+
+    /// Product and serial number, if the driver knows them.
+    pub fn identity(&self) -> Option<ImuIdentity> {
+        self.streaming.imu().identity()
     }
 
     /// Processes one byte. Returns whether the interrupt must be called again for the next byte.

@@ -5,23 +5,13 @@
 //! inputs and the bytes of the encoders, because a transfer costs far more time than its bytes.
 //! [`PERIOD_BYTES`] describes the layout.
 
+use super::bridge_pins::{BridgeLines, Outputs};
 use super::pipe_spi::{PipeBus, PipeFault};
-use super::wire::{DUTY_STEPS, PERIOD_BYTES, input, pin};
+use super::wire::{PERIOD_BYTES, input, pin};
 use core::cell::Cell;
-use core::convert::Infallible;
 use critical_section::Mutex;
-use embedded_hal::digital::{self, InputPin, OutputPin};
-use embedded_hal::pwm::{self, SetDutyCycle};
 use embedded_hal::spi::{self, Operation, SpiDevice};
 use rins_selfcal::drivers::biss::CAPTURE_BYTES;
-
-/// The output pins of a bridge.
-#[derive(Clone, Copy)]
-struct Outputs {
-    duty: u16,
-    forward: bool,
-    enabled: bool,
-}
 
 /// Written by the control interrupt, and once at power-up.
 static OUTPUTS: Mutex<Cell<[Outputs; 2]>> =
@@ -69,83 +59,23 @@ impl SpiDevice for EncoderSpi {
     }
 }
 
-/// The pins of a bridge.
+/// The bridges' pins on this board.
 #[derive(Clone, Copy)]
-enum Role {
-    Pwm,
-    Direction,
-    Enable,
-    Fault,
-}
+pub struct LatchedLines;
 
-/// A pin of a bridge.
-pub struct BridgePin {
-    /// 0 for the outer axis, 1 for the inner axis.
-    axis: usize,
-    role: Role,
-}
-
-impl BridgePin {
-    /// PWM, direction, enable and fault pin of the bridge of an axis (0 outer, 1 inner).
-    pub fn all(axis: usize) -> [Self; 4] {
-        [Role::Pwm, Role::Direction, Role::Enable, Role::Fault].map(|role| Self { axis, role })
-    }
-
-    fn change(&mut self, change: impl FnOnce(&mut Outputs)) {
+impl BridgeLines for LatchedLines {
+    fn change(&mut self, axis: usize, change: impl FnOnce(&mut Outputs)) {
         critical_section::with(|cs| {
             let mut all = OUTPUTS.borrow(cs).get();
-            if let Some(outputs) = all.get_mut(self.axis) {
+            if let Some(outputs) = all.get_mut(axis) {
                 change(outputs);
             }
             OUTPUTS.borrow(cs).set(all);
         });
     }
 
-    fn set(&mut self, high: bool) {
-        let role = self.role;
-        self.change(|outputs| match role {
-            Role::Direction => outputs.forward = high,
-            Role::Enable => outputs.enabled = high,
-            Role::Pwm | Role::Fault => {}
-        });
-    }
-}
-
-impl pwm::ErrorType for BridgePin {
-    type Error = Infallible;
-}
-
-impl SetDutyCycle for BridgePin {
-    fn max_duty_cycle(&self) -> u16 {
-        DUTY_STEPS
-    }
-    fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
-        self.change(|outputs| outputs.duty = duty);
-        Ok(())
-    }
-}
-
-impl digital::ErrorType for BridgePin {
-    type Error = Infallible;
-}
-
-impl OutputPin for BridgePin {
-    fn set_low(&mut self) -> Result<(), Infallible> {
-        self.set(false);
-        Ok(())
-    }
-    fn set_high(&mut self) -> Result<(), Infallible> {
-        self.set(true);
-        Ok(())
-    }
-}
-
-impl InputPin for BridgePin {
-    fn is_high(&mut self) -> Result<bool, Infallible> {
+    fn fault_line(&mut self, axis: usize) -> bool {
         let [inputs, ..] = critical_section::with(|cs| RECEIVED.borrow(cs).get());
-        Ok(input::FAULT.get(self.axis).is_some_and(|fault| inputs & fault != 0))
-    }
-    fn is_low(&mut self) -> Result<bool, Infallible> {
-        self.is_high().map(|high| !high)
+        input::FAULT.get(axis).is_some_and(|fault| inputs & fault != 0)
     }
 }

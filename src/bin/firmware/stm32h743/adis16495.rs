@@ -18,6 +18,7 @@ use embassy_stm32::{interrupt as handler, pac};
 use embedded_hal_bus::spi::ExclusiveDevice;
 use rins_selfcal::acquisition::Acquisition;
 use rins_selfcal::acquisition::queue::SampleProducer;
+use rins_selfcal::base::imu_identity::ImuIdentity;
 use rins_selfcal::drivers::adis16495::{Adis16495, Adis16495Settings};
 
 type BoardAcquisition = Acquisition<'static, Scalar, ExclusiveDevice<Bus, Output<'static>, Delay>>;
@@ -38,6 +39,8 @@ pub struct Wiring {
 
 /// Peripherals that must stay configured while the IMU is used.
 pub struct Imu {
+    /// Product and serial number.
+    pub identity: Option<ImuIdentity>,
     _clock: SimplePwm<'static, TIM3>,
     _data_ready: CapturePin<'static, TIM2, Ch4>,
 }
@@ -50,8 +53,9 @@ impl Imu {
         let bus = Spi::new_blocking(bus, sclk, din, dout, spi_config(spi::MODE_3, 3_750_000));
         let device = ExclusiveDevice::new(bus, Output::new(select, Level::High, Speed::VeryHigh), Delay).ok()?;
         let imu = Adis16495::start(device, &mut Delay, &Adis16495Settings::default()).ok()?;
+        let identity = Some(imu.identity());
         critical_section::with(|cs| ACQUISITION.borrow(cs).set(Some(Acquisition::new(imu, producer))));
-        Some(Self { _clock: clock, _data_ready: CapturePin::new(data_ready, Pull::Down) })
+        Some(Self { identity, _clock: clock, _data_ready: CapturePin::new(data_ready, Pull::Down) })
     }
 
     /// Enables the interrupt, which comes when channel 4 captures the time of a rising edge.

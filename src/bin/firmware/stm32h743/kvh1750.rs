@@ -18,6 +18,7 @@ use embassy_stm32::usart::{Config, UartRx};
 use embassy_stm32::{interrupt as handler, pac};
 use rins_selfcal::acquisition::Streaming;
 use rins_selfcal::acquisition::queue::SampleProducer;
+use rins_selfcal::base::imu_identity::ImuIdentity;
 use rins_selfcal::drivers::kvh1750::{Kvh1750, Kvh1750Settings};
 
 /// The request line is high for 60 us of each 5 ms.
@@ -40,6 +41,8 @@ pub struct Wiring {
 
 /// Peripherals that must stay configured while the IMU is used.
 pub struct Imu {
+    /// Product and serial number, if the driver knows them.
+    pub identity: Option<ImuIdentity>,
     _request: SimplePwm<'static, TIM3>,
     _port: UartRx<'static, Blocking>,
 }
@@ -58,8 +61,9 @@ impl Imu {
         }
         // A new receiver, so that it misses no message that is sent before the interrupt is enabled.
         let streaming = Streaming::new(Kvh1750::new(&settings), producer);
+        let identity = streaming.imu().identity();
         critical_section::with(|cs| RECEIVER.borrow(cs).set(Some((streaming, settings.answer_us()))));
-        Some(Self { _request: request, _port: port })
+        Some(Self { identity, _request: request, _port: port })
     }
 
     /// Enables the interrupt for all bytes from now on.
