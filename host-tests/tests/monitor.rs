@@ -14,7 +14,9 @@ use host_tests::virtual_unit::presets;
 use host_tests::virtual_unit::unit::VirtualUnit;
 use nix::fcntl::{FcntlArg, OFlag, fcntl};
 use nix::pty::openpty;
+use nix::sys::signal::{Signal, kill};
 use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
+use nix::unistd::{Pid, ttyname};
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::sample::RawSample;
 use rins_selfcal::estimator::BASIC_STATES;
@@ -31,8 +33,10 @@ use rins_selfcal::run::result::{StoredCalibration, StoredVerdict};
 use rins_selfcal::run::telemetry::Message;
 use rins_selfcal::scheme::Scheme;
 use std::fs::File;
-use std::path::Path;
-use std::process::Command;
+use std::io::{Read, Write};
+use std::os::fd::OwnedFd;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -59,19 +63,24 @@ fn assignment() -> (SelfCalibrationConfig, DrivenRins) {
 }
 
 /// An instrument in this process at its end of a line.
-fn instrument(line: File, off: &Arc<AtomicBool>) -> Memory {
+fn instrument(line: File, off: &Arc<AtomicBool>, mut memory: Memory) -> Memory {
     let (config, rins) = assignment();
     let bench = shared(Unit(rins, Arc::clone(off)));
-    let (mut memory, mut line) = (Memory::default(), Terminal::new(line));
+    let mut line = Terminal::new(line);
     self_calibrate::<f64, BASIC_STATES, _>(&config, &mut memory, &bench, &mut line, &mut |_: &Message| ())
         .expect("it powers up");
     memory
 }
 
-fn monitor(port: &Path, options: &[&str]) -> std::process::Output {
+fn monitor(port: &Path, options: &[&str]) -> Output {
+    command(port, options).output().expect("it runs")
+}
+
+fn command(port: &Path, options: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_rins"));
     // An emulator on a busy machine is slow.
-    command.arg("monitor").arg("--port").arg(port).args(["--wait", "60"]).args(options).output().expect("it runs")
+    command.arg("monitor").arg("--port").arg(port).args(["--wait", "60"]).args(options);
+    command
 }
 
 fn text(bytes: &[u8]) -> String {
@@ -124,21 +133,27 @@ fn commanded_followed_read_and_erased(port: &Path) {
     assert_eq!(again.status.code(), Some(1));
 }
 
-#[test]
-fn an_instrument_is_commanded_followed_read_and_erased_over_a_line() {
+/// A raw pseudo-terminal: the instrument's end, the host's end and the name of the host's end.
+fn line() -> (File, OwnedFd, PathBuf) {
     let pair = openpty(None, None).expect("a pseudo-terminal");
     let mut settings = tcgetattr(&pair.slave).expect("settings");
     cfmakeraw(&mut settings);
     tcsetattr(&pair.slave, SetArg::TCSANOW, &settings).expect("raw");
     fcntl(&pair.master, FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).expect("not blocking");
-    let port = nix::unistd::ttyname(&pair.slave).expect("a name");
+    let port = ttyname(&pair.slave).expect("a name");
+    (File::from(pair.master), pair.slave, port)
+}
+
+#[test]
+fn an_instrument_is_commanded_followed_read_and_erased_over_a_line() {
+    let (line, slave, port) = line();
     let off = Arc::new(AtomicBool::new(false));
-    let (line, switch) = (File::from(pair.master), Arc::clone(&off));
-    let instrument = thread::spawn(move || instrument(line, &switch));
+    let switch = Arc::clone(&off);
+    let instrument = thread::spawn(move || instrument(line, &switch, Memory::default()));
     commanded_followed_read_and_erased(&port);
     off.store(true, Ordering::Relaxed);
     // What the instrument still has to say must go somewhere.
-    drop(pair.slave);
+    drop(slave);
     let memory = instrument.join().expect("the instrument ends");
     assert!(memory.saved && memory.stored.is_none());
 }
@@ -254,4 +269,91 @@ fn recorded_samples_of_the_firmware_are_those_that_the_host_corrects() {
     // A second of the instrument; the emulator of a busy machine is slow.
     assert!(got.len() > 200, "{} samples", got.len());
     assert_eq!(got, expected);
+}
+
+/// The numbers of the samples in a recording.
+fn numbers(out: &Path) -> Vec<usize> {
+    let csv = std::fs::read_to_string(out).expect("the recording");
+    csv.lines().skip(1).map(|row| row.rsplit(',').next().expect("a number").parse().expect("a whole row")).collect()
+}
+
+/// A recording is complete: no sample is missing, and the summary counts its rows.
+fn assert_complete(out: &Path, said: &str) {
+    let numbers = numbers(out);
+    assert!(said.contains(&format!("corrected samples: {} recorded, 0 missing", numbers.len())), "{said}");
+    assert!(!said.contains("restarts") && !numbers.is_empty(), "{said}");
+    assert_eq!(numbers, (0..numbers.len()).collect::<Vec<_>>());
+}
+
+/// Waits until a recording has rows.
+fn wait_for_rows(out: &Path, recording: &mut Child) {
+    while std::fs::metadata(out).map_or(0, |file| file.len()) < 1000 {
+        assert!(recording.try_wait().expect("a process").is_none(), "the recording has ended");
+        thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Records until the signal, and returns what is printed.
+fn recorded_until(signal: Signal, port: &Path, out: &Path) -> Output {
+    let _ = std::fs::remove_file(out);
+    let options = ["--record", out.to_str().expect("UTF-8")];
+    let mut recording = command(port, &options).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it runs");
+    // Filling the pipe would block the program.
+    let (mut stdout, mut said) = (recording.stdout.take().expect("a pipe"), Vec::new());
+    let reader = thread::spawn(move || stdout.read_to_end(&mut said).map(|_| said));
+    wait_for_rows(out, &mut recording);
+    kill(Pid::from_raw(recording.id().try_into().expect("a number")), signal).expect("it is there");
+    let ended = recording.wait_with_output().expect("it ends");
+    Output { stdout: reader.join().expect("a thread").expect("text"), ..ended }
+}
+
+/// Records on a terminal until Ctrl-C is typed there, and returns what the terminal shows.
+fn recorded_until_ctrl_c(port: &Path, out: &Path) -> String {
+    let _ = std::fs::remove_file(out);
+    let pair = openpty(None, None).expect("a pseudo-terminal");
+    let end = || Stdio::from(pair.slave.try_clone().expect("a terminal"));
+    let before = tcgetattr(&pair.slave).expect("settings");
+    let options = ["--record", out.to_str().expect("UTF-8")];
+    let mut recording = command(port, &options).stdin(end()).stdout(end()).stderr(end()).spawn().expect("it runs");
+    let mut keyboard = File::from(pair.master);
+    let mut screen = keyboard.try_clone().expect("a terminal");
+    let reader = thread::spawn(move || {
+        // Reading fails when the last program has closed the terminal.
+        let (mut shown, mut bytes) = (Vec::new(), [0; 4096]);
+        while let Ok(count @ 1..) = screen.read(&mut bytes) {
+            shown.extend_from_slice(&bytes[..count]);
+        }
+        shown
+    });
+    wait_for_rows(out, &mut recording);
+    keyboard.write_all(b"\x03").expect("a key");
+    assert!(recording.wait().expect("it ends").success());
+    assert_eq!(tcgetattr(&pair.slave).expect("settings").local_flags, before.local_flags);
+    drop(pair.slave);
+    text(&reader.join().expect("a thread"))
+}
+
+#[test]
+fn a_recording_that_is_interrupted_is_complete_and_the_next_one_begins_with_its_own_samples() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let out = directory.path().join("corrected.csv");
+    let (line, slave, port) = line();
+    let off = Arc::new(AtomicBool::new(false));
+    let switch = Arc::clone(&off);
+    let memory = Memory { stored: Some(record()), ..Memory::default() };
+    let instrument = thread::spawn(move || instrument(line, &switch, memory));
+    for signal in [Signal::SIGINT, Signal::SIGTERM] {
+        let ended = recorded_until(signal, &port, &out);
+        assert_eq!(ended.status.code(), Some(0), "{}", text(&ended.stderr));
+        assert_complete(&out, &text(&ended.stdout));
+    }
+    // A program that is killed leaves the stream on.
+    assert_eq!(recorded_until(Signal::SIGKILL, &port, &out).status.code(), None);
+    let ended = monitor(&port, &["--record", out.to_str().expect("UTF-8"), "--seconds", "0.2"]);
+    assert_eq!(ended.status.code(), Some(0), "{}", text(&ended.stderr));
+    assert_complete(&out, &text(&ended.stdout));
+    assert_complete(&out, &recorded_until_ctrl_c(&port, &out));
+    off.store(true, Ordering::Relaxed);
+    drop(slave);
+    instrument.join().expect("the instrument ends");
 }

@@ -14,8 +14,8 @@ pub(super) const MAX_CORRECTED_FRAME_BYTES: usize = 96;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CorrectedReport {
-    /// Counts the corrected samples from 0 since the stream was switched on. A gap shows that the outbox had no room
-    /// for a sample.
+    /// Counts the corrected samples from 0 since the stream was switched on. A gap shows that a sample was lost: the
+    /// outbox had no room for the sample, or the line damaged the frame.
     pub number: u32,
     /// Time of the sample, us.
     pub time_us: u64,
@@ -45,9 +45,10 @@ impl Stream {
         Self { next: None }
     }
 
-    /// Switches the stream on, with the next number 0, or off.
+    /// Switches the stream on, with the next number 0, or off. A stream that is on already goes on counting, so that a
+    /// command that is sent again does no harm.
     pub(super) fn switch(&mut self, on: bool) {
-        self.next = on.then_some(0);
+        self.next = on.then(|| self.next.unwrap_or(0));
     }
 
     /// The report of a sample, with the next number; `None` while the stream is off.
@@ -83,14 +84,14 @@ mod tests {
     }
 
     #[test]
-    fn a_stream_is_off_until_asked_for_and_counts_from_zero_each_time() {
+    fn a_stream_is_off_until_asked_for_and_counts_from_zero_after_it_was_off() {
         let mut stream = Stream::new();
         let mut next = |on: Option<bool>| {
             on.into_iter().for_each(|on| stream.switch(on));
             stream.report(&sample(), [Angle::default(); 2], SampleStatus::NONE).map(|report| report.number)
         };
-        let numbers = [None, Some(true), None, Some(false), Some(true)].map(&mut next);
-        assert_eq!(numbers, [None, Some(0), Some(1), None, Some(0)]);
+        let numbers = [None, Some(true), None, Some(true), Some(false), Some(true)].map(&mut next);
+        assert_eq!(numbers, [None, Some(0), Some(1), Some(2), None, Some(0)]);
     }
 
     #[test]

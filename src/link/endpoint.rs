@@ -145,7 +145,8 @@ impl Link {
         framed
     }
 
-    /// Switches the stream of corrected samples on or off.
+    /// Switches the stream of corrected samples on or off. The samples are counted from 0 each time that the stream was
+    /// off before.
     pub fn stream(&mut self, on: bool) {
         self.stream.switch(on);
     }

@@ -39,7 +39,8 @@ pub enum Command {
     Abort,
     /// Report this item.
     Read(Item),
-    /// Send every corrected sample as a [`super::CorrectedReport`], or stop doing so.
+    /// Send every corrected sample as a [`super::CorrectedReport`], or stop doing so. A stream that is on already goes on
+    /// counting: to count from 0, switch the stream off first.
     Stream(bool),
     /// Permit changes of settings and erasing for [`super::UNLOCKED_US`]. The number must be [`super::UNLOCK_WORD`].
     Unlock(u32),

@@ -11,6 +11,7 @@ mod files;
 mod guide;
 mod history;
 mod inspect;
+mod interrupt;
 mod manual;
 mod monitor;
 mod monte_carlo;

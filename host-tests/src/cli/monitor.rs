@@ -2,22 +2,27 @@
 
 use super::arguments::value::number_in;
 use super::ending::Ending;
+use super::interrupt::Interrupt;
 use super::output::{is_quiet, must_sayln};
 use super::{files, history};
 use crate::files::json_file::write_json;
 use crate::files::toml_file::TomlFile;
 use crate::monitor::history::History;
-use crate::monitor::{Client, Event, Recorder, View, lines, open};
+use crate::monitor::{Client, Event, LineClosed, Recording, UNEXPECTED, View, lines, open};
 use crate::result::report::StoredReport;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use console::{Key, Term};
+use nix::sys::termios::{SetArg, Termios, tcgetattr, tcsetattr};
 use rins_selfcal::keep::black_box::Entry;
 use rins_selfcal::link::{Answer, Command, Item, Refusal, Setting, SettingName};
 use rins_selfcal::run::assignment::Assignment;
 use rins_selfcal::run::config::SelfCalibrationConfig;
 use rins_selfcal::run::result::StoredCalibration;
 use serde::Serialize;
+use std::fs::File;
+use std::io::IsTerminal;
+use std::os::fd::{AsFd, OwnedFd};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, channel};
 use std::thread;
@@ -57,7 +62,7 @@ pub struct MonitorArguments {
     /// Erase the stored calibrations
     #[arg(long, requires = "unlock")]
     erase: bool,
-    /// Record every corrected sample until q, Ctrl-C, or the line closes
+    /// Record every corrected sample until q, Ctrl-C, SIGTERM, or the line closes
     #[arg(long, value_name = "OUT.csv", conflicts_with_all = ["start", "abort", "read", "configure", "erase"])]
     record: Option<PathBuf>,
     /// Stop recording after this time, s
@@ -200,8 +205,6 @@ fn read(client: &mut Client, item: ReadArgument, json: Option<&Path>) -> Result<
     }
 }
 
-const UNEXPECTED: &str = "the answer of the instrument does not match the request";
-
 /// Reads all entries of one kind, newest first, until the instrument has no more.
 fn series<T>(client: &mut Client, item: impl Fn(u16) -> Item, of: impl Fn(Answer) -> Option<T>) -> Result<Vec<T>> {
     let mut all = Vec::new();
@@ -283,49 +286,59 @@ fn print_toml(value: &impl Serialize) -> Result<()> {
 /// complete.
 fn follow(client: &mut Client, arguments: &MonitorArguments) -> Result<Ending> {
     let mut show = Show::new();
+    let interrupt = if arguments.record.is_some() || show.screen.is_some() {
+        Interrupt::handled().context("signals")?
+    } else {
+        Interrupt::default()
+    };
     let answer = client.ask(&Command::Hello, |event| show.event(event))?;
     show.event(&Event::Answer(0, answer));
     if let Some(path) = &arguments.record {
-        // Created once the instrument has answered: an older recording is not lost to a wrong port.
-        show.recorder = Some(Recorder::create(path)?);
-        client.ask(&Command::Stream(true), |event| show.event(event))?;
+        show.recording = Some(Recording::begin(client, path, |event| show.event(event))?);
     }
     if arguments.start {
         client.ask(&Command::Start, |event| show.event(event))?;
         show.started = true;
     }
-    let ending = watch(client, &mut show, arguments);
-    show.end_recording()?;
-    ending
+    let ending = match watch(client, &mut show, arguments.seconds, &interrupt) {
+        // Without a time, a recording lasts until the instrument is switched off.
+        Err(error) if error.is::<LineClosed>() && show.recording.is_some() && arguments.seconds.is_none() => {
+            tell(&error.to_string());
+            Ok(Ending::Done)
+        }
+        ending => ending,
+    };
+    let recorded = end_recording(client, &mut show);
+    ending.and_then(|ending| recorded.map(|()| ending))
 }
 
-fn watch(client: &mut Client, show: &mut Show, arguments: &MonitorArguments) -> Result<Ending> {
-    let end = arguments.seconds.map(|seconds| Instant::now() + Duration::from_secs_f64(seconds));
+fn watch(client: &mut Client, show: &mut Show, seconds: Option<f64>, interrupt: &Interrupt) -> Result<Ending> {
+    let end = seconds.map(|seconds| Instant::now() + Duration::from_secs_f64(seconds));
     loop {
-        match client.poll() {
-            Ok(event) => event.iter().for_each(|event| show.event(event)),
-            // Without a time, a recording lasts until the instrument is switched off.
-            Err(error) if show.recorder.is_some() && end.is_none() => {
-                tell(&format!("{error:#}"));
-                return Ok(Ending::Done);
-            }
-            Err(error) => return Err(error),
-        }
-        if let Some(error) = show.failed.take() {
-            return Err(error);
+        client.poll()?.iter().for_each(|event| show.event(event));
+        if let Some(command) = show.due()? {
+            client.ask(&command, |event| show.event(event))?;
         }
         if let Some(accepted) = show.ended() {
             show.picture(client);
             return Ok(if accepted { Ending::Done } else { Ending::NotAccepted });
         }
-        if end.is_some_and(|end| Instant::now() >= end) {
-            client.ask(&Command::Stream(false), |event| show.event(event))?;
-            return Ok(Ending::Done);
-        }
-        if !show.handle_key(client)? {
+        let over = end.is_some_and(|end| Instant::now() >= end);
+        if over || interrupt.is_requested() || !show.handle_key(client)? {
             return Ok(Ending::Done);
         }
         show.picture_if_due(client);
+    }
+}
+
+/// Switches the stream off, writes the rest of the recording, and prints what the recording holds.
+fn end_recording(client: &mut Client, show: &mut Show) -> Result<()> {
+    let Some(recording) = show.recording.take() else { return Ok(()) };
+    let (summary, ended) = recording.end(client, |event| show.event(event));
+    must_sayln!("{summary}");
+    match ended {
+        Err(error) if error.is::<LineClosed>() => Ok(()),
+        ended => ended,
     }
 }
 
@@ -338,9 +351,7 @@ struct Show {
     /// Result of the last key.
     note: String,
     /// Writes the corrected samples to a file.
-    recorder: Option<Recorder>,
-    /// Error that has ended the recording.
-    failed: Option<anyhow::Error>,
+    recording: Option<Recording>,
 }
 
 struct Screen {
@@ -348,27 +359,45 @@ struct Screen {
     keys: Receiver<Key>,
     lines: usize,
     drawn: Option<Instant>,
+    _settings: Option<TerminalSettings>,
+}
+
+/// The settings of the terminal, restored at the end: the thread that waits for a key leaves the terminal in raw mode.
+struct TerminalSettings(OwnedFd, Termios);
+
+impl TerminalSettings {
+    /// The settings now. The keys come from the standard input or, if this is no terminal, from `/dev/tty`.
+    fn saved() -> Option<Self> {
+        let input = std::io::stdin();
+        let terminal = if input.is_terminal() {
+            input.as_fd().try_clone_to_owned().ok()?
+        } else {
+            File::open("/dev/tty").ok()?.into()
+        };
+        let settings = tcgetattr(&terminal).ok()?;
+        Some(Self(terminal, settings))
+    }
+}
+
+impl Drop for TerminalSettings {
+    fn drop(&mut self) {
+        // An error is ignored: a terminal that has closed needs no settings.
+        let _ = tcsetattr(&self.0, SetArg::TCSADRAIN, &self.1);
+    }
 }
 
 impl Show {
     fn new() -> Self {
         let term = Term::stdout();
         let screen = (term.is_term() && !is_quiet()).then(|| Screen::new(term));
-        Self {
-            view: View::default(),
-            screen,
-            quiet: is_quiet(),
-            started: false,
-            note: String::new(),
-            recorder: None,
-            failed: None,
-        }
+        let quiet = is_quiet();
+        Self { view: View::default(), screen, quiet, started: false, note: String::new(), recording: None }
     }
 
     fn event(&mut self, event: &Event) {
         self.view.note(event);
-        if let (Event::Corrected(report), Some(recorder)) = (event, &mut self.recorder) {
-            self.failed = recorder.record(report).err();
+        if let Some(recording) = &mut self.recording {
+            recording.note(event);
         }
         if let Event::Answer(1.., Answer::Refused(refusal)) = event {
             self.note = format!("refused: {refusal}");
@@ -384,13 +413,9 @@ impl Show {
         self.view.ended().filter(|_| self.started)
     }
 
-    /// Writes the rest of the recording, and prints how many samples it has and how many are missing.
-    fn end_recording(&mut self) -> Result<()> {
-        if let Some(mut recorder) = self.recorder.take() {
-            recorder.flush()?;
-            must_sayln!("{}", recorder.summary());
-        }
-        Ok(())
+    /// The command that the recording needs now.
+    fn due(&mut self) -> Result<Option<Command>> {
+        self.recording.as_mut().map_or(Ok(None), Recording::due)
     }
 
     /// Sends the command of the last key. Returns whether to go on.
@@ -403,8 +428,7 @@ impl Show {
             Key::Char('a') => ("abort", Command::Abort),
             Key::Char('u') => ("unlock", unlock),
             Key::Char('e') => ("erase", Command::Erase),
-            Key::Char('q') | Key::CtrlC => return Ok(false),
-            _ => return Ok(true),
+            key => return Ok(!is_quit(&key)),
         };
         self.note = note.to_owned();
         client.send(&command)?;
@@ -431,19 +455,26 @@ fn is_end(message: &rins_selfcal::run::telemetry::Message) -> bool {
     matches!(message, Message::Judged(_) | Message::Aborted(_) | Message::Saved(false))
 }
 
+fn is_quit(key: &Key) -> bool {
+    matches!(key, Key::Char('q') | Key::CtrlC)
+}
+
 impl Screen {
-    /// Reads the keys in a separate thread that ends with the program.
+    /// Reads the keys in a separate thread that ends with the program. Ctrl-C is a key, and not a signal that would end
+    /// the program at once.
     fn new(term: Term) -> Self {
+        let settings = TerminalSettings::saved();
         let (sender, keys) = channel();
         let keyboard = term.clone();
         thread::spawn(move || {
-            while let Ok(key) = keyboard.read_key() {
-                if sender.send(key).is_err() {
+            while let Ok(key) = keyboard.read_key_raw() {
+                let is_last = is_quit(&key);
+                if sender.send(key).is_err() || is_last {
                     break;
                 }
             }
         });
-        Self { term, keys, lines: 0, drawn: None }
+        Self { term, keys, lines: 0, drawn: None, _settings: settings }
     }
 
     fn is_due(&self) -> bool {

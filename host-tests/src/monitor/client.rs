@@ -1,20 +1,28 @@
 //! A client that sends commands to an instrument and receives its answers and messages.
 
 use super::port::Port;
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Error, Result, bail};
 use rins_selfcal::link::{
     Answer, Command, CorrectedReport, Damage, Decoder, Dropped, MAX_FRAME_BYTES, PROTOCOL_VERSION, UNLOCK_WORD, encode,
 };
 use rins_selfcal::run::telemetry::Message;
 use std::collections::VecDeque;
-use std::io::ErrorKind;
+use std::io::{self, ErrorKind};
 use std::time::{Duration, Instant};
 
 /// Longest time to wait for an erasure. A flash needs seconds for every sector, and an emulator is slower still.
 const ERASING: Duration = Duration::from_secs(60);
-/// Number of times a command is sent before the client reports that the instrument does not answer. Carrying out a
-/// command twice does no harm.
+/// Number of times a command is sent before the client reports that the instrument does not answer.
+/// Carrying out a command twice does no harm.
 const ATTEMPTS: u32 = 3;
+
+/// Error of an answer that is not the one of its command.
+pub const UNEXPECTED: &str = "the answer of the instrument does not match the request";
+
+/// The other end of the line is closed: the instrument is switched off, or its device is unplugged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("the instrument has closed the line")]
+pub struct LineClosed;
 
 /// An event from the instrument.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,6 +43,8 @@ pub struct Client {
     decoder: Decoder,
     events: VecDeque<Event>,
     number: u16,
+    /// Number of the last command whose answer was returned. Further answers to it, if it was sent again, are dropped.
+    answered: Option<u16>,
     next_message: Option<u16>,
     missing: u32,
     unread: u32,
@@ -50,6 +60,7 @@ impl Client {
             decoder: Decoder::new(),
             events: VecDeque::new(),
             number: 0,
+            answered: None,
             next_message: None,
             missing: 0,
             unread: 0,
@@ -70,25 +81,30 @@ impl Client {
     /// The next event, if one arrives within 20 ms.
     ///
     /// # Errors
-    /// The line cannot be read, or the other end has closed it.
+    /// [`LineClosed`], or the line cannot be read.
     pub fn poll(&mut self) -> Result<Option<Event>> {
         if self.events.is_empty() {
             self.read()?;
         }
-        Ok(self.events.pop_front())
+        Ok(self.events.pop_front().filter(|event| !self.is_repeated(event)))
+    }
+
+    /// Whether the event is one more answer to a command that has been answered.
+    fn is_repeated(&self, event: &Event) -> bool {
+        matches!(event, Event::Answer(number @ 1.., _) if Some(*number) == self.answered)
     }
 
     fn read(&mut self) -> Result<()> {
         let mut bytes = [0; 4096];
         let count = match self.port.read(&mut bytes) {
-            Ok(0) => bail!("the instrument has closed the line"),
+            Ok(0) => bail!(LineClosed),
             Ok(count) => count,
             Err(error)
                 if matches!(error.kind(), ErrorKind::TimedOut | ErrorKind::WouldBlock | ErrorKind::Interrupted) =>
             {
                 return Ok(());
             }
-            Err(error) => return Err(error).context("cannot read from the line"),
+            Err(error) => return Err(failed(error, "cannot read from the line")),
         };
         bytes[..count].iter().for_each(|byte| self.receive(*byte));
         Ok(())
@@ -136,7 +152,8 @@ impl Client {
         let mut frame = [0; MAX_FRAME_BYTES];
         let frame = encode(self.number, command, &mut frame).context("the command is too long for a frame")?;
         // A leading zero byte ends any partial frame that noise has started.
-        self.port.write_all(&[0]).and_then(|()| self.port.write_all(frame)).context("cannot write to the line")
+        let written = self.port.write_all(&[0]).and_then(|()| self.port.write_all(frame));
+        written.map_err(|error| failed(error, "cannot write to the line"))
     }
 
     /// Sends a command and waits for its answer. Sends the command again if no answer arrives. `other` receives all
@@ -160,7 +177,10 @@ impl Client {
             let sent = Instant::now();
             while sent.elapsed() < patience {
                 match self.poll()? {
-                    Some(Event::Answer(number, answer)) if number == self.number => return Ok(answer),
+                    Some(Event::Answer(number, answer)) if number == self.number => {
+                        self.answered = Some(number);
+                        return Ok(answer);
+                    }
                     Some(event) => other(&event),
                     None => {}
                 }
@@ -183,6 +203,14 @@ impl Client {
     pub fn ask_unlocked(&mut self, command: &Command, mut other: impl FnMut(&Event)) -> Result<Answer> {
         self.ask(&Command::Unlock(UNLOCK_WORD), &mut other)?;
         self.ask(command, other)
+    }
+}
+
+/// The error of a line, where `doing` failed.
+fn failed(error: io::Error, doing: &'static str) -> Error {
+    match error.kind() {
+        ErrorKind::BrokenPipe | ErrorKind::ConnectionReset | ErrorKind::UnexpectedEof => LineClosed.into(),
+        _ => Error::new(error).context(doing),
     }
 }
 

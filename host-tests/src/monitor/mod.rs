@@ -1,12 +1,13 @@
-//! The host's end of an instrument's serial line: the client, the live view, the recorder and the history.
+//! The host's end of an instrument's serial line: the client, the live view, the recording and the history.
 
 mod client;
 pub mod history;
 mod port;
 mod recorder;
+mod recording;
 mod view;
 
-pub use client::{Client, Event};
+pub use client::{Client, Event, LineClosed, UNEXPECTED};
 pub use port::open;
-pub use recorder::Recorder;
+pub use recording::Recording;
 pub use view::{View, lines};
