@@ -6,6 +6,7 @@ use host_tests::bench::memory::{MemoryFault, Power, Stuck, Torn, VirtualEeprom, 
 use rayon::prelude::*;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::site::Site;
+use rins_selfcal::instrument::{Archive, FoundRecord};
 use rins_selfcal::keep::medium::{Eeprom, Flash, Medium};
 use rins_selfcal::keep::record::{Damage, SLOT_BYTES};
 use rins_selfcal::keep::record::{FORMAT_VERSION, encode};
@@ -442,7 +443,7 @@ fn framed(version: u8, sequence: u32, payload: &[u8]) -> Vec<u8> {
 
 /// An instrument whose software is brought up to date finds its records of the version before.
 #[test]
-fn records_of_an_older_version_are_told_and_written_over_in_their_turn() {
+fn records_of_an_older_version_are_told_and_overwritten_in_their_turn() {
     let before = FORMAT_VERSION - 1;
     for version in [b'2', before] {
         let mut eeprom = VirtualEeprom::blank(12 * SLOT_BYTES);
@@ -455,17 +456,81 @@ fn records_of_an_older_version_are_told_and_written_over_in_their_turn() {
         assert!(damage.is_other_version() && !damage.is_newer());
         assert_eq!(store.load(), Ok(Loaded::Corrupt { damage }));
         assert_eq!((store.entries(), store.damaged(), store.other_versions()), (Ok(0), 0, 2));
-        assert_eq!(store.prepare(), Ok(()));
-        // The first save takes one of them; the other one is still told.
-        assert_eq!(store.save(&record(1)), Ok(0));
-        let mut store = rebooted(store);
-        assert_eq!(store.load(), Ok(Loaded::Found { record: record(1), damage: Some(damage) }));
-        assert_eq!((store.entries(), store.damaged(), store.other_versions()), (Ok(1), 0, 1));
-        (2..6).for_each(|number| assert_eq!(store.save(&record(number)), Ok(0)));
-        let mut store = rebooted(store);
-        assert_eq!(store.load(), Ok(Loaded::Found { record: record(5), damage: None }));
-        assert_eq!((store.entries(), store.damaged(), store.other_versions()), (Ok(5), 0, 0));
+        assert_eq!(store.other_version(), Some(version));
+        // Ten slots are free, so ten saves leave both records. The next two saves take one each.
+        for number in 1..=12 {
+            assert_eq!(store.prepare(), Ok(()));
+            assert_eq!(store.save(&record(number)), Ok(0));
+            store = rebooted(store);
+            let left = (12 - number).min(2) as usize;
+            let expected = Loaded::Found { record: record(number), damage: (left > 0).then_some(damage) };
+            assert_eq!(store.load(), Ok(expected));
+            assert_eq!((store.entries(), store.damaged(), store.other_versions()), (Ok(number as usize), 0, left));
+        }
     }
+}
+
+/// A log of this many records of an older version, as the software of that version has written it.
+fn older<M: Virtual>(version: u8, count: usize) -> (M, Vec<usize>) {
+    let (mut memory, slots) = (M::blank(), slots::<M>());
+    let address =
+        |place: usize| (place / M::SLOTS_PER_BLOCK * M::BLOCK_BYTES + place % M::SLOTS_PER_BLOCK * SLOT_BYTES) as u32;
+    let mut held = vec![None; slots];
+    for number in 0..count {
+        let place = number % slots;
+        if M::ERASES && place.is_multiple_of(M::SLOTS_PER_BLOCK) {
+            memory.erase(address(place)).unwrap();
+            held[place..place + M::SLOTS_PER_BLOCK].fill(None);
+        }
+        let mut slot = framed(version, number as u32, &[7; 500]);
+        slot.resize(slot.len().next_multiple_of(32), 0xff);
+        memory.write(address(place), &slot).unwrap();
+        held[place] = Some(number);
+    }
+    (memory, held.into_iter().flatten().collect())
+}
+
+/// The first start of new software takes no more of the older records than a save by the older software would have.
+#[test]
+fn the_first_start_keeps_the_records_of_an_older_version_but_those_whose_turn_has_come() {
+    fn check<M: Virtual>() {
+        let slots = slots::<M>();
+        for count in 1..=2 * slots {
+            let (memory, held) = older::<M>(b'3', count);
+            let entered = count % slots;
+            let is_entered = M::ERASES && entered.is_multiple_of(M::SLOTS_PER_BLOCK);
+            let in_turn = if is_entered { entered..entered + M::SLOTS_PER_BLOCK } else { 0..0 };
+            let kept = held.iter().filter(|number| !in_turn.contains(&(*number % slots))).count();
+            let mut store = CalibrationStore::new(memory);
+            assert_eq!(store.load(), Ok(Loaded::Corrupt { damage: Damage::Version(b'3') }));
+            assert_eq!((store.damaged(), store.other_versions()), (0, held.len()));
+            store.prepare().unwrap();
+            let mut store = rebooted(store);
+            store.load().unwrap();
+            assert_eq!((store.damaged(), store.other_versions()), (0, kept), "{count} records");
+            assert_eq!(store.save(&record(1)), Ok(0));
+            assert_eq!(store.entry(0), Ok(Some((count as u32, record(1)))));
+            let mut store = rebooted(store);
+            let kept = if M::ERASES { kept } else { kept.min(slots - 1) };
+            let damage = (kept > 0).then_some(Damage::Version(b'3'));
+            assert_eq!(store.load(), Ok(Loaded::Found { record: record(1), damage }));
+            assert_eq!((store.damaged(), store.other_versions()), (0, kept), "{count} records");
+        }
+    }
+    check::<Pages>();
+    check::<Internal>();
+    check::<Serial>();
+}
+
+/// What is reported at power-up keeps damage and other versions apart.
+#[test]
+fn records_of_another_version_are_not_reported_as_damage() {
+    let mut store = CalibrationStore::new(older::<Pages>(b'3', 4).0);
+    let found = FoundRecord { other_version: Some(b'3'), writable: true, ..FoundRecord::default() };
+    assert_eq!(store.power_up(), found);
+    store.memory().bytes()[5] ^= 1;
+    assert_eq!(store.power_up(), FoundRecord { damaged: true, ..found });
+    assert_eq!(store.load(), Ok(Loaded::Corrupt { damage: Damage::Crc }));
 }
 
 #[test]

@@ -8,9 +8,10 @@
 //!                       12..12+n     payload
 //!                       12+n..16+n   CRC-32/ISO-HDLC of all bytes before
 //! ```
-//! Every version of the format has this frame. The payload is [`StoredCalibration`] in postcard. This software reads
-//! and writes one version of the format. It keeps a record of any other version apart from damage, as
-//! [`Damage::Version`], and never takes such a record for a calibration.
+//! Every version of the format has this frame, so that software of every version can tell which record is the newest.
+//! The payload is [`StoredCalibration`] in postcard. This software reads and writes one version of the format. It keeps
+//! a record of any other version apart from damage, as [`Damage::Version`], and never takes such a record for a
+//! calibration.
 //!
 //! | version | written by software | difference |
 //! |---|---|---|
@@ -64,10 +65,23 @@ impl Damage {
 }
 
 /// A slot whose frame is right.
-struct Frame<'a> {
+pub(super) struct Frame<'a> {
     version: u8,
-    sequence: u32,
+    pub(super) sequence: u32,
     payload: &'a [u8],
+}
+
+impl Frame<'_> {
+    /// The calibration.
+    ///
+    /// # Errors
+    /// The record has another version of the format, or its payload is no calibration.
+    pub(super) fn record(&self) -> Result<StoredCalibration, Damage> {
+        if self.version != FORMAT_VERSION {
+            return Err(Damage::Version(self.version));
+        }
+        postcard::from_bytes(self.payload).map_err(|_| Damage::Payload)
+    }
 }
 
 /// Sequence number and calibration of a slot.
@@ -75,14 +89,15 @@ struct Frame<'a> {
 /// # Errors
 /// What is wrong with the slot.
 pub fn decode(slot: &[u8; SLOT_BYTES]) -> Result<(u32, StoredCalibration), Damage> {
-    let Frame { version, sequence, payload } = check(slot)?;
-    if version != FORMAT_VERSION {
-        return Err(Damage::Version(version));
-    }
-    postcard::from_bytes(payload).map(|record| (sequence, record)).map_err(|_| Damage::Payload)
+    let frame = check(slot)?;
+    Ok((frame.sequence, frame.record()?))
 }
 
-fn check(slot: &[u8; SLOT_BYTES]) -> Result<Frame<'_>, Damage> {
+/// Checks the frame of a slot. It is the same in all versions of the format.
+///
+/// # Errors
+/// What is wrong with the frame.
+pub(super) fn check(slot: &[u8; SLOT_BYTES]) -> Result<Frame<'_>, Damage> {
     let [m0, m1, m2, version, s0, s1, s2, s3, l0, l1, l2, l3, rest @ ..] = slot;
     if [*m0, *m1, *m2] != MAGIC {
         return Err(Damage::Magic);

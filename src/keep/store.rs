@@ -6,7 +6,8 @@
 //! NOR flash   | slot slot slot ... | slot slot slot ... | ...  sectors; a sector is erased when the log enters it
 //! ```
 //! Records follow each other through all slots and then start again at the first slot. A save takes the slot after the
-//! newest record, writes the record and reads it back. If this fails, it takes the next slot. The newest accepted
+//! newest record, writes the record and reads it back. If this fails, it takes the next slot. Records of another version
+//! of the format count here too: they are overwritten in their turn and not before. The newest accepted
 //! record is never overwritten or erased. Once [`HISTORY`] records have been written, at least as many are kept as long
 //! as the memory works. Memory that was never written has all bits set; it is empty, not damaged.
 //!
@@ -38,12 +39,12 @@ pub enum Loaded {
     Found {
         /// The record.
         record: StoredCalibration,
-        /// The first damage. A record of newer software comes before all other damage.
+        /// The first damage. A record of newer software comes before it, an intact record of older software after it.
         damage: Option<Damage>,
     },
-    /// No accepted calibration can be read, and a slot is damaged.
+    /// No accepted calibration can be read, and a slot is damaged or holds a record of another version of the format.
     Corrupt {
-        /// The first damage. A record of newer software comes before all other damage.
+        /// The first damage. A record of newer software comes before it, an intact record of older software after it.
         damage: Damage,
     },
 }
@@ -71,16 +72,35 @@ pub enum StoreError<E> {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Slot {
     Empty,
-    Good { sequence: u32, accepted: bool },
+    /// An intact frame.
+    Frame {
+        sequence: u32,
+        holds: Holds,
+    },
     Damaged(Damage),
 }
 
-/// An intact record: its place and its sequence number.
+/// What an intact frame holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Holds {
+    Accepted,
+    Rejected,
+    /// A record that cannot be read.
+    Unread(Damage),
+}
+
+impl Holds {
+    fn of(record: &StoredCalibration) -> Self {
+        if record.verdict.accepted() { Self::Accepted } else { Self::Rejected }
+    }
+}
+
+/// An intact frame: its place and its sequence number.
 #[derive(Clone, Copy, Debug)]
-struct Good {
+struct Framed {
     place: usize,
     sequence: u32,
-    accepted: bool,
+    holds: Holds,
 }
 
 /// The store in a memory.
@@ -211,6 +231,13 @@ impl<M: Medium> CalibrationStore<M> {
         self.damages().filter(|damage| damage.is_other_version()).count()
     }
 
+    /// The highest version of the format, a character, among the intact records of other versions at the last
+    /// inspection.
+    pub fn other_version(&self) -> Option<u8> {
+        let version = |damage| if let Damage::Version(version) = damage { Some(version) } else { None };
+        self.damages().filter_map(version).max()
+    }
+
     /// Appends a record. Returns the number of slots that failed before a slot took the record.
     ///
     /// # Errors
@@ -219,8 +246,8 @@ impl<M: Medium> CalibrationStore<M> {
     pub fn save(&mut self, record: &StoredCalibration) -> Result<usize, StoreError<M::Error>> {
         self.scan_once()?;
         self.refuse_newer()?;
-        let accepted = record.verdict.accepted();
-        if !accepted && self.rejected_in_a_row() >= REJECTED_IN_A_ROW {
+        let holds = Holds::of(record);
+        if holds == Holds::Rejected && self.rejected_in_a_row() >= REJECTED_IN_A_ROW {
             return Err(StoreError::Rejected);
         }
         let (first, sequence) = self.next();
@@ -232,7 +259,7 @@ impl<M: Medium> CalibrationStore<M> {
             let place = self.ahead(first, ahead);
             match self.write(place, image) {
                 Ok(true) => {
-                    self.note(place, Slot::Good { sequence, accepted });
+                    self.note(place, Slot::Frame { sequence, holds });
                     return Ok(failed);
                 }
                 Ok(false) => {}
@@ -328,13 +355,14 @@ impl<M: Medium> CalibrationStore<M> {
 
     fn damages(&self) -> impl Iterator<Item = Damage> + '_ {
         self.slots.iter().filter_map(|slot| match slot {
-            Slot::Damaged(damage) => Some(*damage),
-            Slot::Empty | Slot::Good { .. } => None,
+            Slot::Damaged(damage) | Slot::Frame { holds: Holds::Unread(damage), .. } => Some(*damage),
+            Slot::Empty | Slot::Frame { .. } => None,
         })
     }
 
     fn damage(&self) -> Option<Damage> {
-        self.damages().find(|damage| damage.is_newer()).or_else(|| self.damages().next())
+        let first = |wanted: fn(Damage) -> bool| self.damages().find(|damage| wanted(*damage));
+        first(Damage::is_newer).or_else(|| first(|damage| !damage.is_other_version())).or_else(|| first(|_| true))
     }
 
     fn refuse_newer(&self) -> Result<(), StoreError<M::Error>> {
@@ -344,26 +372,28 @@ impl<M: Medium> CalibrationStore<M> {
         }
     }
 
-    fn good(&self) -> impl Iterator<Item = Good> + '_ {
+    /// The intact frames, also those whose records cannot be read.
+    fn frames(&self) -> impl Iterator<Item = Framed> + '_ {
         (0..).zip(&self.slots).filter_map(|(place, slot)| match *slot {
-            Slot::Good { sequence, accepted } => Some(Good { place, sequence, accepted }),
+            Slot::Frame { sequence, holds } => Some(Framed { place, sequence, holds }),
             Slot::Empty | Slot::Damaged(_) => None,
         })
     }
 
-    fn newest(&self) -> Option<Good> {
-        self.good().reduce(newer)
+    /// The records that can be read.
+    fn good(&self) -> impl Iterator<Item = Framed> + '_ {
+        self.frames().filter(|frame| matches!(frame.holds, Holds::Accepted | Holds::Rejected))
     }
 
-    fn newest_accepted(&self) -> Option<Good> {
-        self.good().filter(|good| good.accepted).reduce(newer)
+    fn newest_accepted(&self) -> Option<Framed> {
+        newest(self.frames().filter(|frame| frame.holds == Holds::Accepted))
     }
 
     /// Place of an entry of the history, 0 for the newest.
     fn place(&self, back: usize) -> Option<usize> {
-        let newest = self.newest()?.sequence;
-        let age = |good: &Good| newest.wrapping_sub(good.sequence);
-        let mut entry = self.newest()?;
+        let mut entry = newest(self.good())?;
+        let newest = entry.sequence;
+        let age = |good: &Framed| newest.wrapping_sub(good.sequence);
         for _ in 0..back {
             entry = self.good().filter(|good| age(good) > age(&entry)).min_by_key(age)?;
         }
@@ -372,15 +402,15 @@ impl<M: Medium> CalibrationStore<M> {
 
     fn rejected_in_a_row(&self) -> usize {
         let Some(accepted) = self.newest_accepted() else { return 0 };
-        self.good().filter(|good| newer(accepted, *good).place != accepted.place).count()
+        self.good().filter(|good| is_newer(good.sequence, accepted.sequence)).count()
     }
 
     // -------------------------------------------------------------------------------------------------- where to write
 
-    /// The slot after the newest record, and the next sequence number. No slot that is unreadable at present has this
-    /// number.
+    /// The slot after the newest record of any version, and the next sequence number. No slot that is unreadable at
+    /// present has this number.
     fn next(&self) -> (usize, u32) {
-        let Some(newest) = self.newest() else { return (0, 0) };
+        let Some(newest) = newest(self.frames()) else { return (0, 0) };
         let unreadable = self.slots.iter().filter(|slot| **slot == Slot::Damaged(Damage::Unreadable)).count();
         (newest.place + 1, newest.sequence.wrapping_add(1 + unreadable as u32))
     }
@@ -464,8 +494,7 @@ impl<M: Medium> CalibrationStore<M> {
             super::record::used_bytes(head).map_or(0, |used| used.div_ceil(PIECE_BYTES) * PIECE_BYTES - PIECE_BYTES);
         let rest = rest.get_mut(..more).unwrap_or_default();
         self.memory.read(address + PIECE_BYTES as u32, rest).map_err(StoreError::Memory)?;
-        Ok(super::record::decode(&buffer)
-            .map_or_else(Content::Damaged, |(sequence, record)| Content::Good(sequence, record)))
+        Ok(Content::of(&buffer))
     }
 }
 
@@ -474,15 +503,28 @@ impl<M: Medium> CalibrationStore<M> {
 enum Content {
     Blank,
     Damaged(Damage),
+    Unread(u32, Damage),
     Good(u32, StoredCalibration),
 }
 
 impl Content {
+    fn of(slot: &[u8; SLOT_BYTES]) -> Self {
+        let frame = match super::record::check(slot) {
+            Ok(frame) => frame,
+            Err(damage) => return Self::Damaged(damage),
+        };
+        match frame.record() {
+            Ok(record) => Self::Good(frame.sequence, record),
+            Err(damage) => Self::Unread(frame.sequence, damage),
+        }
+    }
+
     fn slot(&self) -> Slot {
         match self {
             Self::Blank => Slot::Empty,
             Self::Damaged(damage) => Slot::Damaged(*damage),
-            Self::Good(sequence, record) => Slot::Good { sequence: *sequence, accepted: record.verdict.accepted() },
+            Self::Unread(sequence, damage) => Slot::Frame { sequence: *sequence, holds: Holds::Unread(*damage) },
+            Self::Good(sequence, record) => Slot::Frame { sequence: *sequence, holds: Holds::of(record) },
         }
     }
 
@@ -491,9 +533,13 @@ impl Content {
     }
 }
 
-/// The newer of two records: the one whose sequence number is ahead. The number wraps.
-fn newer(first: Good, second: Good) -> Good {
-    if second.sequence.wrapping_sub(first.sequence).cast_signed() > 0 { second } else { first }
+fn newest(frames: impl Iterator<Item = Framed>) -> Option<Framed> {
+    frames.reduce(|first, second| if is_newer(second.sequence, first.sequence) { second } else { first })
+}
+
+/// Whether this sequence number is ahead of the other one. The number wraps.
+fn is_newer(sequence: u32, than: u32) -> bool {
+    sequence.wrapping_sub(than).cast_signed() > 0
 }
 
 fn address<M: Medium>(place: usize) -> u32 {

@@ -196,14 +196,15 @@ fn abort(reason: AbortReason) -> Abort {
 
 #[test]
 fn the_bytes_of_every_message_are_these() {
-    assert_eq!(PROTOCOL_VERSION, 4, "the rows of this file are of this version");
+    assert_eq!(PROTOCOL_VERSION, 5, "the rows of this file are of this version");
     let counts = IntakeCounts { admitted: 60_000, repeated: 1, out_of_order: 2, non_finite: 3, gaps: 4, missing: 5 };
     let losses = LossCounts { overrun: 1, bus: 2, crc: 3, status: 4, unread: 5 };
     let innovations =
         SegmentInnovations { segment: 300, normalized: [Some(1.5), None, Some(2.5), None, Some(3.5), Some(4.5)] };
     let progress = Progress { segments: 7, kind: SegmentKind::Move, end_us: 5_000_000, estimate: estimate() };
     check_bytes(table! { Message:
-        Message::Store { .. } => Message::Store { found: true, damaged: false, fault: true }, "00 01 00 01";
+        Message::Store { .. } =>
+            Message::Store { found: true, damaged: false, fault: true, other_version: Some(b'3') }, "00 01 00 01 01 33";
         Message::Decided(_) => Message::Decided(Decision::UseStored(Cause::WithinLimits)), "01 01 03";
         Message::Released => Message::Released, "02";
         Message::Refused(_) => Message::Refused(ConfigError::Rate), "03 00";

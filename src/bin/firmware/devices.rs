@@ -174,12 +174,21 @@ fn log(message: &Message) {
         Message::State { time_us, legs, .. } => {
             defmt::debug!("{=u64} us: next state, {=u16} legs in all", *time_us, *legs);
         }
-        Message::Store { found, damaged, fault } => defmt::info!(
-            "calibration in store: {=bool}, a slot damaged: {=bool}, memory at fault: {=bool}",
-            *found,
-            *damaged,
-            *fault
-        ),
+        Message::Store { found, damaged, fault, other_version } => {
+            defmt::info!(
+                "calibration in store: {=bool}, a slot damaged: {=bool}, memory at fault: {=bool}",
+                *found,
+                *damaged,
+                *fault
+            );
+            if let Some(version) = other_version {
+                let version = char::from(*version);
+                defmt::info!(
+                    "the store has intact calibrations of format {=char}, which this software does not read",
+                    version
+                );
+            }
+        }
         Message::Refused(error) => defmt::error!("the configuration was refused: {}", defmt::Display2Format(error)),
         Message::Decided(Decision::Calibrate(_)) => defmt::info!("a calibration begins"),
         Message::Decided(Decision::UseStored(_)) => defmt::info!("samples are corrected with the stored calibration"),
