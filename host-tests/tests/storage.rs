@@ -574,6 +574,96 @@ fn everything_is_erased() {
     check::<Serial>();
 }
 
+/// What an erase that is cut leaves: the newest accepted record, or no record. Never an older one. The next power-up
+/// completes an erase that has taken effect. Returns whether the record was found.
+fn cut_erase<M: Virtual>(before: &M, newest: &StoredCalibration, step: usize, torn: Torn, seed: u64) -> bool {
+    let mut store = CalibrationStore::new(before.clone());
+    store.memory().power().cut_at_random(step, torn, seed);
+    assert!(store.erase().is_err(), "the power is cut");
+    let mut store = rebooted(store);
+    let context = format!("{step} {torn:?} {seed}");
+    let is_found = match store.load().expect("a memory that works") {
+        Loaded::Found { record: found, .. } => {
+            assert_eq!(found, *newest, "{context}");
+            true
+        }
+        Loaded::Empty | Loaded::Corrupt { .. } => false,
+    };
+    store.prepare().expect("a place");
+    let mut store = rebooted(store);
+    if !is_found {
+        // If the tombstone itself was being erased, its block may still be damaged, which is told.
+        assert!(matches!(store.load(), Ok(Loaded::Empty | Loaded::Corrupt { .. })), "{context}");
+        assert_eq!(store.entries(), Ok(0), "{context}");
+    }
+    assert_eq!(store.save(&record(999)), Ok(0), "{context}");
+    assert!(matches!(store.load(), Ok(Loaded::Found { record: found, .. }) if found == record(999)), "{context}");
+    is_found
+}
+
+/// Every step of an erase, left in every way, after these numbers of saves and then some rejected runs. Returns in how
+/// many cases the record was found, and in how many there was none.
+fn cut_erase_everywhere<M: Virtual>(saves: Range<u32>, seeds: u64) -> [usize; 2] {
+    let each = |number: u32| {
+        let mut store = saved::<M>(number);
+        (0..number % (1 + REJECTED_IN_A_ROW as u32))
+            .for_each(|number| assert_eq!(store.save(&rejected(number)), Ok(0)));
+        let (before, newest) = (store.release(), record(number - 1));
+        let mut store = CalibrationStore::new(before.clone());
+        store.memory().power().on();
+        store.erase().expect("a memory that works");
+        let mut counts = [0, 0];
+        for step in 0..store.memory().power().steps() {
+            for torn in Torn::ALL {
+                let seeds = if matches!(torn, Torn::Random | Torn::Patchy) { seeds } else { 1 };
+                for seed in 0..seeds {
+                    counts[usize::from(!cut_erase(&before, &newest, step, torn, seed))] += 1;
+                }
+            }
+        }
+        counts
+    };
+    let add = |sum: [usize; 2], counts: [usize; 2]| [sum[0] + counts[0], sum[1] + counts[1]];
+    saves.into_par_iter().map(each).reduce(|| [0, 0], add)
+}
+
+#[test]
+fn an_erase_that_is_cut_leaves_the_newest_calibration_or_none_and_never_an_older_one() {
+    for (name, [found, none]) in [
+        ("EEPROM", cut_erase_everywhere::<Pages>(9..13, 1)),
+        ("internal flash", cut_erase_everywhere::<Internal>(30..67, 40)),
+        ("serial flash", cut_erase_everywhere::<Serial>(1..33, 100)),
+    ] {
+        println!("erases cut in {name}: the newest calibration was found in {found} cases, none in {none}");
+        assert!(found > 100 && none > 100);
+    }
+}
+
+/// The tombstone of an erase that is not completed also erases what the memory still holds.
+#[test]
+fn records_before_a_tombstone_are_erased_and_those_after_it_are_not() {
+    let mut memory = saved::<Pages>(4).release();
+    let tombstone = framed(FORMAT_VERSION, 4, &[]);
+    memory.bytes()[4 * SLOT_BYTES..][..tombstone.len()].copy_from_slice(&tombstone);
+    let mut store = CalibrationStore::new(memory.clone());
+    assert_eq!((store.load(), store.entries(), store.other_version()), (Ok(Loaded::Empty), Ok(0), None));
+    // Without a preparation the log goes on after the tombstone.
+    assert_eq!(store.save(&record(7)), Ok(0));
+    let mut store = rebooted(store);
+    assert_eq!((store.entries(), store.entry(0)), (Ok(1), Ok(Some((5, record(7))))));
+    store.prepare().unwrap();
+    assert_eq!(store.load(), Ok(Loaded::Found { record: record(7), damage: None }));
+    // A tombstone of newer software is one too, and records of newer software before it are in nobody's way.
+    for (place, version, payload) in [(4, FORMAT_VERSION + 1, &[7][..]), (5, FORMAT_VERSION + 1, &[])] {
+        let slot = framed(version, place as u32, payload);
+        memory.bytes()[place * SLOT_BYTES..][..slot.len()].copy_from_slice(&slot);
+    }
+    let mut store = CalibrationStore::new(memory);
+    assert_eq!(store.load(), Ok(Loaded::Empty));
+    assert_eq!(store.prepare(), Ok(()));
+    assert!(store.memory().bytes()[..10 * SLOT_BYTES].iter().all(|byte| *byte == 0xff));
+}
+
 /// The flash before the store is somebody else's.
 #[test]
 fn nothing_outside_its_sectors_is_touched() {

@@ -8,6 +8,7 @@
 //!                       12..12+n     payload
 //!                       12+n..16+n   CRC-32/ISO-HDLC of all bytes before
 //! ```
+//! A frame without a payload is a tombstone: it says that all records before it were erased.
 //! Every version of the format has this frame, so that software of every version can tell which record is the newest.
 //! The payload is [`StoredCalibration`] in postcard. This software reads and writes one version of the format. It keeps
 //! a record of any other version apart from damage, as [`Damage::Version`], and never takes such a record for a
@@ -20,6 +21,7 @@
 
 use crate::run::result::StoredCalibration;
 use crc::{CRC_32_ISO_HDLC, Crc, Table};
+use serde::Serialize;
 
 /// Memory of one slot, bytes: whole pages of every EEPROM and whole words of every flash.
 pub const SLOT_BYTES: usize = 768;
@@ -82,6 +84,11 @@ impl Frame<'_> {
         }
         postcard::from_bytes(self.payload).map_err(|_| Damage::Payload)
     }
+
+    /// Whether all records before this one were erased. This holds in every version of the format.
+    pub(super) fn is_tombstone(&self) -> bool {
+        self.payload.is_empty()
+    }
 }
 
 /// Sequence number and calibration of a slot.
@@ -115,6 +122,16 @@ pub(super) fn check(slot: &[u8; SLOT_BYTES]) -> Result<Frame<'_>, Damage> {
 /// Writes the frame into the slot and sets all other bits. Returns the length of the frame; `None` if the record does
 /// not fit.
 pub fn encode(slot: &mut [u8; SLOT_BYTES], sequence: u32, record: &StoredCalibration) -> Option<usize> {
+    frame(slot, sequence, record)
+}
+
+/// Writes a frame without a payload, which erases all records before it, and sets all other bits. Returns its length.
+pub(super) fn encode_tombstone(slot: &mut [u8; SLOT_BYTES], sequence: u32) -> Option<usize> {
+    // The unit type has no bytes in postcard.
+    frame(slot, sequence, &())
+}
+
+fn frame(slot: &mut [u8; SLOT_BYTES], sequence: u32, record: &impl Serialize) -> Option<usize> {
     slot.fill(0xff);
     let (header, rest) = slot.split_first_chunk_mut::<HEADER_BYTES>()?;
     let payload = postcard::to_slice(record, rest.get_mut(..PAYLOAD_BYTES)?).ok()?.len();

@@ -11,6 +11,13 @@
 //! record is never overwritten or erased. Once [`HISTORY`] records have been written, at least as many are kept as long
 //! as the memory works. Memory that was never written has all bits set; it is empty, not damaged.
 //!
+//! An erase takes effect at once: a tombstone is written into a block without the newest accepted record, and only then
+//! the other blocks are erased, and at last the block of the tombstone. If the power is cut before the tombstone is
+//! whole, the newest accepted record is still found. If it is cut later, no record is found, and [`prepare`] completes
+//! the erase at the next power-up. No cut brings an older record back.
+//!
+//! [`prepare`]: CalibrationStore::prepare
+//!
 //! The crate `sequential-storage` is not used, because one layout must serve EEPROM and NOR flash, and because every
 //! record is read back.
 
@@ -85,6 +92,8 @@ enum Slot {
 enum Holds {
     Accepted,
     Rejected,
+    /// Nothing: all records before it were erased.
+    Tombstone,
     /// A record that cannot be read.
     Unread(Damage),
 }
@@ -272,14 +281,19 @@ impl<M: Medium> CalibrationStore<M> {
         Err(error)
     }
 
-    /// Prepares the place of the next record. In flash this may need an erase, so call it at power-up, when no sample
-    /// waits.
+    /// Completes an erase that was cut by a loss of power, and prepares the place of the next record. In flash this may
+    /// need an erase, so call it at power-up, when no sample waits.
     ///
     /// # Errors
     /// The memory does not work or is too small, or no place can be prepared.
     #[inline(never)]
     pub fn prepare(&mut self) -> Result<(), StoreError<M::Error>> {
         self.scan_once()?;
+        if self.tombstone().is_some() {
+            // If a part of the memory cannot be erased, the rest of it may still take a record.
+            let _ = self.erase();
+            self.scan_once()?;
+        }
         self.refuse_newer()?;
         let (first, _) = self.next();
         for ahead in 0..self.slots.len() {
@@ -296,14 +310,18 @@ impl<M: Medium> CalibrationStore<M> {
     /// The memory does not work, is too small, or is not blank after the erase.
     #[inline(never)]
     pub fn erase(&mut self) -> Result<(), StoreError<M::Error>> {
-        let slots = self.slot_count()?;
+        let count = self.slot_count()?;
+        // A memory that cannot be inspected is erased too.
+        let _ = self.scan();
+        // If no slot takes a tombstone, the newest accepted record goes last.
+        let last = self.tombstone().or_else(|| self.bury()).or_else(|| Some(self.newest_accepted()?.place));
+        let last = last.map(|place| place - place % M::SLOTS_PER_BLOCK);
         self.slots.clear();
-        for place in (0..slots).step_by(M::SLOTS_PER_BLOCK) {
-            self.memory.erase(address::<M>(place)).map_err(StoreError::Memory)?;
+        let others = (0..count).step_by(M::SLOTS_PER_BLOCK).filter(|place| Some(*place) != last);
+        for place in others.chain(last) {
+            self.blank(place)?;
         }
-        self.scan()?;
-        let blank = self.slots.iter().all(|slot| *slot == Slot::Empty);
-        if blank { Ok(()) } else { Err(StoreError::Worn) }
+        if (0..count).all(|place| self.is_blank(place)) { Ok(()) } else { Err(StoreError::Worn) }
     }
 
     // --------------------------------------------------------------------------------------------------- what there is
@@ -354,10 +372,16 @@ impl<M: Medium> CalibrationStore<M> {
     }
 
     fn damages(&self) -> impl Iterator<Item = Damage> + '_ {
-        self.slots.iter().filter_map(|slot| match slot {
-            Slot::Damaged(damage) | Slot::Frame { holds: Holds::Unread(damage), .. } => Some(*damage),
-            Slot::Empty | Slot::Frame { .. } => None,
-        })
+        self.slots
+            .iter()
+            .filter_map(|slot| match slot {
+                Slot::Damaged(damage) => Some(*damage),
+                Slot::Empty | Slot::Frame { .. } => None,
+            })
+            .chain(self.frames().filter_map(|frame| match frame.holds {
+                Holds::Unread(damage) => Some(damage),
+                Holds::Accepted | Holds::Rejected | Holds::Tombstone => None,
+            }))
     }
 
     fn damage(&self) -> Option<Damage> {
@@ -372,12 +396,23 @@ impl<M: Medium> CalibrationStore<M> {
         }
     }
 
-    /// The intact frames, also those whose records cannot be read.
+    /// The intact frames that were not erased, also those whose records cannot be read.
     fn frames(&self) -> impl Iterator<Item = Framed> + '_ {
+        let tombstone = newest(self.all_frames().filter(|frame| frame.holds == Holds::Tombstone));
+        let is_erased = move |frame: &Framed| tombstone.is_some_and(|stone| is_newer(stone.sequence, frame.sequence));
+        self.all_frames().filter(move |frame| !is_erased(frame))
+    }
+
+    fn all_frames(&self) -> impl Iterator<Item = Framed> + '_ {
         (0..).zip(&self.slots).filter_map(|(place, slot)| match *slot {
             Slot::Frame { sequence, holds } => Some(Framed { place, sequence, holds }),
             Slot::Empty | Slot::Damaged(_) => None,
         })
+    }
+
+    /// Place of the tombstone of an erase that was not completed.
+    fn tombstone(&self) -> Option<usize> {
+        newest(self.frames()).filter(|frame| frame.holds == Holds::Tombstone).map(|frame| frame.place)
     }
 
     /// The records that can be read.
@@ -435,13 +470,32 @@ impl<M: Medium> CalibrationStore<M> {
         if !M::ERASES {
             return Ok(true);
         }
+        if place.is_multiple_of(M::SLOTS_PER_BLOCK) && !self.is_protected(place, true) {
+            self.blank(place)?;
+        }
+        Ok(self.is_blank(place))
+    }
+
+    /// Erases the block that begins at this place, unless it is blank.
+    fn blank(&mut self, place: usize) -> Result<(), StoreError<M::Error>> {
         let block = place..place + M::SLOTS_PER_BLOCK;
-        let entering = place.is_multiple_of(M::SLOTS_PER_BLOCK) && !self.is_protected(place, true);
-        if entering && !block.clone().all(|place| self.is_blank(place)) {
+        if !block.clone().all(|place| self.is_blank(place)) {
             self.memory.erase(address::<M>(place)).map_err(StoreError::Memory)?;
             block.for_each(|place| self.note(place, Slot::Empty));
         }
-        Ok(self.is_blank(place))
+        Ok(())
+    }
+
+    /// Writes a tombstone after the newest record, into a block without the newest accepted record. Returns its place;
+    /// `None` if there is no record, or if no block takes a tombstone.
+    fn bury(&mut self) -> Option<usize> {
+        newest(self.frames())?;
+        let (_, sequence) = self.next();
+        let mut buffer = [0; SLOT_BYTES];
+        super::record::encode_tombstone(&mut buffer, sequence)?;
+        let image = buffer.get(..PIECE_BYTES)?;
+        let mut blocks = (0..self.slots.len()).step_by(M::SLOTS_PER_BLOCK);
+        blocks.find(|place| !self.is_protected(*place, true) && matches!(self.write(*place, image), Ok(true)))
     }
 
     // ---------------------------------------------------------------------------------------------------------- access
@@ -503,6 +557,7 @@ impl<M: Medium> CalibrationStore<M> {
 enum Content {
     Blank,
     Damaged(Damage),
+    Tombstone(u32),
     Unread(u32, Damage),
     Good(u32, StoredCalibration),
 }
@@ -513,6 +568,9 @@ impl Content {
             Ok(frame) => frame,
             Err(damage) => return Self::Damaged(damage),
         };
+        if frame.is_tombstone() {
+            return Self::Tombstone(frame.sequence);
+        }
         match frame.record() {
             Ok(record) => Self::Good(frame.sequence, record),
             Err(damage) => Self::Unread(frame.sequence, damage),
@@ -523,6 +581,7 @@ impl Content {
         match self {
             Self::Blank => Slot::Empty,
             Self::Damaged(damage) => Slot::Damaged(*damage),
+            Self::Tombstone(sequence) => Slot::Frame { sequence: *sequence, holds: Holds::Tombstone },
             Self::Unread(sequence, damage) => Slot::Frame { sequence: *sequence, holds: Holds::Unread(*damage) },
             Self::Good(sequence, record) => Slot::Frame { sequence: *sequence, holds: Holds::of(record) },
         }
