@@ -695,6 +695,26 @@ fn rejected_calibrations_are_history_and_never_in_the_way_of_an_accepted_one() {
     check::<Serial>();
 }
 
+/// A unit that is never accepted does not wear out its memory.
+#[test]
+fn only_the_first_rejected_calibrations_in_a_row_are_kept_also_if_none_was_accepted() {
+    fn check<M: Virtual>() {
+        let mut store = saved::<M>(0);
+        for number in 0..300 {
+            let is_kept = number < REJECTED_IN_A_ROW as u32;
+            assert_eq!(store.save(&rejected(number)), if is_kept { Ok(0) } else { Err(StoreError::Rejected) });
+            store = rebooted(store);
+        }
+        assert_eq!((store.load(), store.entries()), (Ok(Loaded::Empty), Ok(REJECTED_IN_A_ROW)));
+        assert_eq!(store.save(&record(7)), Ok(0));
+        assert_eq!(store.load(), Ok(Loaded::Found { record: record(7), damage: None }));
+        assert_eq!(store.save(&rejected(8)), Ok(0));
+    }
+    check::<Pages>();
+    check::<Internal>();
+    check::<Serial>();
+}
+
 #[test]
 fn a_verdict_is_kept_with_its_first_reasons() {
     let record = rejected(3);

@@ -28,8 +28,9 @@ use heapless::Vec;
 
 /// Smallest number of records that are kept.
 pub const HISTORY: usize = 8;
-/// Largest number of rejected calibrations that are kept after the newest accepted one. More records would at some time
-/// need its place.
+/// Largest number of rejected calibrations in a row that are kept: the first ones after the newest accepted calibration,
+/// or the first ones of all if there is no accepted calibration. More records would at some time need the place of the
+/// accepted one, and a unit that is never accepted would wear out its memory.
 pub const REJECTED_IN_A_ROW: usize = 4;
 
 /// The memory is read in pieces of this length, bytes.
@@ -71,7 +72,8 @@ pub enum StoreError<E> {
     /// The store has records of newer software, in this version of the format. Nothing is written until they are
     /// erased.
     Newer(u8),
-    /// The largest permitted number of rejected calibrations already follows the newest accepted one.
+    /// The record is of a rejected run, and the store already keeps [`REJECTED_IN_A_ROW`] rejected runs since the newest
+    /// accepted calibration. This is no fault.
     Rejected,
 }
 
@@ -436,8 +438,8 @@ impl<M: Medium> CalibrationStore<M> {
     }
 
     fn rejected_in_a_row(&self) -> usize {
-        let Some(accepted) = self.newest_accepted() else { return 0 };
-        self.good().filter(|good| is_newer(good.sequence, accepted.sequence)).count()
+        let accepted = self.newest_accepted();
+        self.good().filter(|good| accepted.is_none_or(|accepted| is_newer(good.sequence, accepted.sequence))).count()
     }
 
     // -------------------------------------------------------------------------------------------------- where to write

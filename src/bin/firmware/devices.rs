@@ -14,6 +14,7 @@ use rins_selfcal::instrument::{
     Archive, Axes, CorrectedSink, Events, FoundRecord, SerialLine, Surroundings, Telemetry,
 };
 use rins_selfcal::keep::black_box::{Entry, Event};
+use rins_selfcal::keep::store::{REJECTED_IN_A_ROW, StoreError};
 use rins_selfcal::link::{Link, Refusal};
 use rins_selfcal::run::policy::Decision;
 use rins_selfcal::run::result::StoredCalibration;
@@ -148,6 +149,12 @@ impl<B: Board> Archive for Devices<'_, B> {
             Ok(0) => {}
             Ok(failed) => {
                 defmt::warn!("{=usize} slots of the store did not take the record; the next slot did", *failed)
+            }
+            Err(StoreError::Rejected) => {
+                defmt::info!(
+                    "the rejected run is not stored: only the first {=usize} in a row are kept",
+                    REJECTED_IN_A_ROW
+                )
             }
             Err(_) => defmt::warn!("the record cannot be stored"),
         }
