@@ -2,7 +2,9 @@
 //! watchdog.
 
 pub mod black_box;
+pub mod frame;
 pub mod liveness;
 pub mod medium;
 pub mod record;
+pub mod slots;
 pub mod store;

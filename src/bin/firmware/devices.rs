@@ -14,7 +14,8 @@ use rins_selfcal::instrument::{
     Archive, Axes, CorrectedSink, Events, FoundRecord, SerialLine, Surroundings, Telemetry,
 };
 use rins_selfcal::keep::black_box::{Entry, Event};
-use rins_selfcal::keep::store::{REJECTED_IN_A_ROW, StoreError};
+use rins_selfcal::keep::slots::StoreError;
+use rins_selfcal::keep::store::REJECTED_IN_A_ROW;
 use rins_selfcal::link::{Link, Refusal};
 use rins_selfcal::run::policy::Decision;
 use rins_selfcal::run::result::StoredCalibration;
