@@ -17,6 +17,9 @@ use rins_selfcal::run::result::{StoredCalibration, StoredVerdict};
 use rins_selfcal::verdict::{Reason, Verdict};
 use std::ops::Range;
 
+#[path = "storage/journals.rs"]
+mod journals;
+
 /// A virtual memory under a store.
 trait Virtual: Medium<Error = MemoryFault> + Clone + Send + Sync {
     fn blank() -> Self;
@@ -356,6 +359,22 @@ fn a_sector_is_entered_only_if_all_of_it_is_blank() {
     }
 }
 
+/// The first record of a sector is damaged. The damage is told at every power-up until a newer record is written.
+#[test]
+fn damage_that_may_be_the_newest_record_stays_told() {
+    // Record 5 is the first in the second of three sectors.
+    let mut store = saved::<Serial>(6);
+    store.memory().flash().set_readable(2 * 4096, false);
+    for _ in 0..3 {
+        store = rebooted(store);
+        let found = Loaded::Found { record: record(4), damage: Some(Damage::Unreadable) };
+        assert_eq!(store.load(), Ok(found));
+        store.prepare().expect("a place");
+    }
+    assert_eq!(store.save(&record(5)), Ok(0));
+    assert_eq!(newest(&mut rebooted(store)), Some(5));
+}
+
 /// A record that could not be read for a while does not come between those written meanwhile.
 #[test]
 fn a_record_that_can_be_read_again_is_not_the_newest() {
@@ -437,9 +456,14 @@ fn a_small_memory_is_refused() {
 
 // ----------------------------------------------------------------------------------------------- versions and verdicts
 
-/// A slot with this version and payload.
+/// A slot of a calibration with this version and payload.
 fn framed(version: u8, sequence: u32, payload: &[u8]) -> Vec<u8> {
-    let mut slot = [b"RSC".as_slice(), &[version], &sequence.to_le_bytes()].concat();
+    framed_as(*b"RSC", version, sequence, payload)
+}
+
+/// A slot of this kind of record.
+fn framed_as(magic: [u8; 3], version: u8, sequence: u32, payload: &[u8]) -> Vec<u8> {
+    let mut slot = [magic.as_slice(), &[version], &sequence.to_le_bytes()].concat();
     slot.extend((payload.len() as u32).to_le_bytes());
     slot.extend(payload);
     let crc = Crc::<u32>::new(&CRC_32_ISO_HDLC).checksum(&slot);

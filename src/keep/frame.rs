@@ -49,16 +49,22 @@ impl Damage {
     }
 }
 
-/// A slot whose frame is right.
-pub(super) struct Frame<'a> {
+/// The frame of a slot that is right.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Frame {
     pub version: u8,
     pub sequence: u32,
-    pub payload: &'a [u8],
+    payload_bytes: usize,
 }
 
-impl Frame<'_> {
-    pub fn is_tombstone(&self) -> bool {
-        self.payload.is_empty()
+impl Frame {
+    pub fn is_tombstone(self) -> bool {
+        self.payload_bytes == 0
+    }
+
+    /// The payload in the slot that this frame is of.
+    pub fn payload(self, slot: &[u8]) -> &[u8] {
+        slot.get(HEADER_BYTES..HEADER_BYTES + self.payload_bytes).unwrap_or_default()
     }
 }
 
@@ -66,7 +72,7 @@ impl Frame<'_> {
 ///
 /// # Errors
 /// What is wrong with the frame. The version is not checked.
-pub(super) fn check(slot: &[u8], magic: [u8; 3]) -> Result<Frame<'_>, Damage> {
+pub(super) fn check(slot: &[u8], magic: [u8; 3]) -> Result<Frame, Damage> {
     let (header, rest) = slot.split_first_chunk::<HEADER_BYTES>().ok_or(Damage::Length(0))?;
     let [m0, m1, m2, version, s0, s1, s2, s3, l0, l1, l2, l3] = *header;
     if [m0, m1, m2] != magic {
@@ -79,7 +85,7 @@ pub(super) fn check(slot: &[u8], magic: [u8; 3]) -> Result<Frame<'_>, Damage> {
     if CRC.checksum(framed) != u32::from_le_bytes(*stored) {
         return Err(Damage::Crc);
     }
-    Ok(Frame { version, sequence: u32::from_le_bytes([s0, s1, s2, s3]), payload })
+    Ok(Frame { version, sequence: u32::from_le_bytes([s0, s1, s2, s3]), payload_bytes: payload.len() })
 }
 
 /// Writes the frame of a record into a slot and sets all other bits. The unit type as the record gives a tombstone,

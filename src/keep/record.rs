@@ -35,13 +35,6 @@ impl Kind for Calibrations {
     type Slot = [u8; SLOT_BYTES];
     const BLANK: [u8; SLOT_BYTES] = [0xff; SLOT_BYTES];
     type Record = StoredCalibration;
-
-    fn decode(version: u8, payload: &[u8]) -> Result<StoredCalibration, Damage> {
-        if version != FORMAT_VERSION {
-            return Err(Damage::Version(version));
-        }
-        postcard::from_bytes(payload).map_err(|_| Damage::Payload)
-    }
 }
 
 /// Sequence number and calibration of a slot.
@@ -50,7 +43,7 @@ impl Kind for Calibrations {
 /// What is wrong with the slot.
 pub fn decode(slot: &[u8; SLOT_BYTES]) -> Result<(u32, StoredCalibration), Damage> {
     let frame = frame::check(slot, Calibrations::MAGIC)?;
-    Ok((frame.sequence, Calibrations::decode(frame.version, frame.payload)?))
+    Ok((frame.sequence, Calibrations::decode(frame.version, frame.payload(slot))?))
 }
 
 /// Writes the frame into the slot and sets all other bits. Returns the length of the frame; `None` if the record does

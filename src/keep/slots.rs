@@ -7,7 +7,8 @@
 //! Records follow each other through all slots and then start again at the first slot. A new record takes the slot after
 //! the newest intact frame, whatever the version of its format, is written there and read back. If this fails, it takes
 //! the next slot. One record is kept whatever happens: its slot is never overwritten, and its block is never erased.
-//! Memory that was never written has all bits set; it is empty, not damaged.
+//! Memory that was never written has all bits set; it is empty, not damaged. Damage that may be a lost newer record stays
+//! in the memory until a newer record is written.
 //!
 //! An erase takes effect at once: a tombstone is written into a block without the kept record, and only then the other
 //! blocks are erased, and at last the block of the tombstone. If the power is cut before the tombstone is whole, the kept
@@ -17,6 +18,7 @@ use super::frame::{self, Damage, Frame, PIECE_BYTES};
 use super::medium::Medium;
 use core::marker::PhantomData;
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 
 /// A kind of record.
 pub trait Kind {
@@ -25,21 +27,26 @@ pub trait Kind {
     /// Version of the format that is written, a character.
     const VERSION: u8;
     /// Number of records that are kept, once they have been written, while the next block is blank.
-    const HISTORY: usize;
+    const HISTORY: usize = 1;
     /// Largest number of slots. Only a part of a larger memory is used.
-    const MAX_SLOTS: usize;
+    const MAX_SLOTS: usize = usize::MAX;
     /// The bytes of a slot: whole pieces of 32 bytes, and whole pages of an EEPROM.
     type Slot: AsRef<[u8]> + AsMut<[u8]>;
     /// A blank slot.
     const BLANK: Self::Slot;
     /// The record.
-    type Record: Serialize;
+    type Record: Serialize + DeserializeOwned;
 
     /// The record of a payload in this version of the format.
     ///
     /// # Errors
     /// [`Damage::Version`]: this software does not read the version. [`Damage::Payload`]: the payload is no record.
-    fn decode(version: u8, payload: &[u8]) -> Result<Self::Record, Damage>;
+    fn decode(version: u8, payload: &[u8]) -> Result<Self::Record, Damage> {
+        if version != Self::VERSION {
+            return Err(Damage::Version(version));
+        }
+        postcard::from_bytes(payload).map_err(|_| Damage::Payload)
+    }
 }
 
 /// Why records could not be read or written. The newest record, or in the calibration store the newest accepted record,
@@ -65,6 +72,8 @@ pub enum StoreError<E> {
 
 /// Largest number of slots that may fail before a write gives up.
 const MAX_FAILED: usize = 64;
+/// Largest number of damaged slots at the beginning of a block that can be those of writes that were cut or failed.
+const MAX_TORN: usize = 8;
 
 /// Place and sequence number of a frame.
 #[derive(Clone, Copy, Debug)]
@@ -94,6 +103,13 @@ pub(super) struct Tail {
 }
 
 impl Tail {
+    /// Takes a frame for the newest, and for the one that is kept, if it is newer.
+    pub fn add(&mut self, at: Position, is_tombstone: bool) {
+        if self.newest.is_none_or(|newest| at.is_after(newest)) {
+            (self.newest, self.kept, self.is_tombstone) = (Some(at), Some(at), is_tombstone);
+        }
+    }
+
     /// The slot after the newest frame, and the next sequence number. No slot that is unreadable at present has this
     /// number. The place may be one beyond the last.
     pub fn next(&self) -> Position {
@@ -105,9 +121,10 @@ impl Tail {
 }
 
 /// What a slot holds.
-pub(super) enum Content<'a> {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Content {
     Blank,
-    Frame(Frame<'a>),
+    Frame(Frame),
     Damaged(Damage),
 }
 
@@ -158,13 +175,13 @@ impl<M: Medium, K: Kind> Slots<M, K> {
 
     // --------------------------------------------------------------------------------------------------------- reading
 
-    /// Passes the content of every slot, with its place, to `see`.
-    pub fn scan(&mut self, mut see: impl FnMut(usize, &Content<'_>)) -> Result<(), StoreError<M::Error>> {
+    /// Passes the place, the content and the bytes of every slot to `see`.
+    pub fn scan(&mut self, mut see: impl FnMut(usize, Content, &[u8])) -> Result<(), StoreError<M::Error>> {
         let (count, mut slot, mut is_readable) = (self.count()?, K::BLANK, false);
         for place in 0..count {
             let content = self.inspect(place, &mut slot)?;
-            is_readable |= !matches!(content, Content::Damaged(Damage::Unreadable));
-            see(place, &content);
+            is_readable |= content != Content::Damaged(Damage::Unreadable);
+            see(place, content, slot.as_ref());
         }
         // A memory of which nothing can be read does not work.
         if is_readable { Ok(()) } else { self.fetch(0, &mut slot) }
@@ -172,13 +189,17 @@ impl<M: Medium, K: Kind> Slots<M, K> {
 
     /// The content of a slot, which is read into `slot`. A slot that seems damaged is read again, because the transfer
     /// may have been disturbed.
-    pub fn inspect<'s>(&mut self, place: usize, slot: &'s mut K::Slot) -> Result<Content<'s>, StoreError<M::Error>> {
-        let mut fetched = self.fetch(place, slot);
-        if fetched.is_ok() && matches!(content::<K>(slot), Content::Damaged(_)) {
-            fetched = self.fetch(place, slot);
+    pub fn inspect(&mut self, place: usize, slot: &mut K::Slot) -> Result<Content, StoreError<M::Error>> {
+        match self.content(place, slot) {
+            Ok(Content::Damaged(_)) => self.content(place, slot),
+            found => found,
         }
-        match fetched {
-            Ok(()) => Ok(content::<K>(slot)),
+    }
+
+    fn content(&mut self, place: usize, slot: &mut K::Slot) -> Result<Content, StoreError<M::Error>> {
+        match self.fetch(place, slot) {
+            Ok(()) if slot.as_ref().first_chunk() == Some(&BLANK_PIECE) => Ok(Content::Blank),
+            Ok(()) => Ok(frame::check(slot.as_ref(), K::MAGIC).map_or_else(Content::Damaged, Content::Frame)),
             Err(_) if M::READ_FAULT_IS_DAMAGE => Ok(Content::Damaged(Damage::Unreadable)),
             Err(error) => Err(error),
         }
@@ -330,10 +351,21 @@ impl<M: Medium, K: Kind> Slots<M, K> {
         if M::ERASE_BYTES.is_none() {
             return Ok(true);
         }
-        if place.is_multiple_of(Self::PER_BLOCK) && !Self::is_block_kept(place, tail) {
+        if place.is_multiple_of(Self::PER_BLOCK) && !Self::is_block_kept(place, tail) && !self.is_entered(place) {
             self.blank(place, note)?;
         }
         Ok(self.is_blank(place))
+    }
+
+    /// Whether the log has already entered the block that begins at this place, although no frame in it is intact: its
+    /// first slots are damaged, and all others are blank. Such a block is not erased, because the damage tells that a
+    /// newer record may be lost.
+    fn is_entered(&mut self, first: usize) -> bool {
+        let mut slot = K::BLANK;
+        let mut is_damaged = |place: &usize| matches!(self.inspect(*place, &mut slot), Ok(Content::Damaged(_)));
+        let damaged = (first..first + Self::PER_BLOCK).take(MAX_TORN + 1).take_while(&mut is_damaged).count();
+        let mut others = first + damaged..first + Self::PER_BLOCK;
+        (1..=MAX_TORN).contains(&damaged) && !others.is_empty() && others.all(|place| self.is_blank(place))
     }
 
     /// Erases the block that begins at this place, unless it is blank.
@@ -358,11 +390,3 @@ impl<M: Medium, K: Kind> Slots<M, K> {
 }
 
 const BLANK_PIECE: [u8; PIECE_BYTES] = [0xff; PIECE_BYTES];
-
-fn content<K: Kind>(slot: &K::Slot) -> Content<'_> {
-    let slot = slot.as_ref();
-    if slot.first_chunk() == Some(&BLANK_PIECE) {
-        return Content::Blank;
-    }
-    frame::check(slot, K::MAGIC).map_or_else(Content::Damaged, Content::Frame)
-}

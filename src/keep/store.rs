@@ -72,11 +72,11 @@ impl Holds {
         if record.verdict.accepted() { Self::Accepted } else { Self::Rejected }
     }
 
-    fn in_frame(frame: &Frame<'_>) -> Self {
+    fn in_frame(frame: Frame, slot: &[u8]) -> Self {
         if frame.is_tombstone() {
             return Self::Tombstone;
         }
-        record(frame).map_or_else(Self::Unread, |record| Self::of(&record))
+        record(frame, slot).map_or_else(Self::Unread, |record| Self::of(&record))
     }
 }
 
@@ -280,7 +280,7 @@ impl<M: Medium> CalibrationStore<M> {
         self.states.clear();
         let mut states = Vec::new();
         // `states` has room for every slot, so the push cannot fail.
-        self.slots.scan(|_, content| states.push(Slot::of(content)).unwrap_or_default())?;
+        self.slots.scan(|_, content, bytes| states.push(Slot::of(content, bytes)).unwrap_or_default())?;
         self.states = states;
         Ok(())
     }
@@ -289,7 +289,7 @@ impl<M: Medium> CalibrationStore<M> {
     fn read(&mut self, place: usize) -> Result<Option<(u32, StoredCalibration)>, StoreError<M::Error>> {
         let mut slot = Calibrations::BLANK;
         Ok(match self.slots.inspect(place, &mut slot)? {
-            Content::Frame(frame) => record(&frame).ok().map(|record| (frame.sequence, record)),
+            Content::Frame(frame) => record(frame, &slot).ok().map(|record| (frame.sequence, record)),
             Content::Blank | Content::Damaged(_) => None,
         })
     }
@@ -375,11 +375,11 @@ impl<M: Medium> CalibrationStore<M> {
 }
 
 impl Slot {
-    fn of(content: &Content<'_>) -> Self {
+    fn of(content: Content, bytes: &[u8]) -> Self {
         match content {
             Content::Blank => Self::Empty,
-            Content::Frame(frame) => Self::Frame { sequence: frame.sequence, holds: Holds::in_frame(frame) },
-            Content::Damaged(damage) => Self::Damaged(*damage),
+            Content::Frame(frame) => Self::Frame { sequence: frame.sequence, holds: Holds::in_frame(frame, bytes) },
+            Content::Damaged(damage) => Self::Damaged(damage),
         }
     }
 }
@@ -399,8 +399,8 @@ fn note(states: &mut [Slot], place: usize, slot: Slot) {
     }
 }
 
-fn record(frame: &Frame<'_>) -> Result<StoredCalibration, Damage> {
-    Calibrations::decode(frame.version, frame.payload)
+fn record(frame: Frame, slot: &[u8]) -> Result<StoredCalibration, Damage> {
+    Calibrations::decode(frame.version, frame.payload(slot))
 }
 
 fn newest(frames: impl Iterator<Item = Framed>) -> Option<Framed> {
