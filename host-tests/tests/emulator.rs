@@ -168,12 +168,16 @@ fn so_does_one_of_single_precision() {
     powers_up_twice(Board::Mps2An386);
 }
 
+fn store_at_power_up(found: bool, damaged: bool) -> Message {
+    Message::Store { found, damaged, fault: false, other_version: None }
+}
+
 fn powers_up_twice(board: Board) {
     let image = image(board);
     let directory = tempfile::tempdir().expect("a directory");
     let eeprom = directory.path().join("eeprom.bin");
     let first = boot(&image, &eeprom);
-    assert_eq!(first.messages.first(), Some(&Message::Store { found: false, damaged: false, fault: false }));
+    assert_eq!(first.messages.first(), Some(&store_at_power_up(false, false)));
     assert_eq!(first.states().last(), Some(&State::Correcting), "{:?}", first.log);
     assert!(first.messages.contains(&Message::Saved(true)));
     assert_eq!(first.queue().1, LossCounts::default());
@@ -185,14 +189,14 @@ fn powers_up_twice(board: Board) {
         "every bit of every message"
     );
     let second = boot(&image, &eeprom);
-    assert_eq!(second.messages.first(), Some(&Message::Store { found: true, damaged: false, fault: false }));
+    assert_eq!(second.messages.first(), Some(&store_at_power_up(true, false)));
     assert_eq!(second.states(), [State::Correcting]);
     assert_eq!(second.record(), None);
     corrected_as_felt(&second);
     // The only record is damaged now: the unit says so and calibrates itself anew.
     flip(&eeprom, 100);
     let third = boot(&image, &eeprom);
-    assert_eq!(third.messages.first(), Some(&Message::Store { found: false, damaged: true, fault: false }));
+    assert_eq!(third.messages.first(), Some(&store_at_power_up(false, true)));
     assert!(third.log.iter().any(|line| line.contains("a slot damaged: true")), "{:?}", third.log);
     assert_eq!(third.record(), first.record(), "the same unit, the same noise");
     assert!(third.messages.contains(&Message::Saved(true)));

@@ -99,7 +99,7 @@ fn a_cut_while_storing_leaves_the_old_or_the_new_calibration_and_is_told() {
         let told = boot(&image, &eeprom, PowerUpPolicy::WhenDue { age_s: None, temperature_k: None }, 2, None)
             .expect("a power-up");
         assert!(after.damaged <= 1, "after {periods} periods");
-        let expected = Message::Store { found: true, damaged: after.damaged > 0, fault: false };
+        let expected = Message::Store { found: true, damaged: after.damaged > 0, fault: false, other_version: None };
         assert_eq!(told[0], expected, "after {periods} periods");
         let found = bytes(&after.entries[0]);
         assert!(found == old || found == new, "after {periods} periods: neither");

@@ -6,14 +6,19 @@ use host_tests::bench::memory::{MemoryFault, Power, Stuck, Torn, VirtualEeprom, 
 use rayon::prelude::*;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::site::Site;
+use rins_selfcal::instrument::{Archive, FoundRecord};
+use rins_selfcal::keep::frame::Damage;
 use rins_selfcal::keep::medium::{Eeprom, Flash, Medium};
-use rins_selfcal::keep::record::{Damage, SLOT_BYTES};
-use rins_selfcal::keep::record::{FORMAT_VERSION, encode};
-use rins_selfcal::keep::store::{CalibrationStore, HISTORY, Loaded, REJECTED_IN_A_ROW, StoreError};
+use rins_selfcal::keep::record::{FORMAT_VERSION, HISTORY, SLOT_BYTES, encode};
+use rins_selfcal::keep::slots::StoreError;
+use rins_selfcal::keep::store::{CalibrationStore, Loaded, REJECTED_IN_A_ROW};
 use rins_selfcal::model::error_model::InstrumentErrors;
 use rins_selfcal::run::result::{StoredCalibration, StoredVerdict};
 use rins_selfcal::verdict::{Reason, Verdict};
 use std::ops::Range;
+
+#[path = "storage/journals.rs"]
+mod journals;
 
 /// A virtual memory under a store.
 trait Virtual: Medium<Error = MemoryFault> + Clone + Send + Sync {
@@ -242,8 +247,17 @@ fn full<M: Virtual>() -> Vec<(M, u32)> {
     saved.collect()
 }
 
+/// Number of calibrations in a block.
+fn per_block<M: Medium>() -> usize {
+    M::ERASE_BYTES.map_or(1, |bytes| (bytes / SLOT_BYTES).min(32))
+}
+
+fn block_bytes<M: Medium>() -> usize {
+    M::ERASE_BYTES.unwrap_or(SLOT_BYTES)
+}
+
 fn slots<M: Virtual>() -> usize {
-    M::blank().capacity() / M::BLOCK_BYTES * M::SLOTS_PER_BLOCK
+    M::blank().capacity() / block_bytes::<M>() * per_block::<M>()
 }
 
 /// Every byte of a slot that is written next, and of the one after, stuck at 0 and at 1: each save goes well, and is
@@ -292,9 +306,7 @@ fn memory_that_keeps_nothing_is_told_and_what_it_holds_stays() {
     struct Protected(Pages);
     impl Medium for Protected {
         type Error = MemoryFault;
-        const SLOTS_PER_BLOCK: usize = Pages::SLOTS_PER_BLOCK;
-        const BLOCK_BYTES: usize = Pages::BLOCK_BYTES;
-        const ERASES: bool = Pages::ERASES;
+        const ERASE_BYTES: Option<usize> = Pages::ERASE_BYTES;
         const READ_FAULT_IS_DAMAGE: bool = Pages::READ_FAULT_IS_DAMAGE;
         fn capacity(&self) -> usize {
             self.0.capacity()
@@ -305,7 +317,7 @@ fn memory_that_keeps_nothing_is_told_and_what_it_holds_stays() {
         fn write(&mut self, _: u32, _: &[u8]) -> Result<(), MemoryFault> {
             Ok(())
         }
-        fn erase(&mut self, _: u32) -> Result<(), MemoryFault> {
+        fn erase(&mut self, _: u32, _: usize) -> Result<(), MemoryFault> {
             Ok(())
         }
     }
@@ -345,6 +357,22 @@ fn a_sector_is_entered_only_if_all_of_it_is_blank() {
         assert_eq!(store.save(&record(number)), Ok(0));
         assert_eq!(newest(&mut store), Some(number));
     }
+}
+
+/// The first record of a sector is damaged. The damage is told at every power-up until a newer record is written.
+#[test]
+fn damage_that_may_be_the_newest_record_stays_told() {
+    // Record 5 is the first in the second of three sectors.
+    let mut store = saved::<Serial>(6);
+    store.memory().flash().set_readable(2 * 4096, false);
+    for _ in 0..3 {
+        store = rebooted(store);
+        let found = Loaded::Found { record: record(4), damage: Some(Damage::Unreadable) };
+        assert_eq!(store.load(), Ok(found));
+        store.prepare().expect("a place");
+    }
+    assert_eq!(store.save(&record(5)), Ok(0));
+    assert_eq!(newest(&mut rebooted(store)), Some(5));
 }
 
 /// A record that could not be read for a while does not come between those written meanwhile.
@@ -389,9 +417,7 @@ struct Silent(Pages, u32);
 
 impl Medium for Silent {
     type Error = &'static str;
-    const SLOTS_PER_BLOCK: usize = Pages::SLOTS_PER_BLOCK;
-    const BLOCK_BYTES: usize = Pages::BLOCK_BYTES;
-    const ERASES: bool = Pages::ERASES;
+    const ERASE_BYTES: Option<usize> = Pages::ERASE_BYTES;
     const READ_FAULT_IS_DAMAGE: bool = Pages::READ_FAULT_IS_DAMAGE;
     fn capacity(&self) -> usize {
         self.0.capacity()
@@ -403,7 +429,7 @@ impl Medium for Silent {
     fn write(&mut self, _: u32, _: &[u8]) -> Result<(), &'static str> {
         panic!("written without having been read")
     }
-    fn erase(&mut self, _: u32) -> Result<(), &'static str> {
+    fn erase(&mut self, _: u32, _: usize) -> Result<(), &'static str> {
         panic!("erased without having been read")
     }
 }
@@ -430,9 +456,14 @@ fn a_small_memory_is_refused() {
 
 // ----------------------------------------------------------------------------------------------- versions and verdicts
 
-/// A slot with this version and payload.
+/// A slot of a calibration with this version and payload.
 fn framed(version: u8, sequence: u32, payload: &[u8]) -> Vec<u8> {
-    let mut slot = [b"RSC".as_slice(), &[version], &sequence.to_le_bytes()].concat();
+    framed_as(*b"RSC", version, sequence, payload)
+}
+
+/// A slot of this kind of record.
+fn framed_as(magic: [u8; 3], version: u8, sequence: u32, payload: &[u8]) -> Vec<u8> {
+    let mut slot = [magic.as_slice(), &[version], &sequence.to_le_bytes()].concat();
     slot.extend((payload.len() as u32).to_le_bytes());
     slot.extend(payload);
     let crc = Crc::<u32>::new(&CRC_32_ISO_HDLC).checksum(&slot);
@@ -442,7 +473,7 @@ fn framed(version: u8, sequence: u32, payload: &[u8]) -> Vec<u8> {
 
 /// An instrument whose software is brought up to date finds its records of the version before.
 #[test]
-fn records_of_an_older_version_are_told_and_written_over_in_their_turn() {
+fn records_of_an_older_version_are_told_and_overwritten_in_their_turn() {
     let before = FORMAT_VERSION - 1;
     for version in [b'2', before] {
         let mut eeprom = VirtualEeprom::blank(12 * SLOT_BYTES);
@@ -452,20 +483,84 @@ fn records_of_an_older_version_are_told_and_written_over_in_their_turn() {
         }
         let mut store = CalibrationStore::new(Eeprom(eeprom));
         let damage = Damage::Version(version);
-        assert!(damage.is_other_version() && !damage.is_newer());
+        assert_eq!(damage.other_version(), Some(version));
         assert_eq!(store.load(), Ok(Loaded::Corrupt { damage }));
         assert_eq!((store.entries(), store.damaged(), store.other_versions()), (Ok(0), 0, 2));
-        assert_eq!(store.prepare(), Ok(()));
-        // The first save takes one of them; the other one is still told.
-        assert_eq!(store.save(&record(1)), Ok(0));
-        let mut store = rebooted(store);
-        assert_eq!(store.load(), Ok(Loaded::Found { record: record(1), damage: Some(damage) }));
-        assert_eq!((store.entries(), store.damaged(), store.other_versions()), (Ok(1), 0, 1));
-        (2..6).for_each(|number| assert_eq!(store.save(&record(number)), Ok(0)));
-        let mut store = rebooted(store);
-        assert_eq!(store.load(), Ok(Loaded::Found { record: record(5), damage: None }));
-        assert_eq!((store.entries(), store.damaged(), store.other_versions()), (Ok(5), 0, 0));
+        assert_eq!(store.other_version(), Some(version));
+        // Ten slots are free, so ten saves leave both records. The next two saves take one each.
+        for number in 1..=12 {
+            assert_eq!(store.prepare(), Ok(()));
+            assert_eq!(store.save(&record(number)), Ok(0));
+            store = rebooted(store);
+            let left = (12 - number).min(2) as usize;
+            let expected = Loaded::Found { record: record(number), damage: (left > 0).then_some(damage) };
+            assert_eq!(store.load(), Ok(expected));
+            assert_eq!((store.entries(), store.damaged(), store.other_versions()), (Ok(number as usize), 0, left));
+        }
     }
+}
+
+/// A log of this many records of an older version, as the software of that version has written it.
+fn older<M: Virtual>(version: u8, count: usize) -> (M, Vec<usize>) {
+    let (mut memory, slots) = (M::blank(), slots::<M>());
+    let address =
+        |place: usize| (place / per_block::<M>() * block_bytes::<M>() + place % per_block::<M>() * SLOT_BYTES) as u32;
+    let mut held = vec![None; slots];
+    for number in 0..count {
+        let place = number % slots;
+        if M::ERASE_BYTES.is_some() && place.is_multiple_of(per_block::<M>()) {
+            memory.erase(address(place), block_bytes::<M>()).unwrap();
+            held[place..place + per_block::<M>()].fill(None);
+        }
+        let mut slot = framed(version, number as u32, &[7; 500]);
+        slot.resize(slot.len().next_multiple_of(32), 0xff);
+        memory.write(address(place), &slot).unwrap();
+        held[place] = Some(number);
+    }
+    (memory, held.into_iter().flatten().collect())
+}
+
+/// The first start of new software takes no more of the older records than a save by the older software would have.
+#[test]
+fn the_first_start_keeps_the_records_of_an_older_version_but_those_whose_turn_has_come() {
+    fn check<M: Virtual>() {
+        let slots = slots::<M>();
+        for count in 1..=2 * slots {
+            let (memory, held) = older::<M>(b'3', count);
+            let entered = count % slots;
+            let is_entered = M::ERASE_BYTES.is_some() && entered.is_multiple_of(per_block::<M>());
+            let in_turn = if is_entered { entered..entered + per_block::<M>() } else { 0..0 };
+            let kept = held.iter().filter(|number| !in_turn.contains(&(*number % slots))).count();
+            let mut store = CalibrationStore::new(memory);
+            assert_eq!(store.load(), Ok(Loaded::Corrupt { damage: Damage::Version(b'3') }));
+            assert_eq!((store.damaged(), store.other_versions()), (0, held.len()));
+            store.prepare().unwrap();
+            let mut store = rebooted(store);
+            store.load().unwrap();
+            assert_eq!((store.damaged(), store.other_versions()), (0, kept), "{count} records");
+            assert_eq!(store.save(&record(1)), Ok(0));
+            assert_eq!(store.entry(0), Ok(Some((count as u32, record(1)))));
+            let mut store = rebooted(store);
+            let kept = if M::ERASE_BYTES.is_some() { kept } else { kept.min(slots - 1) };
+            let damage = (kept > 0).then_some(Damage::Version(b'3'));
+            assert_eq!(store.load(), Ok(Loaded::Found { record: record(1), damage }));
+            assert_eq!((store.damaged(), store.other_versions()), (0, kept), "{count} records");
+        }
+    }
+    check::<Pages>();
+    check::<Internal>();
+    check::<Serial>();
+}
+
+/// What is reported at power-up keeps damage and other versions apart.
+#[test]
+fn records_of_another_version_are_not_reported_as_damage() {
+    let mut store = CalibrationStore::new(older::<Pages>(b'3', 4).0);
+    let found = FoundRecord { other_version: Some(b'3'), writable: true, ..FoundRecord::default() };
+    assert_eq!(store.power_up(), found);
+    store.memory().bytes()[5] ^= 1;
+    assert_eq!(store.power_up(), FoundRecord { damaged: true, ..found });
+    assert_eq!(store.load(), Ok(Loaded::Corrupt { damage: Damage::Crc }));
 }
 
 #[test]
@@ -478,7 +573,6 @@ fn a_newer_version_is_refused_and_stays_until_it_is_erased() {
     let before = memory.bytes().clone();
     let mut store = CalibrationStore::new(memory);
     let damage = Damage::Version(FORMAT_VERSION + 1);
-    assert!(damage.is_newer());
     assert_eq!(store.load(), Ok(Loaded::Found { record: record(2), damage: Some(damage) }));
     assert_eq!(store.save(&record(3)), Err(StoreError::Newer(FORMAT_VERSION + 1)));
     assert_eq!(store.prepare(), Err(StoreError::Newer(FORMAT_VERSION + 1)));
@@ -499,7 +593,7 @@ fn everything_is_erased() {
         store.erase().unwrap();
         assert_eq!((store.load(), store.entries()), (Ok(Loaded::Empty), Ok(0)));
         let memory = store.memory();
-        let span = M::BLOCK_BYTES * (slots::<M>() / M::SLOTS_PER_BLOCK);
+        let span = block_bytes::<M>() * (slots::<M>() / per_block::<M>());
         let blank = memory.bytes().iter().filter(|byte| **byte == 0xff).count();
         assert!(blank >= span);
         assert_eq!(store.save(&record(0)), Ok(0));
@@ -507,6 +601,96 @@ fn everything_is_erased() {
     check::<Pages>();
     check::<Internal>();
     check::<Serial>();
+}
+
+/// What an erase that is cut leaves: the newest accepted record, or no record. Never an older one. The next power-up
+/// completes an erase that has taken effect. Returns whether the record was found.
+fn cut_erase<M: Virtual>(before: &M, newest: &StoredCalibration, step: usize, torn: Torn, seed: u64) -> bool {
+    let mut store = CalibrationStore::new(before.clone());
+    store.memory().power().cut_at_random(step, torn, seed);
+    assert!(store.erase().is_err(), "the power is cut");
+    let mut store = rebooted(store);
+    let context = format!("{step} {torn:?} {seed}");
+    let is_found = match store.load().expect("a memory that works") {
+        Loaded::Found { record: found, .. } => {
+            assert_eq!(found, *newest, "{context}");
+            true
+        }
+        Loaded::Empty | Loaded::Corrupt { .. } => false,
+    };
+    store.prepare().expect("a place");
+    let mut store = rebooted(store);
+    if !is_found {
+        // If the tombstone itself was being erased, its block may still be damaged, which is told.
+        assert!(matches!(store.load(), Ok(Loaded::Empty | Loaded::Corrupt { .. })), "{context}");
+        assert_eq!(store.entries(), Ok(0), "{context}");
+    }
+    assert_eq!(store.save(&record(999)), Ok(0), "{context}");
+    assert!(matches!(store.load(), Ok(Loaded::Found { record: found, .. }) if found == record(999)), "{context}");
+    is_found
+}
+
+/// Every step of an erase, left in every way, after these numbers of saves and then some rejected runs. Returns in how
+/// many cases the record was found, and in how many there was none.
+fn cut_erase_everywhere<M: Virtual>(saves: Range<u32>, seeds: u64) -> [usize; 2] {
+    let each = |number: u32| {
+        let mut store = saved::<M>(number);
+        (0..number % (1 + REJECTED_IN_A_ROW as u32))
+            .for_each(|number| assert_eq!(store.save(&rejected(number)), Ok(0)));
+        let (before, newest) = (store.release(), record(number - 1));
+        let mut store = CalibrationStore::new(before.clone());
+        store.memory().power().on();
+        store.erase().expect("a memory that works");
+        let mut counts = [0, 0];
+        for step in 0..store.memory().power().steps() {
+            for torn in Torn::ALL {
+                let seeds = if matches!(torn, Torn::Random | Torn::Patchy) { seeds } else { 1 };
+                for seed in 0..seeds {
+                    counts[usize::from(!cut_erase(&before, &newest, step, torn, seed))] += 1;
+                }
+            }
+        }
+        counts
+    };
+    let add = |sum: [usize; 2], counts: [usize; 2]| [sum[0] + counts[0], sum[1] + counts[1]];
+    saves.into_par_iter().map(each).reduce(|| [0, 0], add)
+}
+
+#[test]
+fn an_erase_that_is_cut_leaves_the_newest_calibration_or_none_and_never_an_older_one() {
+    for (name, [found, none]) in [
+        ("EEPROM", cut_erase_everywhere::<Pages>(11..13, 1)),
+        ("internal flash", cut_erase_everywhere::<Internal>(30..67, 40)),
+        ("serial flash", cut_erase_everywhere::<Serial>(1..33, 100)),
+    ] {
+        println!("erases cut in {name}: the newest calibration was found in {found} cases, none in {none}");
+        assert!(found > 100 && none > 100);
+    }
+}
+
+/// The tombstone of an erase that is not completed also erases what the memory still holds.
+#[test]
+fn records_before_a_tombstone_are_erased_and_those_after_it_are_not() {
+    let mut memory = saved::<Pages>(4).release();
+    let tombstone = framed(FORMAT_VERSION, 4, &[]);
+    memory.bytes()[4 * SLOT_BYTES..][..tombstone.len()].copy_from_slice(&tombstone);
+    let mut store = CalibrationStore::new(memory.clone());
+    assert_eq!((store.load(), store.entries(), store.other_version()), (Ok(Loaded::Empty), Ok(0), None));
+    // Without a preparation the log goes on after the tombstone.
+    assert_eq!(store.save(&record(7)), Ok(0));
+    let mut store = rebooted(store);
+    assert_eq!((store.entries(), store.entry(0)), (Ok(1), Ok(Some((5, record(7))))));
+    store.prepare().unwrap();
+    assert_eq!(store.load(), Ok(Loaded::Found { record: record(7), damage: None }));
+    // A tombstone of newer software is one too, and records of newer software before it are in nobody's way.
+    for (place, version, payload) in [(4, FORMAT_VERSION + 1, &[7][..]), (5, FORMAT_VERSION + 1, &[])] {
+        let slot = framed(version, place as u32, payload);
+        memory.bytes()[place * SLOT_BYTES..][..slot.len()].copy_from_slice(&slot);
+    }
+    let mut store = CalibrationStore::new(memory);
+    assert_eq!(store.load(), Ok(Loaded::Empty));
+    assert_eq!(store.prepare(), Ok(()));
+    assert!(store.memory().bytes()[..10 * SLOT_BYTES].iter().all(|byte| *byte == 0xff));
 }
 
 /// The flash before the store is somebody else's.
@@ -534,6 +718,26 @@ fn rejected_calibrations_are_history_and_never_in_the_way_of_an_accepted_one() {
             let mut store = rebooted(store);
             assert!(matches!(store.load(), Ok(Loaded::Found { record: found, .. }) if found == record(accepted)));
         }
+    }
+    check::<Pages>();
+    check::<Internal>();
+    check::<Serial>();
+}
+
+/// A unit that is never accepted does not wear out its memory.
+#[test]
+fn only_the_first_rejected_calibrations_in_a_row_are_kept_also_if_none_was_accepted() {
+    fn check<M: Virtual>() {
+        let mut store = saved::<M>(0);
+        for number in 0..300 {
+            let is_kept = number < REJECTED_IN_A_ROW as u32;
+            assert_eq!(store.save(&rejected(number)), if is_kept { Ok(0) } else { Err(StoreError::Rejected) });
+            store = rebooted(store);
+        }
+        assert_eq!((store.load(), store.entries()), (Ok(Loaded::Empty), Ok(REJECTED_IN_A_ROW)));
+        assert_eq!(store.save(&record(7)), Ok(0));
+        assert_eq!(store.load(), Ok(Loaded::Found { record: record(7), damage: None }));
+        assert_eq!(store.save(&rejected(8)), Ok(0));
     }
     check::<Pages>();
     check::<Internal>();

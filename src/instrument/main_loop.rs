@@ -257,8 +257,8 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
 /// The stored calibration, if there is an intact one.
 #[inline(never)]
 fn load<T: Real>(link: &mut Link, outside: &mut impl Surroundings<T>) -> Option<StoredCalibration> {
-    let FoundRecord { record, damaged, fault, .. } = outside.archive().power_up();
-    tell(link, outside, &Message::Store { found: record.is_some(), damaged, fault });
+    let FoundRecord { record, damaged, fault, other_version, .. } = outside.archive().power_up();
+    tell(link, outside, &Message::Store { found: record.is_some(), damaged, fault, other_version });
     record
 }
 

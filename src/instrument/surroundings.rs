@@ -41,8 +41,11 @@ pub trait Axes {
 pub struct FoundRecord {
     /// The calibration to use, if there is an intact one.
     pub record: Option<StoredCalibration>,
-    /// Whether a slot of the memory is damaged.
+    /// Whether a slot of the memory is damaged. An intact record of another version of the format is no damage.
     pub damaged: bool,
+    /// The highest version of the format, a character, among the records that are intact and that this software cannot
+    /// read.
+    pub other_version: Option<u8>,
     /// Whether the memory does not answer, or is too small.
     pub fault: bool,
     /// Whether the memory can take the next record.
@@ -79,14 +82,14 @@ pub trait Archive {
 
 impl<M: Medium> Archive for CalibrationStore<M> {
     fn power_up(&mut self) -> FoundRecord {
-        let (record, damaged, fault) = match self.load() {
-            Ok(Loaded::Empty) => (None, false, false),
-            Ok(Loaded::Found { record, damage }) => (Some(record), damage.is_some(), false),
-            Ok(Loaded::Corrupt { .. }) => (None, true, false),
-            Err(_) => (None, false, true),
+        let (record, fault) = match self.load() {
+            Ok(Loaded::Found { record, .. }) => (Some(record), false),
+            Ok(Loaded::Empty | Loaded::Corrupt { .. }) => (None, false),
+            Err(_) => (None, true),
         };
+        let (damaged, other_version) = (self.damaged() > 0, self.other_version());
         // The next record may need an erase. The erase is done now, while no sample waits.
-        FoundRecord { record, damaged, fault, writable: self.prepare().is_ok() }
+        FoundRecord { record, damaged, other_version, fault, writable: self.prepare().is_ok() }
     }
 
     fn save(&mut self, record: &StoredCalibration) -> bool {

@@ -54,7 +54,7 @@ pub enum Event {
     Saved(bool),
     /// The configuration was refused.
     Refused(ConfigError),
-    /// A slot of the calibration store is damaged, or holds a record of another version of the format.
+    /// A slot of the calibration store is damaged.
     StoreDamaged,
     /// The memory of the calibration store does not work.
     StoreFault,
@@ -244,7 +244,7 @@ impl fmt::Display for Event {
             Self::Saved(true) => f.write_str("stored"),
             Self::Saved(false) => f.write_str("not stored"),
             Self::Refused(error) => write!(f, "configuration refused: {error}"),
-            Self::StoreDamaged => f.write_str("a stored calibration is damaged or in another version of the format"),
+            Self::StoreDamaged => f.write_str("a stored calibration is damaged"),
             Self::StoreFault => f.write_str("the calibration memory does not work"),
             Self::Released => f.write_str("axes at rest and controlled no longer"),
         }

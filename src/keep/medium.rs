@@ -1,32 +1,28 @@
-//! The memories that can hold a store. The bytes of an EEPROM can be written at any time. The words of a NOR flash can
+//! The memories that can hold records. The bytes of an EEPROM can be written at any time. The words of a NOR flash can
 //! be written once after their sector was erased.
 
-use super::record::SLOT_BYTES;
 use core::ops::Range;
 use embedded_storage::Storage;
 use embedded_storage::nor_flash::NorFlash;
 
-/// Largest number of slots of a store. Only a part of a larger memory is used.
-pub const MAX_SLOTS: usize = 64;
+/// Bytes that are erased at once in a memory without sectors: whole pages of every EEPROM.
+const BLANK: [u8; 128] = [0xff; 128];
 
-/// A memory as the store uses it: blocks of slots. A block is the smallest part that can be erased.
+/// A memory as stores and journals use it.
 pub trait Medium {
     /// What the memory reports when it fails.
     type Error;
-    /// Number of slots at the beginning of a block.
-    const SLOTS_PER_BLOCK: usize;
-    /// Distance from the beginning of a block to the beginning of the next block, bytes.
-    const BLOCK_BYTES: usize;
-    /// Whether a slot can be written only while it is blank.
-    const ERASES: bool;
+    /// The smallest part that can be erased, bytes. Bytes can then be written only while they are blank. `None` if any
+    /// byte can be written at any time.
+    const ERASE_BYTES: Option<usize>;
     /// Whether a failed read shows a damaged slot, such as a word that was half written and fails its error correction.
     /// If not, a failed read shows that the memory does not answer, and its content must not be overwritten.
     const READ_FAULT_IS_DAMAGE: bool;
 
-    /// Memory for all blocks, bytes.
+    /// Size of the memory, bytes.
     fn capacity(&self) -> usize;
 
-    /// Reads bytes from this address on. Address 0 is the beginning of the first block.
+    /// Reads bytes from this address on. Address and length are multiples of 32 bytes.
     ///
     /// # Errors
     /// The memory reports a fault.
@@ -38,22 +34,20 @@ pub trait Medium {
     /// The memory reports a fault.
     fn write(&mut self, address: u32, bytes: &[u8]) -> Result<(), Self::Error>;
 
-    /// Makes the block at this address blank.
+    /// Sets all bits of this many bytes. Address and length are multiples of [`Self::ERASE_BYTES`], or of 32 bytes.
     ///
     /// # Errors
     /// The memory reports a fault.
-    fn erase(&mut self, address: u32) -> Result<(), Self::Error>;
+    fn erase(&mut self, address: u32, length: usize) -> Result<(), Self::Error>;
 }
 
-/// Memory whose bytes can be written at any time. The store begins at its address 0.
+/// Memory whose bytes can be written at any time.
 #[derive(Clone, Debug)]
 pub struct Eeprom<S>(pub S);
 
 impl<S: Storage> Medium for Eeprom<S> {
     type Error = S::Error;
-    const SLOTS_PER_BLOCK: usize = 1;
-    const BLOCK_BYTES: usize = SLOT_BYTES;
-    const ERASES: bool = false;
+    const ERASE_BYTES: Option<usize> = None;
     const READ_FAULT_IS_DAMAGE: bool = false;
 
     fn capacity(&self) -> usize {
@@ -68,9 +62,14 @@ impl<S: Storage> Medium for Eeprom<S> {
         self.0.write(address, bytes)
     }
 
-    /// Sets all bits, as they were on delivery.
-    fn erase(&mut self, address: u32) -> Result<(), S::Error> {
-        self.0.write(address, &[0xff; SLOT_BYTES])
+    fn erase(&mut self, address: u32, length: usize) -> Result<(), S::Error> {
+        let (mut address, mut left) = (address, length);
+        while left > 0 {
+            let piece = left.min(BLANK.len());
+            self.0.write(address, BLANK.get(..piece).unwrap_or_default())?;
+            (address, left) = (address.wrapping_add(piece as u32), left - piece);
+        }
+        Ok(())
     }
 }
 
@@ -95,16 +94,11 @@ impl<F: NorFlash> Flash<F> {
 
 impl<F: NorFlash> Medium for Flash<F> {
     type Error = F::Error;
-    const SLOTS_PER_BLOCK: usize = {
-        assert!(SLOT_BYTES.is_multiple_of(F::WRITE_SIZE), "a slot is whole words");
-        assert!(32_usize.is_multiple_of(F::READ_SIZE), "slots are read by 32 bytes");
-        let slots = F::ERASE_SIZE / SLOT_BYTES;
-        assert!(slots > 0, "a sector holds a slot");
-        // At least two sectors: the newest record is kept in one while the other is erased.
-        if slots > MAX_SLOTS / 2 { MAX_SLOTS / 2 } else { slots }
+    const ERASE_BYTES: Option<usize> = {
+        assert!(32_usize.is_multiple_of(F::WRITE_SIZE), "records are written by 32 bytes");
+        assert!(32_usize.is_multiple_of(F::READ_SIZE), "records are read by 32 bytes");
+        Some(F::ERASE_SIZE)
     };
-    const BLOCK_BYTES: usize = F::ERASE_SIZE;
-    const ERASES: bool = true;
     const READ_FAULT_IS_DAMAGE: bool = true;
 
     fn capacity(&self) -> usize {
@@ -119,8 +113,8 @@ impl<F: NorFlash> Medium for Flash<F> {
         self.flash.write(self.range.start.wrapping_add(address), bytes)
     }
 
-    fn erase(&mut self, address: u32) -> Result<(), F::Error> {
+    fn erase(&mut self, address: u32, length: usize) -> Result<(), F::Error> {
         let start = self.range.start.wrapping_add(address);
-        self.flash.erase(start, start.wrapping_add(F::ERASE_SIZE as u32))
+        self.flash.erase(start, start.wrapping_add(length as u32))
     }
 }

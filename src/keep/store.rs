@@ -1,31 +1,27 @@
 //! The calibration store: a log of calibrations in non-volatile memory. The newest accepted calibration is safe
-//! whatever happens while the next calibration is written.
+//! whatever happens while the next calibration is written. [`slots`](super::slots) describes the log.
 //!
-//! ```text
-//! EEPROM      | slot | slot | slot | ...                       a slot is overwritten when its turn has come
-//! NOR flash   | slot slot slot ... | slot slot slot ... | ...  sectors; a sector is erased when the log enters it
-//! ```
-//! Records follow each other through all slots and then start again at the first slot. A save takes the slot after the
-//! newest record, writes the record and reads it back. If this fails, it takes the next slot. The newest accepted
-//! record is never overwritten or erased. Once [`HISTORY`] records have been written, at least as many are kept as long
-//! as the memory works. Memory that was never written has all bits set; it is empty, not damaged.
+//! Records of another version of the format count as records of the log: they are overwritten in their turn and not
+//! before. The newest accepted record is never overwritten or erased. Once [`HISTORY`] records have been written, at
+//! least as many are kept as long as the memory works. An [`erase`](CalibrationStore::erase) that was cut by a loss of
+//! power is completed by [`prepare`](CalibrationStore::prepare) at the next power-up.
+//!
+//! [`HISTORY`]: super::record::HISTORY
 //!
 //! The crate `sequential-storage` is not used, because one layout must serve EEPROM and NOR flash, and because every
 //! record is read back.
 
-use super::medium::{MAX_SLOTS, Medium};
-use super::record::{Damage, FORMAT_VERSION, SLOT_BYTES};
+use super::frame::{Damage, Frame};
+use super::medium::Medium;
+use super::record::{Calibrations, FORMAT_VERSION, MAX_SLOTS};
+use super::slots::{Change, Content, Kind, Position, Slots, StoreError, Tail};
 use crate::run::result::StoredCalibration;
 use heapless::Vec;
 
-/// Smallest number of records that are kept.
-pub const HISTORY: usize = 8;
-/// Largest number of rejected calibrations that are kept after the newest accepted one. More records would at some time
-/// need its place.
+/// Largest number of rejected calibrations in a row that are kept: the first ones after the newest accepted calibration,
+/// or the first ones of all if there is no accepted calibration. More records would at some time need the place of the
+/// accepted one, and a unit that is never accepted would wear out its memory.
 pub const REJECTED_IN_A_ROW: usize = 4;
-
-/// The memory is read in pieces of this length, bytes.
-const PIECE_BYTES: usize = 32;
 
 /// The content of the store.
 #[derive(Clone, Debug, PartialEq)]
@@ -38,49 +34,57 @@ pub enum Loaded {
     Found {
         /// The record.
         record: StoredCalibration,
-        /// The first damage. A record of newer software comes before all other damage.
+        /// The first damage. A record of newer software comes before it, an intact record of older software after it.
         damage: Option<Damage>,
     },
-    /// No accepted calibration can be read, and a slot is damaged.
+    /// No accepted calibration can be read, and a slot is damaged or holds a record of another version of the format.
     Corrupt {
-        /// The first damage. A record of newer software comes before all other damage.
+        /// The first damage. A record of newer software comes before it, an intact record of older software after it.
         damage: Damage,
     },
-}
-
-/// Why the store could not be read or written. The newest accepted record is intact in every case.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum StoreError<E> {
-    /// The memory reports a fault.
-    Memory(E),
-    /// The memory is too small. It has this number of bytes.
-    Capacity(usize),
-    /// The record does not fit in a slot.
-    Size,
-    /// No slot reads back as it was written or erased.
-    Worn,
-    /// The store has records of newer software, in this version of the format. Nothing is written until they are
-    /// erased.
-    Newer(u8),
-    /// The largest permitted number of rejected calibrations already follows the newest accepted one.
-    Rejected,
 }
 
 /// The state of one slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Slot {
     Empty,
-    Good { sequence: u32, accepted: bool },
+    /// An intact frame.
+    Frame {
+        sequence: u32,
+        holds: Holds,
+    },
     Damaged(Damage),
 }
 
-/// An intact record: its place and its sequence number.
+/// What an intact frame holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Holds {
+    Accepted,
+    Rejected,
+    /// Nothing: all records before it were erased.
+    Tombstone,
+    /// A record that cannot be read.
+    Unread(Damage),
+}
+
+impl Holds {
+    fn of(record: &StoredCalibration) -> Self {
+        if record.verdict.accepted() { Self::Accepted } else { Self::Rejected }
+    }
+
+    fn in_frame(frame: Frame, slot: &[u8]) -> Self {
+        if frame.is_tombstone() {
+            return Self::Tombstone;
+        }
+        record(frame, slot).map_or_else(Self::Unread, |record| Self::of(&record))
+    }
+}
+
+/// An intact frame.
 #[derive(Clone, Copy, Debug)]
-struct Good {
-    place: usize,
-    sequence: u32,
-    accepted: bool,
+struct Framed {
+    at: Position,
+    holds: Holds,
 }
 
 /// The store in a memory.
@@ -127,25 +131,25 @@ struct Good {
 /// ```
 #[derive(Debug)]
 pub struct CalibrationStore<M> {
-    memory: M,
+    slots: Slots<M, Calibrations>,
     /// State of every slot, as found at the first access and as written since then.
-    slots: Vec<Slot, MAX_SLOTS>,
+    states: Vec<Slot, MAX_SLOTS>,
 }
 
 impl<M: Medium> CalibrationStore<M> {
     /// The store in `memory`. The memory is not accessed yet.
     pub fn new(memory: M) -> Self {
-        Self { memory, slots: Vec::new() }
+        Self { slots: Slots::new(memory), states: Vec::new() }
     }
 
     /// The memory. The store sees bytes that were written directly only after the next [`Self::load`].
     pub fn memory(&mut self) -> &mut M {
-        &mut self.memory
+        &mut self.slots.memory
     }
 
     /// Returns the memory.
     pub fn release(self) -> M {
-        self.memory
+        self.slots.memory
     }
 
     /// Reads the newest accepted calibration.
@@ -160,7 +164,7 @@ impl<M: Medium> CalibrationStore<M> {
             return Ok(damage.map_or(Loaded::Empty, |damage| Loaded::Corrupt { damage }));
         };
         // The record was intact when the slots were inspected.
-        let (_, record) = self.read(newest.place)?.good().ok_or(StoreError::Worn)?;
+        let (_, record) = self.read(newest.at.place)?.ok_or(StoreError::Worn)?;
         Ok(Loaded::Found { record, damage })
     }
 
@@ -172,7 +176,7 @@ impl<M: Medium> CalibrationStore<M> {
     pub fn newest_record(&mut self) -> Result<Option<StoredCalibration>, StoreError<M::Error>> {
         self.scan_once()?;
         match self.newest_accepted() {
-            Some(newest) => Ok(self.read(newest.place)?.good().map(|(_, record)| record)),
+            Some(newest) => Ok(self.read(newest.at.place)?.map(|(_, record)| record)),
             None => Ok(None),
         }
     }
@@ -186,7 +190,7 @@ impl<M: Medium> CalibrationStore<M> {
     pub fn entry(&mut self, back: usize) -> Result<Option<(u32, StoredCalibration)>, StoreError<M::Error>> {
         self.scan_once()?;
         match self.place(back) {
-            Some(place) => Ok(self.read(place)?.good()),
+            Some(place) => self.read(place),
             None => Ok(None),
         }
     }
@@ -202,13 +206,19 @@ impl<M: Medium> CalibrationStore<M> {
 
     /// Number of damaged slots at the last inspection. Intact records of another version of the format are not counted.
     pub fn damaged(&self) -> usize {
-        self.damages().filter(|damage| !damage.is_other_version()).count()
+        self.damages().filter(|damage| damage.other_version().is_none()).count()
     }
 
     /// Number of intact records of another version of the format at the last inspection. This software cannot read
     /// them. It overwrites records of an older version when the log reaches them.
     pub fn other_versions(&self) -> usize {
-        self.damages().filter(|damage| damage.is_other_version()).count()
+        self.damages().filter_map(Damage::other_version).count()
+    }
+
+    /// The highest version of the format, a character, among the intact records of other versions at the last
+    /// inspection.
+    pub fn other_version(&self) -> Option<u8> {
+        self.damages().filter_map(Damage::other_version).max()
     }
 
     /// Appends a record. Returns the number of slots that failed before a slot took the record.
@@ -219,48 +229,32 @@ impl<M: Medium> CalibrationStore<M> {
     pub fn save(&mut self, record: &StoredCalibration) -> Result<usize, StoreError<M::Error>> {
         self.scan_once()?;
         self.refuse_newer()?;
-        let accepted = record.verdict.accepted();
-        if !accepted && self.rejected_in_a_row() >= REJECTED_IN_A_ROW {
+        let holds = Holds::of(record);
+        if holds == Holds::Rejected && self.rejected_in_a_row() >= REJECTED_IN_A_ROW {
             return Err(StoreError::Rejected);
         }
-        let (first, sequence) = self.next();
-        let mut buffer = [0; SLOT_BYTES];
-        let length = super::record::encode(&mut buffer, sequence, record).ok_or(StoreError::Size)?;
-        let image = buffer.get(..length.div_ceil(PIECE_BYTES) * PIECE_BYTES).ok_or(StoreError::Size)?;
-        let (mut failed, mut error) = (0, StoreError::Worn);
-        for ahead in 0..self.slots.len() {
-            let place = self.ahead(first, ahead);
-            match self.write(place, image) {
-                Ok(true) => {
-                    self.note(place, Slot::Good { sequence, accepted });
-                    return Ok(failed);
-                }
-                Ok(false) => {}
-                Err(fault) => {
-                    self.note(place, Slot::Damaged(Damage::Worn));
-                    (failed, error) = (failed + 1, fault);
-                }
-            }
-        }
-        Err(error)
+        let (tail, states) = (self.tail(), &mut self.states);
+        let (at, failed) = self.slots.append(&tail, record, &mut |place, change| note(states, place, change.into()))?;
+        note(&mut self.states, at.place, Slot::Frame { sequence: at.sequence, holds });
+        Ok(failed)
     }
 
-    /// Prepares the place of the next record. In flash this may need an erase, so call it at power-up, when no sample
-    /// waits.
+    /// Completes an erase that was cut by a loss of power, and prepares the place of the next record. In flash this may
+    /// need an erase, so call it at power-up, when no sample waits.
     ///
     /// # Errors
     /// The memory does not work or is too small, or no place can be prepared.
     #[inline(never)]
     pub fn prepare(&mut self) -> Result<(), StoreError<M::Error>> {
         self.scan_once()?;
-        self.refuse_newer()?;
-        let (first, _) = self.next();
-        for ahead in 0..self.slots.len() {
-            if self.is_ready(self.ahead(first, ahead))? {
-                return Ok(());
-            }
+        if self.tail().is_tombstone {
+            // If a part of the memory cannot be erased, the rest of it may still take a record.
+            let _ = self.erase();
+            self.scan_once()?;
         }
-        Err(StoreError::Worn)
+        self.refuse_newer()?;
+        let (tail, states) = (self.tail(), &mut self.states);
+        self.slots.prepare(&tail, 1, &mut |place, change| note(states, place, change.into()))
     }
 
     /// Erases everything, including records of newer software.
@@ -269,234 +263,146 @@ impl<M: Medium> CalibrationStore<M> {
     /// The memory does not work, is too small, or is not blank after the erase.
     #[inline(never)]
     pub fn erase(&mut self) -> Result<(), StoreError<M::Error>> {
-        let slots = self.slot_count()?;
-        self.slots.clear();
-        for place in (0..slots).step_by(M::SLOTS_PER_BLOCK) {
-            self.memory.erase(address::<M>(place)).map_err(StoreError::Memory)?;
-        }
-        self.scan()?;
-        let blank = self.slots.iter().all(|slot| *slot == Slot::Empty);
-        if blank { Ok(()) } else { Err(StoreError::Worn) }
+        // A memory that cannot be inspected is erased too.
+        let _ = self.scan();
+        let tail = self.tail();
+        self.states.clear();
+        self.slots.erase(&tail)
+    }
+
+    // --------------------------------------------------------------------------------------------------------- reading
+
+    fn scan_once(&mut self) -> Result<(), StoreError<M::Error>> {
+        if self.states.is_empty() { self.scan() } else { Ok(()) }
+    }
+
+    fn scan(&mut self) -> Result<(), StoreError<M::Error>> {
+        self.states.clear();
+        let mut states = Vec::new();
+        // `states` has room for every slot, so the push cannot fail.
+        self.slots.scan(|_, content, bytes| states.push(Slot::of(content, bytes)).unwrap_or_default())?;
+        self.states = states;
+        Ok(())
+    }
+
+    /// Sequence number and record of a slot that was intact when it was inspected; `None` if it no longer is.
+    fn read(&mut self, place: usize) -> Result<Option<(u32, StoredCalibration)>, StoreError<M::Error>> {
+        let mut slot = Calibrations::BLANK;
+        Ok(match self.slots.inspect(place, &mut slot)? {
+            Content::Frame(frame) => record(frame, &slot).ok().map(|record| (frame.sequence, record)),
+            Content::Blank | Content::Damaged(_) => None,
+        })
     }
 
     // --------------------------------------------------------------------------------------------------- what there is
 
-    /// Number of slots that fit into the memory.
-    fn slot_count(&self) -> Result<usize, StoreError<M::Error>> {
-        let capacity = self.memory.capacity();
-        let blocks = (capacity / M::BLOCK_BYTES).min(MAX_SLOTS / M::SLOTS_PER_BLOCK);
-        let slots = blocks * M::SLOTS_PER_BLOCK;
-        // The history must fit while one block is empty.
-        if slots < HISTORY + M::SLOTS_PER_BLOCK { Err(StoreError::Capacity(capacity)) } else { Ok(slots) }
-    }
-
-    fn scan_once(&mut self) -> Result<(), StoreError<M::Error>> {
-        if self.slots.is_empty() { self.scan() } else { Ok(()) }
-    }
-
-    fn scan(&mut self) -> Result<(), StoreError<M::Error>> {
-        let count = self.slot_count()?;
-        self.slots.clear();
-        let (mut slots, mut readable, mut fault) = (Vec::new(), false, None);
-        for place in 0..count {
-            let slot = match self.inspect(place) {
-                Ok(slot) => slot,
-                Err(error) if M::READ_FAULT_IS_DAMAGE => {
-                    fault = Some(error);
-                    Slot::Damaged(Damage::Unreadable)
-                }
-                Err(error) => return Err(error),
-            };
-            readable |= slot != Slot::Damaged(Damage::Unreadable);
-            // `slots` has room for every slot, so the push cannot fail.
-            let _ = slots.push(slot);
-        }
-        if let Some(fault) = fault
-            && !readable
-        {
-            return Err(fault);
-        }
-        self.slots = slots;
-        Ok(())
-    }
-
-    fn note(&mut self, place: usize, slot: Slot) {
-        if let Some(noted) = self.slots.get_mut(place) {
-            *noted = slot;
-        }
-    }
-
+    /// What keeps slots from being read.
     fn damages(&self) -> impl Iterator<Item = Damage> + '_ {
-        self.slots.iter().filter_map(|slot| match slot {
+        let damaged = self.states.iter().filter_map(|slot| match slot {
             Slot::Damaged(damage) => Some(*damage),
-            Slot::Empty | Slot::Good { .. } => None,
-        })
+            Slot::Empty | Slot::Frame { .. } => None,
+        });
+        damaged.chain(self.frames().filter_map(|frame| match frame.holds {
+            Holds::Unread(damage) => Some(damage),
+            Holds::Accepted | Holds::Rejected | Holds::Tombstone => None,
+        }))
     }
 
     fn damage(&self) -> Option<Damage> {
-        self.damages().find(|damage| damage.is_newer()).or_else(|| self.damages().next())
+        let newer = self.newer_version().map(Damage::Version);
+        newer
+            .or_else(|| self.damages().find(|damage| damage.other_version().is_none()))
+            .or_else(|| self.damages().next())
+    }
+
+    /// The version of a record of newer software.
+    fn newer_version(&self) -> Option<u8> {
+        self.damages().filter_map(Damage::other_version).find(|version| *version > FORMAT_VERSION)
     }
 
     fn refuse_newer(&self) -> Result<(), StoreError<M::Error>> {
-        match self.damage() {
-            Some(Damage::Version(version)) if version > FORMAT_VERSION => Err(StoreError::Newer(version)),
-            _ => Ok(()),
-        }
+        self.newer_version().map_or(Ok(()), |version| Err(StoreError::Newer(version)))
     }
 
-    fn good(&self) -> impl Iterator<Item = Good> + '_ {
-        (0..).zip(&self.slots).filter_map(|(place, slot)| match *slot {
-            Slot::Good { sequence, accepted } => Some(Good { place, sequence, accepted }),
+    /// The intact frames that were not erased, also those whose records cannot be read.
+    fn frames(&self) -> impl Iterator<Item = Framed> + '_ {
+        let tombstone = newest(self.all_frames().filter(|frame| frame.holds == Holds::Tombstone));
+        self.all_frames().filter(move |frame| !tombstone.is_some_and(|tombstone| tombstone.at.is_after(frame.at)))
+    }
+
+    fn all_frames(&self) -> impl Iterator<Item = Framed> + '_ {
+        (0..).zip(&self.states).filter_map(|(place, slot)| match *slot {
+            Slot::Frame { sequence, holds } => Some(Framed { at: Position { place, sequence }, holds }),
             Slot::Empty | Slot::Damaged(_) => None,
         })
     }
 
-    fn newest(&self) -> Option<Good> {
-        self.good().reduce(newer)
+    /// The records that can be read.
+    fn good(&self) -> impl Iterator<Item = Framed> + '_ {
+        self.frames().filter(|frame| matches!(frame.holds, Holds::Accepted | Holds::Rejected))
     }
 
-    fn newest_accepted(&self) -> Option<Good> {
-        self.good().filter(|good| good.accepted).reduce(newer)
+    fn newest_accepted(&self) -> Option<Framed> {
+        newest(self.frames().filter(|frame| frame.holds == Holds::Accepted))
     }
 
     /// Place of an entry of the history, 0 for the newest.
     fn place(&self, back: usize) -> Option<usize> {
-        let newest = self.newest()?.sequence;
-        let age = |good: &Good| newest.wrapping_sub(good.sequence);
-        let mut entry = self.newest()?;
+        let mut entry = newest(self.good())?;
+        let newest = entry.at.sequence;
+        let age = |good: &Framed| newest.wrapping_sub(good.at.sequence);
         for _ in 0..back {
             entry = self.good().filter(|good| age(good) > age(&entry)).min_by_key(age)?;
         }
-        Some(entry.place)
+        Some(entry.at.place)
     }
 
     fn rejected_in_a_row(&self) -> usize {
-        let Some(accepted) = self.newest_accepted() else { return 0 };
-        self.good().filter(|good| newer(accepted, *good).place != accepted.place).count()
+        let accepted = self.newest_accepted();
+        self.good().filter(|good| accepted.is_none_or(|accepted| good.at.is_after(accepted.at))).count()
     }
 
-    // -------------------------------------------------------------------------------------------------- where to write
-
-    /// The slot after the newest record, and the next sequence number. No slot that is unreadable at present has this
-    /// number.
-    fn next(&self) -> (usize, u32) {
-        let Some(newest) = self.newest() else { return (0, 0) };
-        let unreadable = self.slots.iter().filter(|slot| **slot == Slot::Damaged(Damage::Unreadable)).count();
-        (newest.place + 1, newest.sequence.wrapping_add(1 + unreadable as u32))
-    }
-
-    fn ahead(&self, first: usize, ahead: usize) -> usize {
-        let (place, count) = (first + ahead, self.slots.len());
-        if place < count { place } else { place - count }
-    }
-
-    /// Whether a write or an erase here would damage the newest accepted record.
-    fn is_protected(&self, place: usize, erasing: bool) -> bool {
-        let block = |place: usize| place / M::SLOTS_PER_BLOCK;
-        self.newest_accepted()
-            .is_some_and(|newest| if erasing { block(newest.place) == block(place) } else { newest.place == place })
-    }
-
-    /// Whether a slot may be written now. Erases a whole sector if the log enters it.
-    fn is_ready(&mut self, place: usize) -> Result<bool, StoreError<M::Error>> {
-        if self.is_protected(place, false) {
-            return Ok(false);
+    fn tail(&self) -> Tail {
+        let newest = newest(self.frames());
+        let unreadable = self.states.iter().filter(|slot| **slot == Slot::Damaged(Damage::Unreadable)).count();
+        Tail {
+            newest: newest.map(|newest| newest.at),
+            is_tombstone: newest.is_some_and(|newest| newest.holds == Holds::Tombstone),
+            kept: self.newest_accepted().map(|newest| newest.at),
+            unreadable: unreadable as u32,
         }
-        if !M::ERASES {
-            return Ok(true);
-        }
-        let block = place..place + M::SLOTS_PER_BLOCK;
-        let entering = place.is_multiple_of(M::SLOTS_PER_BLOCK) && !self.is_protected(place, true);
-        if entering && !block.clone().all(|place| self.is_blank(place)) {
-            self.memory.erase(address::<M>(place)).map_err(StoreError::Memory)?;
-            block.for_each(|place| self.note(place, Slot::Empty));
-        }
-        Ok(self.is_blank(place))
-    }
-
-    // ---------------------------------------------------------------------------------------------------------- access
-
-    /// Writes a slot and reads it back. Returns `false`, without a write, if the slot is not ready.
-    fn write(&mut self, place: usize, image: &[u8]) -> Result<bool, StoreError<M::Error>> {
-        if !self.is_ready(place)? {
-            return Ok(false);
-        }
-        let mut address = address::<M>(place);
-        self.memory.write(address, image).map_err(StoreError::Memory)?;
-        for written in image.as_chunks::<PIECE_BYTES>().0 {
-            let mut read = [0; PIECE_BYTES];
-            self.memory.read(address, &mut read).map_err(StoreError::Memory)?;
-            if read != *written {
-                return Err(StoreError::Worn);
-            }
-            address += PIECE_BYTES as u32;
-        }
-        Ok(true)
-    }
-
-    fn is_blank(&mut self, place: usize) -> bool {
-        let address = address::<M>(place);
-        (0..SLOT_BYTES as u32).step_by(PIECE_BYTES).all(|offset| {
-            let mut piece = [0; PIECE_BYTES];
-            self.memory.read(address + offset, &mut piece).is_ok() && piece == [0xff; PIECE_BYTES]
-        })
-    }
-
-    /// The state of a slot. A slot that seems damaged is read again, because the transfer may have been disturbed.
-    fn inspect(&mut self, place: usize) -> Result<Slot, StoreError<M::Error>> {
-        match self.read(place)?.slot() {
-            Slot::Damaged(_) => Ok(self.read(place)?.slot()),
-            found => Ok(found),
-        }
-    }
-
-    /// Reads as much of a slot as its header claims.
-    fn read(&mut self, place: usize) -> Result<Content, StoreError<M::Error>> {
-        let address = address::<M>(place);
-        let mut buffer = [0xff; SLOT_BYTES];
-        let Some((head, rest)) = buffer.split_first_chunk_mut::<PIECE_BYTES>() else { return Ok(Content::Blank) };
-        self.memory.read(address, head).map_err(StoreError::Memory)?;
-        if *head == [0xff; PIECE_BYTES] {
-            return Ok(Content::Blank);
-        }
-        // If the length is not possible, nothing more is read, and decoding reports the length.
-        let more =
-            super::record::used_bytes(head).map_or(0, |used| used.div_ceil(PIECE_BYTES) * PIECE_BYTES - PIECE_BYTES);
-        let rest = rest.get_mut(..more).unwrap_or_default();
-        self.memory.read(address + PIECE_BYTES as u32, rest).map_err(StoreError::Memory)?;
-        Ok(super::record::decode(&buffer)
-            .map_or_else(Content::Damaged, |(sequence, record)| Content::Good(sequence, record)))
     }
 }
 
-/// The content of a slot.
-#[expect(clippy::large_enum_variant, reason = "there is no heap to box the record on")]
-enum Content {
-    Blank,
-    Damaged(Damage),
-    Good(u32, StoredCalibration),
-}
-
-impl Content {
-    fn slot(&self) -> Slot {
-        match self {
-            Self::Blank => Slot::Empty,
-            Self::Damaged(damage) => Slot::Damaged(*damage),
-            Self::Good(sequence, record) => Slot::Good { sequence: *sequence, accepted: record.verdict.accepted() },
+impl Slot {
+    fn of(content: Content, bytes: &[u8]) -> Self {
+        match content {
+            Content::Blank => Self::Empty,
+            Content::Frame(frame) => Self::Frame { sequence: frame.sequence, holds: Holds::in_frame(frame, bytes) },
+            Content::Damaged(damage) => Self::Damaged(damage),
         }
     }
+}
 
-    fn good(self) -> Option<(u32, StoredCalibration)> {
-        if let Self::Good(sequence, record) = self { Some((sequence, record)) } else { None }
+impl From<Change> for Slot {
+    fn from(change: Change) -> Self {
+        match change {
+            Change::Blanked => Self::Empty,
+            Change::Failed => Self::Damaged(Damage::Worn),
+        }
     }
 }
 
-/// The newer of two records: the one whose sequence number is ahead. The number wraps.
-fn newer(first: Good, second: Good) -> Good {
-    if second.sequence.wrapping_sub(first.sequence).cast_signed() > 0 { second } else { first }
+fn note(states: &mut [Slot], place: usize, slot: Slot) {
+    if let Some(noted) = states.get_mut(place) {
+        *noted = slot;
+    }
 }
 
-fn address<M: Medium>(place: usize) -> u32 {
-    let (block, slot) = (place / M::SLOTS_PER_BLOCK, place % M::SLOTS_PER_BLOCK);
-    (block * M::BLOCK_BYTES + slot * SLOT_BYTES) as u32
+fn record(frame: Frame, slot: &[u8]) -> Result<StoredCalibration, Damage> {
+    Calibrations::decode(frame.version, frame.payload(slot))
+}
+
+fn newest(frames: impl Iterator<Item = Framed>) -> Option<Framed> {
+    frames.reduce(|first, second| if second.at.is_after(first.at) { second } else { first })
 }

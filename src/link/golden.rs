@@ -217,7 +217,8 @@ fn the_bytes_of_every_message_are_these() {
         SegmentInnovations { segment: 300, normalized: [Some(1.5), None, Some(2.5), None, Some(3.5), Some(4.5)] };
     let progress = Progress { segments: 7, kind: SegmentKind::Move, end_us: 5_000_000, estimate: estimate() };
     check_bytes(table! { Message:
-        Message::Store { .. } => Message::Store { found: true, damaged: false, fault: true }, "00 01 00 01";
+        Message::Store { .. } =>
+            Message::Store { found: true, damaged: false, fault: true, other_version: Some(b'3') }, "00 01 00 01 01 33";
         Message::Decided(_) => Message::Decided(Decision::UseStored(Cause::WithinLimits)), "01 01 03";
         Message::Released => Message::Released, "02";
         Message::Refused(_) => Message::Refused(ConfigError::Rate), "03 00";

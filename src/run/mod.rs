@@ -12,3 +12,4 @@ pub mod self_calibration;
 pub mod sequencer;
 pub mod state;
 pub mod telemetry;
+pub mod unit;

@@ -37,10 +37,13 @@ pub enum Message {
     Store {
         /// An intact record was found.
         found: bool,
-        /// A slot is damaged, or holds a record of another version of the format.
+        /// A slot is damaged. An intact record of another version of the format is no damage.
         damaged: bool,
         /// The memory does not answer, or is too small.
         fault: bool,
+        /// The highest version of the format, a character, among the records that are intact and that this software
+        /// cannot read.
+        other_version: Option<u8>,
     },
     /// The decision at power-up or on command, and its reason.
     Decided(Decision),

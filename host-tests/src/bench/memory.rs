@@ -18,16 +18,22 @@ pub enum Torn {
     Done,
     /// The first half is new: of the bytes, or of the bits of a single byte.
     Half,
+    /// The last half is new.
+    LastHalf,
     /// Random bits.
     Random,
     /// In an EEPROM the whole page that is programmed at once is random. In a flash the words cannot be read, because
     /// their error correction fails.
     Lost,
+    /// Each piece of a kilobyte of a flash is by itself old, new or unreadable, at random. A single byte has random
+    /// bits.
+    Patchy,
 }
 
 impl Torn {
     /// All states.
-    pub const ALL: [Self; 5] = [Self::Untouched, Self::Done, Self::Half, Self::Random, Self::Lost];
+    pub const ALL: [Self; 7] =
+        [Self::Untouched, Self::Done, Self::Half, Self::LastHalf, Self::Random, Self::Lost, Self::Patchy];
 }
 
 /// Fault of a virtual memory.
@@ -75,6 +81,12 @@ impl Power {
         self.on();
         self.cut = Some((steps, torn));
         self.random = Xoshiro256PlusPlus::seed_from_u64(steps as u64);
+    }
+
+    /// As [`Self::cut_after`], with other random numbers for each `seed`.
+    pub fn cut_at_random(&mut self, steps: usize, torn: Torn, seed: u64) {
+        self.cut_after(steps, torn);
+        self.random = Xoshiro256PlusPlus::seed_from_u64(seed);
     }
 
     /// Powers up without a later cut.
@@ -129,7 +141,8 @@ impl VirtualEeprom {
             Torn::Untouched => {}
             Torn::Done => self.bytes[address] = byte,
             Torn::Half => self.bytes[address] = self.bytes[address] & 0x0f | byte & 0xf0,
-            Torn::Random => self.power.random.fill_bytes(&mut self.bytes[address..=address]),
+            Torn::LastHalf => self.bytes[address] = self.bytes[address] & 0xf0 | byte & 0x0f,
+            Torn::Random | Torn::Patchy => self.power.random.fill_bytes(&mut self.bytes[address..=address]),
             Torn::Lost => {
                 let page = address - address % Self::PAGE_BYTES;
                 self.power.random.fill_bytes(&mut self.bytes[page..page + Self::PAGE_BYTES]);
@@ -174,6 +187,9 @@ impl Storage for VirtualEeprom {
     }
 }
 
+/// Length of the pieces of [`Torn::Patchy`], bytes.
+const PATCH_BYTES: usize = 1024;
+
 /// A NOR flash with words of `WORD` bytes in sectors of `SECTOR` bytes. A word may be written once after each erase of
 /// its sector. Code that breaks this rule panics and so fails the test.
 #[derive(Clone, Debug)]
@@ -213,22 +229,54 @@ impl<const WORD: usize, const SECTOR: usize> VirtualFlash<WORD, SECTOR> {
         bytes.start / WORD..bytes.end / WORD
     }
 
-    /// Leaves a range in a state between the old and the new content. Words that then read as blank can be written.
+    /// Leaves a range in a state between the old and the new content.
     fn tear(&mut self, range: Range<usize>, wanted: &[u8], torn: Torn) {
-        let words = Self::words(&range);
-        let done = match torn {
+        let (half, whole) = (wanted.len() / 2, wanted.len());
+        match torn {
             Torn::Untouched => return,
-            Torn::Done => wanted.len(),
-            Torn::Half | Torn::Random | Torn::Lost => wanted.len() / 2,
-        };
-        self.bytes[range.clone()][..done].copy_from_slice(&wanted[..done]);
-        if torn == Torn::Random {
-            self.power.random.fill_bytes(&mut self.bytes[range.clone()]);
+            Torn::Done => self.put(&range, wanted, 0..whole),
+            Torn::Half => self.put(&range, wanted, 0..half),
+            Torn::LastHalf => self.put(&range, wanted, half..whole),
+            Torn::Random => self.power.random.fill_bytes(&mut self.bytes[range.clone()]),
+            Torn::Lost => {
+                self.put(&range, wanted, 0..half);
+                self.unreadable[Self::words(&range)].fill(true);
+                return;
+            }
+            Torn::Patchy => {
+                for start in (0..whole).step_by(PATCH_BYTES) {
+                    self.tear_patch(&range, wanted, start..whole.min(start + PATCH_BYTES));
+                }
+                return;
+            }
         }
-        for (written, word) in self.written[words.clone()].iter_mut().zip(self.bytes[range].chunks(WORD)) {
+        self.unreadable[Self::words(&range)].fill(false);
+    }
+
+    /// Leaves a part of a range old, new or unreadable, at random.
+    fn tear_patch(&mut self, range: &Range<usize>, wanted: &[u8], part: Range<usize>) {
+        let words = Self::words(&(range.start + part.start..range.start + part.end));
+        match self.power.random.next_u32() % 3 {
+            0 => {}
+            1 => {
+                self.put(range, wanted, part);
+                self.unreadable[words].fill(false);
+            }
+            _ => self.unreadable[words].fill(true),
+        }
+    }
+
+    /// Gives a part of a range its new content.
+    fn put(&mut self, range: &Range<usize>, wanted: &[u8], part: Range<usize>) {
+        self.bytes[range.clone()][part.clone()].copy_from_slice(&wanted[part]);
+    }
+
+    /// Words that read as blank can be written.
+    fn renew_written(&mut self, range: Range<usize>) {
+        let words = self.written[Self::words(&range)].iter_mut();
+        for (written, word) in words.zip(self.bytes[range].chunks(WORD)) {
             *written = word.iter().any(|byte| *byte != 0xff);
         }
-        self.unreadable[words].fill(torn == Torn::Lost);
     }
 }
 
@@ -266,7 +314,8 @@ impl<const WORD: usize, const SECTOR: usize> NorFlash for VirtualFlash<WORD, SEC
         for start in (from as usize..to as usize).step_by(SECTOR) {
             let range = start..start + SECTOR;
             if let Some(torn) = self.power.step()? {
-                self.tear(range, &[0xff; SECTOR], torn);
+                self.tear(range.clone(), &[0xff; SECTOR], torn);
+                self.renew_written(range);
                 return Err(MemoryFault::PowerOff);
             }
             self.erases += 1;
@@ -286,7 +335,8 @@ impl<const WORD: usize, const SECTOR: usize> NorFlash for VirtualFlash<WORD, SEC
             let blank = self.bytes[range.clone()].iter().all(|byte| *byte == 0xff);
             assert!(blank && !self.written[start / WORD], "the word at {start:#x} is written without an erase");
             if let Some(torn) = self.power.step()? {
-                self.tear(range, word, torn);
+                self.tear(range.clone(), word, torn);
+                self.renew_written(range);
                 return Err(MemoryFault::PowerOff);
             }
             self.bytes[range].copy_from_slice(word);

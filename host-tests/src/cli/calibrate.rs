@@ -268,10 +268,13 @@ impl<'a> Live<'a> {
             Message::Segment(segment) => *self.known.borrow_mut() = worst(segment),
             Message::Decided(decision) => self.progress.suspend(|| sayln!("power-up: {decision}")),
             Message::Fault(fault) => self.progress.warn(&format!("fault: {fault}")),
-            Message::Store { damaged: true, .. } => {
-                self.progress.warn("store: a record is damaged or in another version of the format")
-            }
             Message::Store { fault: true, .. } => self.progress.warn("store: the memory does not answer"),
+            Message::Store { damaged: true, .. } => self.progress.warn("store: a record is damaged"),
+            Message::Store { other_version: Some(version), .. } => {
+                let format = char::from(*version);
+                self.progress
+                    .warn(&format!("store: there are records of format {format}, which this software does not read"));
+            }
             Message::Saved(false) => self.progress.warn("store: the calibration could not be stored"),
             _ => return,
         }

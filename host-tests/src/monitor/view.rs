@@ -237,7 +237,13 @@ fn warning(message: &Message) -> Option<String> {
         Message::Store { fault: true, .. } => Some("the calibration memory does not work".into()),
         Message::Store { damaged: true, found, .. } => {
             let rest = if *found { "an older calibration is used" } else { "there is no intact calibration" };
-            Some(format!("a stored calibration is damaged or in another version of the format; {rest}"))
+            Some(format!("a stored calibration is damaged; {rest}"))
+        }
+        Message::Store { other_version: Some(version), .. } => {
+            let format = char::from(*version);
+            Some(format!(
+                "there are stored calibrations of format {format}, which the instrument's software does not read"
+            ))
         }
         Message::Released => Some("the axes are brought to rest, and then no longer controlled".into()),
         Message::Fault(fault) => Some(fault.to_string()),

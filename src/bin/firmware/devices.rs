@@ -15,6 +15,8 @@ use rins_selfcal::instrument::{
     Archive, Axes, CorrectedSink, Events, FoundRecord, SerialLine, Surroundings, Telemetry,
 };
 use rins_selfcal::keep::black_box::{Entry, Event};
+use rins_selfcal::keep::slots::StoreError;
+use rins_selfcal::keep::store::REJECTED_IN_A_ROW;
 use rins_selfcal::link::{Link, Refusal};
 use rins_selfcal::run::result::StoredCalibration;
 use rins_selfcal::run::state::State;
@@ -153,6 +155,12 @@ impl<B: Board> Archive for Devices<'_, B> {
             Ok(failed) => {
                 defmt::warn!("{=usize} slots of the store did not take the record; the next slot did", *failed)
             }
+            Err(StoreError::Rejected) => {
+                defmt::info!(
+                    "the rejected run is not stored: only the first {=usize} in a row are kept",
+                    REJECTED_IN_A_ROW
+                )
+            }
             Err(_) => defmt::warn!("the record cannot be stored"),
         }
         span.put_aside();
@@ -178,12 +186,21 @@ fn log(message: &Message) {
         Message::State { time_us, state, .. } => {
             defmt::info!("{=u64:us}: {}", *time_us, defmt::Display2Format(state));
         }
-        Message::Store { found, damaged, fault } => defmt::info!(
-            "calibration in store: {=bool}, a slot damaged: {=bool}, memory at fault: {=bool}",
-            *found,
-            *damaged,
-            *fault
-        ),
+        Message::Store { found, damaged, fault, other_version } => {
+            defmt::info!(
+                "calibration in store: {=bool}, a slot damaged: {=bool}, memory at fault: {=bool}",
+                *found,
+                *damaged,
+                *fault
+            );
+            if let Some(version) = other_version {
+                let version = char::from(*version);
+                defmt::info!(
+                    "the store has intact calibrations of format {=char}, which this software does not read",
+                    version
+                );
+            }
+        }
         Message::Refused(error) => defmt::error!("the configuration was refused: {}", defmt::Display2Format(error)),
         Message::Decided(decision) => defmt::info!("{}", defmt::Display2Format(decision)),
         Message::Solved { solution, .. } => defmt::info!(

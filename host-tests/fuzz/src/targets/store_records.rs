@@ -5,7 +5,8 @@ use super::stable_bytes;
 use crate::reference::crc_32;
 use crate::source::Source;
 use crate::target::{Claim, Outcome, Target, digest};
-use rins_selfcal::keep::record::{Damage, SLOT_BYTES, decode, encode};
+use rins_selfcal::keep::frame::Damage;
+use rins_selfcal::keep::record::{SLOT_BYTES, decode, encode};
 
 const HEADER_BYTES: usize = 12;
 const CRC_BYTES: usize = 4;

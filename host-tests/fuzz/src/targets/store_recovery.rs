@@ -8,7 +8,8 @@ use crate::target::{Claim, Outcome, Target};
 use host_tests::bench::memory::VirtualEeprom;
 use rins_selfcal::keep::medium::Eeprom;
 use rins_selfcal::keep::record::{SLOT_BYTES, decode};
-use rins_selfcal::keep::store::{CalibrationStore, Loaded, StoreError};
+use rins_selfcal::keep::slots::StoreError;
+use rins_selfcal::keep::store::{CalibrationStore, Loaded};
 use rins_selfcal::run::result::{StoredCalibration, StoredVerdict};
 use rins_selfcal::verdict::{Reason, Verdict};
 
