@@ -19,7 +19,11 @@ mod logged;
 mod main_loop;
 mod recording;
 mod surroundings;
+mod unit_memory;
 
 pub use main_loop::Instrument;
 pub use recording::Recording;
-pub use surroundings::{Archive, Axes, CorrectedSink, Events, FoundRecord, SerialLine, Surroundings, Telemetry};
+pub use surroundings::{
+    Archive, Axes, CorrectedSink, Events, FoundConfiguration, FoundRecord, SerialLine, Surroundings, Telemetry,
+};
+pub use unit_memory::UnitMemory;

@@ -10,12 +10,14 @@ use crate::gimbal::axis::AxisLimits;
 use crate::gimbal::servo::MotorAndLoad;
 use crate::gimbal::{GimbalStatus, MotionCommand};
 use crate::keep::black_box::{Entry, Event};
+use crate::keep::mark::Mark;
 use crate::keep::medium::Medium;
 use crate::keep::store::{CalibrationStore, Loaded};
 use crate::link::{Link, Refusal};
 use crate::run::result::StoredCalibration;
 use crate::run::state::State;
 use crate::run::telemetry::Message;
+use crate::run::unit::UnitConfiguration;
 
 /// The user of the corrected samples: the navigation software, or a recorder.
 pub trait CorrectedSink<T: Real> {
@@ -52,7 +54,22 @@ pub struct FoundRecord {
     pub writable: bool,
 }
 
-/// Calibrations in non-volatile memory.
+/// The configuration of the unit in the archive.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct FoundConfiguration {
+    /// The newest configuration, if it is intact and this software can read it.
+    pub configuration: Option<UnitConfiguration>,
+    /// Whether a newer configuration may be lost, because a slot of the memory is damaged.
+    pub damaged: bool,
+    /// The version of the format, a character, of the newest configuration if this software cannot read it.
+    pub other_version: Option<u8>,
+    /// Whether the memory does not answer, or is too small.
+    pub fault: bool,
+}
+
+/// What an instrument keeps in non-volatile memory: calibrations, and, if the board has a memory for them, the
+/// configuration of the unit and marks of motion. By default there is no such memory.
 pub trait Archive {
     /// Looks for the calibration to use, and prepares the memory for the next record. Called once, at power-up, when no
     /// sample is waiting.
@@ -78,6 +95,40 @@ pub trait Archive {
     /// # Errors
     /// [`Refusal::Memory`]: the memory does not work.
     fn erase(&mut self) -> Result<(), Refusal>;
+
+    /// The configuration of the unit.
+    fn configuration(&mut self) -> FoundConfiguration {
+        FoundConfiguration::default()
+    }
+
+    /// Stores the configuration of the unit. Call it only while the gimbal is at rest, because an erase may take seconds.
+    ///
+    /// # Errors
+    /// [`Refusal::Memory`]: the memory does not work, and the earlier configuration stays. [`Refusal::Nothing`]: there is
+    /// no such memory.
+    fn configure(&mut self, _configuration: &UnitConfiguration) -> Result<(), Refusal> {
+        Err(Refusal::Nothing)
+    }
+
+    /// Erases the configuration of the unit. Call it only while the gimbal is at rest.
+    ///
+    /// # Errors
+    /// [`Refusal::Memory`]: the memory does not work. [`Refusal::Nothing`]: there is no such memory.
+    fn erase_configuration(&mut self) -> Result<(), Refusal> {
+        Err(Refusal::Nothing)
+    }
+
+    /// Stores a mark of motion. Returns whether it is stored. If not, [`Self::last_mark`] may still give the mark before:
+    /// [`Mark::Moving`] must be stored before anything moves.
+    fn mark(&mut self, _mark: Mark) -> bool {
+        false
+    }
+
+    /// The last mark of motion; `None` if nothing was ever marked, or if there is no such memory. If a newer mark may be
+    /// lost, the answer is [`Mark::Moving`].
+    fn last_mark(&mut self) -> Option<Mark> {
+        None
+    }
 }
 
 impl<M: Medium> Archive for CalibrationStore<M> {

@@ -5,7 +5,7 @@
 //! CalibrationStore    Journal<Configurations>    Journal<Marks>       what is kept, in memories or partitions of their own
 //!        '------------------ slots --------------------'              the log, its search, its erase
 //!                            frame                                    letters, version, sequence number, CRC
-//!                            medium                                   EEPROM or NOR flash
+//!                            medium, partition                        EEPROM or NOR flash
 //! ```
 
 pub mod black_box;
@@ -15,6 +15,7 @@ pub mod journal;
 pub mod liveness;
 pub mod mark;
 pub mod medium;
+pub mod partition;
 pub mod record;
 pub mod slots;
 pub mod store;

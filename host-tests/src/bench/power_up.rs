@@ -21,9 +21,11 @@ use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::gimbal::servo::MotorAndLoad;
 use rins_selfcal::gimbal::{Gimbal, GimbalStatus, MotionCommand};
 use rins_selfcal::instrument::{
-    Archive, Axes, CorrectedSink, Events, FoundRecord, Instrument, Recording, SerialLine, Surroundings, Telemetry,
+    Archive, Axes, CorrectedSink, Events, FoundConfiguration, FoundRecord, Instrument, Recording, SerialLine,
+    Surroundings, Telemetry,
 };
 use rins_selfcal::keep::black_box::{Entry, Event};
+use rins_selfcal::keep::mark::Mark;
 use rins_selfcal::link::{Link, Refusal};
 use rins_selfcal::run::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::run::calibrator::Calibrator;
@@ -31,6 +33,7 @@ use rins_selfcal::run::config::CalibratorConfig;
 use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig};
 use rins_selfcal::run::result::StoredCalibration;
 use rins_selfcal::run::telemetry::Message;
+use rins_selfcal::run::unit::UnitConfiguration;
 use std::cell::{Cell, RefCell};
 use std::path::Path;
 use std::rc::Rc;
@@ -92,6 +95,10 @@ pub struct Memory {
     pub history: Vec<StoredCalibration>,
     /// All events, oldest first.
     pub events: Vec<Entry>,
+    /// The configuration of the unit.
+    pub configuration: Option<UnitConfiguration>,
+    /// The last mark of motion.
+    pub mark: Option<Mark>,
 }
 
 impl Archive for Memory {
@@ -119,6 +126,29 @@ impl Archive for Memory {
     fn erase(&mut self) -> Result<(), Refusal> {
         (self.stored, self.history) = (None, Vec::new());
         Ok(())
+    }
+
+    fn configuration(&mut self) -> FoundConfiguration {
+        FoundConfiguration { configuration: self.configuration.clone(), ..FoundConfiguration::default() }
+    }
+
+    fn configure(&mut self, configuration: &UnitConfiguration) -> Result<(), Refusal> {
+        self.configuration = Some(configuration.clone());
+        Ok(())
+    }
+
+    fn erase_configuration(&mut self) -> Result<(), Refusal> {
+        self.configuration = None;
+        Ok(())
+    }
+
+    fn mark(&mut self, mark: Mark) -> bool {
+        self.mark = Some(mark);
+        true
+    }
+
+    fn last_mark(&mut self) -> Option<Mark> {
+        self.mark
     }
 }
 

@@ -2,23 +2,29 @@
 //! cases.
 
 use super::{Internal, Pages, Serial, Virtual, framed_as};
-use host_tests::bench::memory::{MemoryFault, Torn, VirtualEeprom};
+use host_tests::bench::memory::{MemoryFault, Torn, VirtualEeprom, VirtualFlash};
 use rayon::prelude::*;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::site::Site;
 use rins_selfcal::estimator::HeadingSource;
+use rins_selfcal::instrument::{Archive, FoundConfiguration, FoundRecord, UnitMemory};
 use rins_selfcal::keep::configuration::{CONFIGURATION_BYTES, Configurations};
 use rins_selfcal::keep::frame::Damage;
 use rins_selfcal::keep::journal::{Journal, Latest};
 use rins_selfcal::keep::mark::{MARK_BYTES, MARKS_AHEAD, Mark, Marks};
-use rins_selfcal::keep::medium::Eeprom;
+use rins_selfcal::keep::medium::{Eeprom, Flash};
+use rins_selfcal::keep::partition::Layout;
 use rins_selfcal::keep::slots::{Kind, StoreError};
+use rins_selfcal::keep::store::CalibrationStore;
+use rins_selfcal::link::Refusal;
 use rins_selfcal::run::assignment::Assignment;
 use rins_selfcal::run::config::SelfCalibrationConfig;
 use rins_selfcal::run::policy::PowerUpPolicy;
 use rins_selfcal::run::unit::{UnitConfiguration, UnitName};
 use rins_selfcal::scheme::{Leg, MAX_LEGS, Scheme};
+use std::cell::RefCell;
 use std::fmt::Debug;
+use std::ops::Range;
 
 /// A kind of record with examples.
 trait Example: Kind<Record: PartialEq + Debug + Sync> + Sync {
@@ -401,6 +407,90 @@ fn marks_wear_out_neither_flash_nor_eeprom() {
     }
     println!("erases of two sectors in 10 000 runs: {erases}, of which {erases_in_runs} in a run");
     assert!((7..=10).contains(&erases) && erases_in_runs == 0);
+}
+
+// ------------------------------------------------------------------------------------------------- all in one memory
+
+/// What the three kinds of records do to each other in one memory: nothing.
+#[test]
+fn each_kind_of_record_has_its_own_part_of_the_memory() {
+    fn check<M: Virtual>(memory: M, layout: &Layout, per_kind: u32) {
+        let memory = RefCell::new(memory);
+        let bytes = |range: &Range<u32>| {
+            (range.start..range.end)
+                .step_by(32)
+                .map(|at| {
+                    let mut piece = [0; 32];
+                    memory.borrow_mut().read(at, &mut piece).unwrap();
+                    piece
+                })
+                .collect::<Vec<_>>()
+        };
+        let mut unit = UnitMemory::new(&memory, layout.clone());
+        assert_eq!(unit.power_up(), FoundRecord { writable: true, ..FoundRecord::default() });
+        for number in 0..per_kind {
+            assert!(unit.save(&super::record(number)) && unit.mark(Marks::record(number)));
+            assert_eq!(unit.configure(&Configurations::record(number)), Ok(()));
+        }
+        let newest = Configurations::record(per_kind - 1);
+        let read_again = || {
+            let mut unit = UnitMemory::new(&memory, layout.clone());
+            (unit.power_up().record, unit.configuration(), unit.last_mark())
+        };
+        let found = |configuration| FoundConfiguration { configuration, ..FoundConfiguration::default() };
+        let (record, mark) = (Some(super::record(per_kind - 1)), Some(Marks::record(per_kind - 1)));
+        assert_eq!(read_again(), (record, found(Some(newest.clone())), mark));
+        let [calibrations, configuration, marks] =
+            [&layout.calibrations, &layout.configuration, &layout.marks].map(&bytes);
+        assert_eq!(unit.erase(), Ok(()));
+        assert_eq!(read_again(), (None, found(Some(newest)), mark));
+        assert!(bytes(&layout.configuration) == configuration && bytes(&layout.marks) == marks);
+        assert!(bytes(&layout.calibrations) != calibrations);
+        assert!(unit.save(&super::record(1)));
+        let calibrations = bytes(&layout.calibrations);
+        assert_eq!(unit.erase_configuration(), Ok(()));
+        assert_eq!(read_again(), (Some(super::record(1)), found(None), mark));
+        assert!(bytes(&layout.calibrations) == calibrations && bytes(&layout.marks) == marks);
+    }
+    let sectors = |first: u32| first * 131_072..(first + 2) * 131_072;
+    let flash = VirtualFlash::<32, 131_072>::blank(6);
+    let layout = Layout { calibrations: sectors(4), configuration: sectors(2), marks: sectors(0) };
+    check(Flash::new(flash, sectors(0).start..sectors(4).end), &layout, 100);
+    check(eeprom(16_384), &Layout::EEPROM_16_KIB, 50);
+}
+
+/// The memory of a board that keeps calibrations only.
+#[test]
+fn a_calibration_store_alone_keeps_neither_configuration_nor_marks() {
+    let mut store = CalibrationStore::new(eeprom(8192));
+    assert_eq!(store.configuration(), FoundConfiguration::default());
+    assert_eq!(store.configure(&Configurations::record(0)), Err(Refusal::Nothing));
+    assert_eq!(store.erase_configuration(), Err(Refusal::Nothing));
+    assert!(!store.mark(Mark::Moving));
+    assert_eq!(store.last_mark(), None);
+}
+
+#[test]
+fn a_configuration_tells_damage_another_version_and_a_fault_apart() {
+    let told = |spoil: &dyn Fn(&mut Pages)| {
+        let memory = RefCell::new(eeprom(16_384));
+        let mut unit = UnitMemory::new(&memory, Layout::EEPROM_16_KIB);
+        (0..2).for_each(|number| assert_eq!(unit.configure(&Configurations::record(number)), Ok(())));
+        spoil(&mut memory.borrow_mut());
+        let FoundConfiguration { configuration, damaged, other_version, fault } =
+            UnitMemory::new(&memory, Layout::EEPROM_16_KIB).configuration();
+        (configuration, damaged, other_version, fault)
+    };
+    let second = 8192 + CONFIGURATION_BYTES;
+    let [older, newest] = [0, 1].map(Configurations::record);
+    assert_eq!(told(&|_| ()), (Some(newest), false, None, false));
+    assert_eq!(told(&|memory| memory.bytes()[second + 40] ^= 1), (Some(older), true, None, false));
+    let newer = framed_as(*b"RSU", b'2', 1, &[7; 9]);
+    assert_eq!(
+        told(&|memory| memory.bytes()[second..second + newer.len()].copy_from_slice(&newer)),
+        (None, false, Some(b'2'), false)
+    );
+    assert_eq!(told(&|memory| memory.bytes().truncate(8192)), (None, false, None, true));
 }
 
 // -------------------------------------------------------------------------------------------------------------- formats
