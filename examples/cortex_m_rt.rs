@@ -24,8 +24,11 @@ use rins_selfcal::base::sample::{CorrectedSample, SampleStatus};
 use rins_selfcal::estimator::MAX_SEGMENTS;
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::gimbal::servo::{Drive, MotorAndLoad, PERIOD_US};
+use rins_selfcal::gimbal::travel::LocateError;
 use rins_selfcal::gimbal::{Gimbal, GimbalStatus, MotionCommand};
-use rins_selfcal::instrument::{Archive, Axes, CorrectedSink, Events, Instrument, SerialLine, Surroundings, Telemetry};
+use rins_selfcal::instrument::{
+    Archive, Axes, CorrectedSink, Events, Instrument, SerialLine, Startup, Surroundings, Telemetry,
+};
 use rins_selfcal::keep::medium::Eeprom;
 use rins_selfcal::keep::store::CalibrationStore;
 use rins_selfcal::link::Link;
@@ -104,7 +107,8 @@ fn run() -> Option<()> {
     let store = CalibrationStore::new(Eeprom(SensorBoard::at_external_memory()));
     let mut devices = Devices { samples, store };
     // Your start-up code knows why the software has started. Replace `PowerOn` with that reason.
-    let mut instrument = Instrument::power_up(&config, &Restart::PowerOn, link, calibrator, &mut devices).ok()?;
+    let mut startup = Startup::assigned(config, Restart::PowerOn);
+    let mut instrument = Instrument::power_up(&mut startup, link, calibrator, &mut devices).ok()?;
     start_interrupts()?;
     loop {
         instrument.turn(&mut devices);
@@ -147,6 +151,14 @@ impl Axes for Devices {
 
     fn reconfigure(&mut self, axes: &[AxisLimits; 2], motors: &[MotorAndLoad; 2]) {
         with_gimbal(|gimbal| gimbal.reconfigure(axes, motors));
+    }
+
+    fn angles_rad(&mut self) -> [Option<f64>; 2] {
+        with_gimbal(|gimbal| gimbal.angles_rad()).unwrap_or_default()
+    }
+
+    fn locate(&mut self, angles_rad: [Option<f64>; 2], tolerance_rad: f64) -> Result<(), LocateError> {
+        with_gimbal(|gimbal| gimbal.locate(angles_rad, tolerance_rad)).unwrap_or(Ok(()))
     }
 }
 

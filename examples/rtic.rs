@@ -22,9 +22,10 @@ mod app {
     use rins_selfcal::estimator::MAX_SEGMENTS;
     use rins_selfcal::gimbal::axis::AxisLimits;
     use rins_selfcal::gimbal::servo::{MotorAndLoad, PERIOD_US};
+    use rins_selfcal::gimbal::travel::LocateError;
     use rins_selfcal::gimbal::{Gimbal, GimbalStatus, MotionCommand};
     use rins_selfcal::instrument::{
-        Archive, Axes, CorrectedSink, Events, Instrument, SerialLine, Surroundings, Telemetry,
+        Archive, Axes, CorrectedSink, Events, Instrument, SerialLine, Startup, Surroundings, Telemetry,
     };
     use rins_selfcal::keep::medium::Eeprom;
     use rins_selfcal::keep::store::CalibrationStore;
@@ -67,9 +68,8 @@ mod app {
         let mut gimbal = Gimbal::new(&config.axes, &config.motors);
         let mut devices = Devices { samples: &mut samples, store: &mut store, gimbal: Alone(&mut gimbal), now_us: 0 };
         // Your start-up code knows why the software has started. Replace `PowerOn` with that reason.
-        let Ok(instrument) = Instrument::power_up(&config, &Restart::PowerOn, link, calibrator, &mut devices) else {
-            refuse()
-        };
+        let mut startup = Startup::assigned(config, Restart::PowerOn);
+        let Ok(instrument) = Instrument::power_up(&mut startup, link, calibrator, &mut devices) else { refuse() };
         start_periods(context.core.SYST);
         (Shared { gimbal, now_us: 0 }, Local { producer, samples, store, instrument })
     }
@@ -177,6 +177,14 @@ mod app {
 
         fn reconfigure(&mut self, axes: &[AxisLimits; 2], motors: &[MotorAndLoad; 2]) {
             self.gimbal.lock(|gimbal| gimbal.reconfigure(axes, motors));
+        }
+
+        fn angles_rad(&mut self) -> [Option<f64>; 2] {
+            self.gimbal.lock(|gimbal| gimbal.angles_rad())
+        }
+
+        fn locate(&mut self, angles_rad: [Option<f64>; 2], tolerance_rad: f64) -> Result<(), LocateError> {
+            self.gimbal.lock(|gimbal| gimbal.locate(angles_rad, tolerance_rad))
         }
     }
 

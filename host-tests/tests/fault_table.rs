@@ -19,8 +19,14 @@ fn no_fault_ends_with_a_moving_axis_a_lost_calibration_or_a_hang() {
                 let fate = fate(failing, phase, axis, &before);
                 let what = format!("{name}, axis {axis}, {}: {fate:?}", phase.name());
                 assert!(fate.at_rest && fate.stored && fate.ended, "{what}");
-                let end = [State::Correcting, State::Parked, State::Stranded, State::Stopping];
+                let end = [State::Correcting, State::Parked, State::Stranded, State::Stopping, State::Stopped];
                 assert!(end.contains(&fate.state), "{what}");
+                if failing == Failing::StopCommand {
+                    // From 20 deg/s at 60 deg/s^2 a third of a second, and 10 ms until the command takes effect. An
+                    // accepted result stays in use.
+                    assert!(fate.stopped_ms.is_some_and(|ms| ms < 400), "{what}");
+                    assert!(matches!(fate.state, State::Stopped | State::Correcting), "{what}");
+                }
                 // A run goes on where nothing is noticed; then it must come out right.
                 match fate.accepted {
                     // One of 27 in 160 runs beyond 5 sigma by chance: 2e-3.

@@ -2,10 +2,10 @@
 
 use crate::base::golden::{Row, table};
 use crate::estimator::constancy::{Change, EarthRateAxis, Suspicion};
-use crate::gimbal::{BridgeFault, EncoderFault, Fault, FaultKind};
+use crate::gimbal::{BridgeFault, EncoderFault, Fault, FaultKind, LocateError, LocateRefusal, TurnFault};
 use crate::link::Refusal;
 use crate::run::abort::AbortReason;
-use crate::run::config::ConfigError;
+use crate::run::config::{BoundedNumber, ConfigError};
 use crate::run::state::State;
 use crate::scheme::SchemeError;
 use crate::verdict::wiring::Wiring;
@@ -78,6 +78,7 @@ fn of_aborts() -> Vec<Row<AbortReason>> {
         AbortReason::TurnTimeout => AbortReason::TurnTimeout, "turn-timeout";
         AbortReason::SampleLoss => AbortReason::SampleLoss, "sample-loss";
         AbortReason::SampleRate => AbortReason::SampleRate, "sample-rate";
+        AbortReason::NotMarked => AbortReason::NotMarked, "not-marked";
         AbortReason::Gimbal(Fault { kind: FaultKind::Following { .. }, .. }) =>
             gimbal(FaultKind::Following { error_rad: 0.5 }), "following";
         AbortReason::Gimbal(Fault { kind: FaultKind::Stall { .. }, .. }) =>
@@ -98,6 +99,12 @@ fn of_aborts() -> Vec<Row<AbortReason>> {
             gimbal(FaultKind::Bridge(BridgeFault::Overcurrent)), "bridge-fault";
         AbortReason::Gimbal(Fault { kind: FaultKind::Bridge(BridgeFault::Silent), .. }) =>
             gimbal(FaultKind::Bridge(BridgeFault::Silent)), "bridge-silent";
+        AbortReason::Gimbal(Fault { kind: FaultKind::Turn(TurnFault::Unknown), .. }) =>
+            gimbal(FaultKind::Turn(TurnFault::Unknown)), "turn-unknown";
+        AbortReason::Gimbal(Fault { kind: FaultKind::Turn(TurnFault::Outside), .. }) =>
+            gimbal(FaultKind::Turn(TurnFault::Outside)), "turn-outside";
+        AbortReason::Gimbal(Fault { kind: FaultKind::NotFinite, .. }) => gimbal(FaultKind::NotFinite),
+            "duty-not-finite";
     }
 }
 
@@ -105,6 +112,7 @@ fn of_aborts() -> Vec<Row<AbortReason>> {
 fn of_refusals() -> Vec<Row<Refusal>> {
     let config = Refusal::Config;
     let scheme = |error| Refusal::Config(ConfigError::Scheme(error));
+    let unlocated = |refusal| Refusal::Locate(LocateError { axis: 0, refusal });
     table! { Refusal:
         Refusal::NotUnderstood => Refusal::NotUnderstood, "not-understood";
         Refusal::NotNow(_) => Refusal::NotNow(State::Compute), "not-now";
@@ -113,13 +121,21 @@ fn of_refusals() -> Vec<Row<Refusal>> {
         Refusal::Locked => Refusal::Locked, "locked";
         Refusal::WrongWord => Refusal::WrongWord, "wrong-word";
         Refusal::Nothing => Refusal::Nothing, "nothing-there";
+        Refusal::Locate(LocateError { refusal: LocateRefusal::Searching, .. }) => unlocated(LocateRefusal::Searching),
+            "locate-searching";
+        Refusal::Locate(LocateError { refusal: LocateRefusal::Moving, .. }) => unlocated(LocateRefusal::Moving),
+            "locate-moving";
+        Refusal::Locate(LocateError { refusal: LocateRefusal::Disagrees(_), .. }) =>
+            unlocated(LocateRefusal::Disagrees(0.5)), "locate-disagrees";
+        Refusal::Locate(LocateError { refusal: LocateRefusal::Outside, .. }) => unlocated(LocateRefusal::Outside),
+            "locate-outside";
         Refusal::Memory => Refusal::Memory, "memory";
         Refusal::Config(ConfigError::Rate) => config(ConfigError::Rate), "config-rate";
         Refusal::Config(ConfigError::Noise) => config(ConfigError::Noise), "config-noise";
         Refusal::Config(ConfigError::Heading) => config(ConfigError::Heading), "config-heading";
         Refusal::Config(ConfigError::Stillness) => config(ConfigError::Stillness), "config-stillness";
-        Refusal::Config(ConfigError::Axis(_)) => config(ConfigError::Axis(1)), "config-axis";
-        Refusal::Config(ConfigError::Motor(_)) => config(ConfigError::Motor(1)), "config-motor";
+        Refusal::Config(ConfigError::OutOfBounds { .. }) =>
+            config(ConfigError::OutOfBounds { number: BoundedNumber::Axis(2), axis: Some(1) }), "config-bounds";
         Refusal::Config(ConfigError::Pace) => config(ConfigError::Pace), "config-pace";
         Refusal::Config(ConfigError::Policy) => config(ConfigError::Policy), "config-policy";
         Refusal::Config(ConfigError::Limits) => config(ConfigError::Limits), "config-limits";
@@ -158,8 +174,8 @@ fn checked<T: Display>(rows: Vec<Row<T>>, code: impl Fn(&T) -> &'static str) -> 
 #[test]
 fn every_code_is_unique_and_has_a_page_and_every_page_is_of_a_code() {
     let reasons = checked(of_reasons(), Reason::code);
-    let codes: Vec<_> =
-        reasons.chain(checked(of_aborts(), AbortReason::code)).chain(checked(of_refusals(), Refusal::code)).collect();
+    let others = checked(of_aborts(), AbortReason::code).chain(checked(of_refusals(), Refusal::code));
+    let codes: Vec<_> = reasons.chain(others).collect();
     let unique: BTreeSet<_> = codes.iter().copied().collect();
     assert_eq!(unique.len(), codes.len(), "{codes:?}");
     let pages: Vec<_> = CHAPTER.lines().filter_map(|line| line.strip_prefix("### ")).collect();

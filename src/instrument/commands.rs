@@ -1,13 +1,16 @@
 //! The commands of the serial line: what each command does, and when it is refused.
 
-use super::main_loop::{command, tell};
+use super::main_loop::tell;
+use super::motion_log::MotionLog;
 use super::surroundings::{Archive, Surroundings};
 use crate::base::linear::Real;
-use crate::link::{Answer, Command, Hello, Item, Link, Refusal, Setting, Status};
+use crate::link::{Answer, CONFIRM_TOLERANCE_RAD, Command, Hello, Item, Link, Refusal, Setting, Status};
 use crate::model::error_model::PARAMETERS;
+use crate::run::config::SelfCalibrationConfig;
 use crate::run::policy::Cause;
 use crate::run::self_calibration::SelfCalibration;
 use crate::run::state::State;
+use crate::run::unit::{UnitConfiguration, UnitName};
 
 type Run<'m, T, const STATES: usize> = SelfCalibration<'m, T, STATES>;
 
@@ -19,6 +22,7 @@ type Run<'m, T, const STATES: usize> = SelfCalibration<'m, T, STATES>;
 pub(super) fn carry_out<T: Real, const STATES: usize>(
     command: &Command,
     run: &mut Run<'_, T, STATES>,
+    motion_log: &mut MotionLog,
     link: &mut Link,
     outside: &mut impl Surroundings<T>,
 ) -> Result<Answer, Refusal> {
@@ -39,10 +43,25 @@ pub(super) fn carry_out<T: Real, const STATES: usize>(
             run.set_power_up_utc(*utc_s);
             Ok(Answer::Done)
         }
-        Command::Start | Command::Set(_) | Command::Erase if !link.is_unlocked(now_us) => Err(Refusal::Locked),
+        Command::Start
+        | Command::Set(_)
+        | Command::Erase
+        | Command::Commission(_)
+        | Command::Decommission
+        | Command::ConfirmAngles(_)
+            if !link.is_unlocked(now_us) =>
+        {
+            Err(Refusal::Locked)
+        }
         Command::Start => start(run),
         Command::Set(setting) => set(setting, run, outside),
         Command::Erase => erase(run.state(), outside),
+        Command::Commission(unit) => commission(unit, run, outside),
+        Command::Decommission => {
+            idle(run.state())?;
+            outside.archive().erase_configuration().map(|()| Answer::Done)
+        }
+        Command::ConfirmAngles(angles_rad) => confirm(*angles_rad, run.state(), motion_log, outside),
     }
 }
 
@@ -91,7 +110,9 @@ fn stop<T: Real, const STATES: usize>(
 ) -> Result<Answer, Refusal> {
     let gimbal = outside.status();
     let motion = run.stop(&gimbal, &mut |message| tell(link, outside, message));
-    command(outside, motion, &gimbal);
+    if let Some(motion) = motion {
+        outside.command(motion, gimbal.time_us);
+    }
     Ok(Answer::Done)
 }
 
@@ -121,6 +142,31 @@ fn set<T: Real, const STATES: usize>(
     Ok(Answer::Done)
 }
 
+/// Stores the configuration in force for the next power-up. The time of this power-up is no part of it.
+#[inline(never)]
+fn commission<T: Real, const STATES: usize>(
+    unit: &UnitName,
+    run: &Run<'_, T, STATES>,
+    outside: &mut impl Surroundings<T>,
+) -> Result<Answer, Refusal> {
+    idle(run.state())?;
+    let run = SelfCalibrationConfig { utc_s: None, ..run.config().clone() };
+    outside.archive().configure(&UnitConfiguration { unit: unit.clone(), run })?;
+    Ok(Answer::Done)
+}
+
+fn confirm<T: Real>(
+    angles_rad: [Option<f32>; 2],
+    state: State,
+    motion_log: &mut MotionLog,
+    outside: &mut impl Surroundings<T>,
+) -> Result<Answer, Refusal> {
+    idle(state)?;
+    outside.locate(angles_rad.map(|angle| angle.map(f64::from)), CONFIRM_TOLERANCE_RAD).map_err(Refusal::Locate)?;
+    motion_log.confirm();
+    Ok(Answer::Done)
+}
+
 fn erase<T: Real>(state: State, outside: &mut impl Surroundings<T>) -> Result<Answer, Refusal> {
     idle(state)?;
     outside.archive().erase()?;
@@ -139,6 +185,10 @@ fn read<T: Real, const STATES: usize>(
         Item::Calibration => outside.archive().newest()?.map(Answer::Calibration).ok_or(Refusal::Nothing),
         Item::History { back } => outside.archive().entry(back)?.map(Answer::Calibration).ok_or(Refusal::Nothing),
         Item::Event { back } => outside.event(back).map(Answer::Event).ok_or(Refusal::Nothing),
+        Item::Unit => {
+            let found = outside.archive().configuration().configuration;
+            found.map(|found| Answer::Unit(found.unit)).ok_or(Refusal::Nothing)
+        }
         Item::Setting(name) => Ok(Answer::Setting(Setting::of(run.config(), name))),
         Item::Estimate | Item::Covariance { .. } if segments == 0 => Err(Refusal::Nothing),
         Item::Estimate => Ok(Answer::Estimate { segments, estimate: estimator.estimate() }),

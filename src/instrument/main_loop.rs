@@ -1,20 +1,21 @@
 //! The main loop of the instrument, from power-up on.
 
 use super::commands::{carry_out, status};
+use super::motion_log::MotionLog;
+use super::startup::Startup;
 use super::surroundings::{Archive, FoundRecord, Surroundings};
 use crate::acquisition::queue::SampleWithGimbal;
 use crate::base::linear::Real;
-use crate::base::restart::Restart;
 use crate::base::sample::SampleStatus;
 use crate::estimator::{BASIC_STATES, MAX_SEGMENTS};
 use crate::gimbal::{GimbalStatus, MotionCommand};
 use crate::keep::black_box::Event;
 use crate::link::{Answer, Hello, Link, MAX_FRAME_BYTES};
+use crate::run::abort::AbortReason;
 use crate::run::calibrator::Calibrator;
-use crate::run::config::{ConfigError, SelfCalibrationConfig};
-use crate::run::policy::MotionLock;
+use crate::run::config::ConfigError;
 use crate::run::result::StoredCalibration;
-use crate::run::self_calibration::SelfCalibration;
+use crate::run::self_calibration::{SelfCalibration, prepare};
 use crate::run::telemetry::Message;
 
 /// Largest number of received bytes that one turn of the main loop processes: what the fastest line brings in 5 ms.
@@ -32,8 +33,11 @@ const BYTES_PER_TURN: usize = 512;
 /// use rins_selfcal::base::sample::{CorrectedSample, RawSample, SampleStatus};
 /// use rins_selfcal::gimbal::axis::AxisLimits;
 /// use rins_selfcal::gimbal::servo::MotorAndLoad;
+/// use rins_selfcal::gimbal::travel::LocateError;
 /// use rins_selfcal::gimbal::{GimbalStatus, MotionCommand};
-/// use rins_selfcal::instrument::{Archive, Axes, CorrectedSink, Events, Instrument, SerialLine, Surroundings, Telemetry};
+/// use rins_selfcal::instrument::{
+///     Archive, Axes, CorrectedSink, Events, Instrument, SerialLine, Startup, Surroundings, Telemetry,
+/// };
 /// use rins_selfcal::keep::medium::Eeprom;
 /// use rins_selfcal::keep::store::CalibrationStore;
 /// use rins_selfcal::link::Link;
@@ -72,6 +76,8 @@ const BYTES_PER_TURN: usize = 512;
 ///         self.commands.push(motion);
 ///     }
 ///     fn reconfigure(&mut self, _axes: &[AxisLimits; 2], _motors: &[MotorAndLoad; 2]) {}
+///     fn angles_rad(&mut self) -> [Option<f64>; 2] { [Some(0.0); 2] }
+///     fn locate(&mut self, _angles_rad: [Option<f64>; 2], _tolerance_rad: f64) -> Result<(), LocateError> { Ok(()) }
 /// }
 /// impl CorrectedSink<f64> for TestBoard {
 ///     fn take(&mut self, _sample: &CorrectedSample<f64>, _angles: [Angle; 2], _status: SampleStatus) { self.corrected += 1; }
@@ -102,8 +108,8 @@ const BYTES_PER_TURN: usize = 512;
 ///     corrected: 0,
 /// };
 /// let (mut link, mut calibrator) = (Link::new(), Box::new(Calibrator::UNCONFIGURED));
-/// let mut instrument =
-///     Instrument::<f64>::power_up(&config, &Restart::PowerOn, &mut link, &mut calibrator, &mut board)?;
+/// let mut startup = Startup::assigned(config, Restart::PowerOn);
+/// let mut instrument = Instrument::<f64>::power_up(&mut startup, &mut link, &mut calibrator, &mut board)?;
 /// instrument.turn(&mut board);
 /// // The axes are held until base and axes have been at rest for a second. Then they move to the start of the scheme.
 /// assert_eq!(board.commands[0], MotionCommand::Hold);
@@ -117,37 +123,37 @@ pub struct Instrument<'m, T: Real, const STATES: usize = BASIC_STATES> {
     run: SelfCalibration<'m, T, STATES>,
     link: &'m mut Link,
     samples: u64,
+    motion_log: MotionLog,
 }
 
 impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
     /// The sequence at power-up: the link reports what the instrument is, the archive is searched, the reason of the
-    /// start is reported, and the configuration is checked. Nothing moves before the first [`Self::turn`].
+    /// start is reported, and the configuration is checked. A stored configuration that is refused is replaced in
+    /// `startup`, and the unit is then not commissioned. Nothing moves before the first [`Self::turn`].
     ///
     /// # Errors
-    /// What is wrong with the configuration. The refusal has already been reported.
+    /// What is wrong with an assigned configuration. The refusal has already been reported.
     #[inline(never)]
     pub fn power_up(
-        config: &SelfCalibrationConfig,
-        restart: &Restart,
+        startup: &mut Startup,
         link: &'m mut Link,
         calibrator: &'m mut Calibrator<T, MAX_SEGMENTS, STATES>,
         outside: &mut impl Surroundings<T>,
     ) -> Result<Self, ConfigError> {
         link.greet(Hello::new::<T>(STATES));
         let stored = load(link, outside);
-        tell(link, outside, &Message::Restarted(restart.clone()));
-        match SelfCalibration::new(config, stored.as_ref(), calibrator) {
-            Ok(mut run) => {
-                if let Some(lock) = MotionLock::after(restart) {
-                    run.lock_motion(lock);
-                }
-                Ok(Self { run, link, samples: 0 })
-            }
-            Err(error) => {
-                tell(link, outside, &Message::Refused(error));
-                Err(error)
+        tell(link, outside, &Message::Restarted(startup.restart().clone()));
+        while let Err(error) = prepare(startup.config(), calibrator) {
+            tell(link, outside, &Message::Refused(error));
+            if !startup.replace_refused() {
+                return Err(error);
             }
         }
+        let mut run = SelfCalibration::prepared(startup.config(), stored.as_ref(), calibrator);
+        if let Some(lock) = startup.motion_lock() {
+            run.lock_motion(lock);
+        }
+        Ok(Self { run, link, samples: 0, motion_log: MotionLog::default() })
     }
 
     /// One turn of the main loop: processes all waiting samples, then checks the clock, then answers the received
@@ -192,7 +198,7 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
         }
         self.samples += 1;
         let step = self.run.step(sample, gimbal, &mut |message| tell(self.link, outside, message));
-        command(outside, step.motion, gimbal);
+        self.command(step.motion, gimbal, outside);
         if let Some(corrected) = &step.corrected {
             let status = self.sample_status(gimbal, step.after_gap);
             let angles = [sample.outer, sample.inner];
@@ -229,7 +235,20 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
     fn tick(&mut self, outside: &mut impl Surroundings<T>) {
         let (now_us, gimbal) = (outside.now_us(), outside.status());
         let motion = self.run.tick(now_us, &gimbal, &mut |message| tell(self.link, outside, message));
-        command(outside, motion, &gimbal);
+        self.command(motion, &gimbal, outside);
+        self.motion_log.follow(&self.run, &gimbal, outside);
+    }
+
+    /// Gives the gimbal a command, if there is one. Before the first move the archive keeps that the axes have moved; if
+    /// it cannot, axes whose turn it must know do not move.
+    fn command(&mut self, motion: Option<MotionCommand>, gimbal: &GimbalStatus, outside: &mut impl Surroundings<T>) {
+        let Some(motion) = motion else { return };
+        let moves = matches!(motion, MotionCommand::MoveTo { .. });
+        if moves && !self.motion_log.begin(self.run.config(), outside.archive()) {
+            self.run.abort_with(AbortReason::NotMarked);
+            return outside.command(MotionCommand::Hold, gimbal.time_us);
+        }
+        outside.command(motion, gimbal.time_us);
     }
 
     /// Answers the received command, and reports the status when it is due. The work is bounded, whatever arrives: while
@@ -243,7 +262,7 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
             }
             let Some(byte) = outside.receive() else { break };
             if let Some((number, command)) = self.link.receive(byte) {
-                let answer = carry_out(&command, &mut self.run, self.link, outside);
+                let answer = carry_out(&command, &mut self.run, &mut self.motion_log, self.link, outside);
                 self.link.reply(number, &answer.unwrap_or_else(Answer::Refused));
             }
         }
@@ -260,17 +279,6 @@ fn load<T: Real>(link: &mut Link, outside: &mut impl Surroundings<T>) -> Option<
     let FoundRecord { record, damaged, fault, other_version, .. } = outside.archive().power_up();
     tell(link, outside, &Message::Store { found: record.is_some(), damaged, fault, other_version });
     record
-}
-
-/// Gives the gimbal a command, if there is one.
-pub(super) fn command<T: Real>(
-    outside: &mut impl Surroundings<T>,
-    motion: Option<MotionCommand>,
-    gimbal: &GimbalStatus,
-) {
-    if let Some(motion) = motion {
-        outside.command(motion, gimbal.time_us);
-    }
 }
 
 /// Passes a message to all its receivers: the black box, the serial line, and the channels of the board. Not inlined,

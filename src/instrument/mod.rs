@@ -17,12 +17,15 @@ mod commands;
 #[cfg(feature = "defmt")]
 mod logged;
 mod main_loop;
+mod motion_log;
 mod recording;
+mod startup;
 mod surroundings;
 mod unit_memory;
 
 pub use main_loop::Instrument;
 pub use recording::Recording;
+pub use startup::Startup;
 pub use surroundings::{
     Archive, Axes, CorrectedSink, Events, FoundConfiguration, FoundRecord, SerialLine, Surroundings, Telemetry,
 };

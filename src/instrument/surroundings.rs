@@ -8,6 +8,7 @@ use crate::base::loss::LossCounts;
 use crate::base::sample::{CorrectedSample, SampleStatus};
 use crate::gimbal::axis::AxisLimits;
 use crate::gimbal::servo::MotorAndLoad;
+use crate::gimbal::travel::LocateError;
 use crate::gimbal::{GimbalStatus, MotionCommand};
 use crate::keep::black_box::{Entry, Event};
 use crate::keep::mark::Mark;
@@ -35,6 +36,16 @@ pub trait Axes {
 
     /// Sets other limits and motors. Called only while no run is under way.
     fn reconfigure(&mut self, axes: &[AxisLimits; 2], motors: &[MotorAndLoad; 2]);
+
+    /// The angles of the outer and the inner axis now, counted over whole turns, rad; `None` if the turn is not known.
+    fn angles_rad(&mut self) -> [Option<f64>; 2];
+
+    /// Says at which angles, counted over whole turns, the outer and the inner axis stand, rad; `None` leaves an axis as
+    /// it is.
+    ///
+    /// # Errors
+    /// Why an axis cannot stand there.
+    fn locate(&mut self, angles_rad: [Option<f64>; 2], tolerance_rad: f64) -> Result<(), LocateError>;
 }
 
 /// The content of the archive at power-up.

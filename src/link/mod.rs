@@ -16,4 +16,6 @@ pub use frame::{
 };
 pub use lock::{Lock, UNLOCK_WORD, UNLOCKED_US};
 pub use outbox::Lane;
-pub use protocol::{Answer, Command, Hello, Item, LinkCounts, Refusal, Setting, SettingName, Status};
+pub use protocol::{
+    Answer, CONFIRM_TOLERANCE_RAD, Command, Hello, Item, LinkCounts, Refusal, Setting, SettingName, Status,
+};

@@ -1,9 +1,11 @@
 //! Commands and answers of the link. The other rooms define the messages.
 
 use super::frame::{Dropped, PROTOCOL_VERSION, Payload};
+use crate::base::units::DEG;
 use crate::estimator::Estimate;
 use crate::gimbal::axis::AxisLimits;
 use crate::gimbal::servo::MotorAndLoad;
+use crate::gimbal::travel::LocateError;
 use crate::keep::black_box::Entry;
 use crate::keep::record::FORMAT_VERSION;
 use crate::model::error_model::PARAMETERS;
@@ -14,6 +16,7 @@ use crate::run::result::StoredCalibration;
 use crate::run::sequencer::Pace;
 use crate::run::state::State;
 use crate::run::telemetry::Message;
+use crate::run::unit::UnitName;
 use crate::scheme::Scheme;
 use crate::verdict::VerdictLimits;
 use core::fmt;
@@ -54,7 +57,19 @@ pub enum Command {
     /// Bring both axes to rest and hold them. Permitted in every state, locked or not. A run under way ends, and no move
     /// follows.
     Stop,
+    /// Keep the configuration in force as that of the unit with this name. The unit is then commissioned from the next
+    /// power-up on. Permitted only when unlocked and while no run is under way.
+    Commission(UnitName),
+    /// Erase the configuration of the unit. From the next power-up on nothing moves. Permitted only when unlocked and
+    /// while no run is under way. Calibrations are kept.
+    Decommission,
+    /// Say where axes of limited travel stand: the outer and the inner angle, counted over whole turns, rad, as exact as
+    /// [`CONFIRM_TOLERANCE_RAD`]. Permitted only when unlocked and while no run is under way.
+    ConfirmAngles([Option<f32>; 2]),
 }
+
+/// Greatest difference between an angle that an operator confirms and the reading of the encoder, rad.
+pub const CONFIRM_TOLERANCE_RAD: f64 = 60.0 * DEG;
 
 impl Payload for Command {
     const KIND: u8 = b'C';
@@ -85,6 +100,8 @@ pub enum Item {
         /// Number of newer events.
         back: u16,
     },
+    /// The name of the unit.
+    Unit,
 }
 
 /// A part of the configuration.
@@ -209,6 +226,8 @@ pub enum Answer {
     Setting(Setting),
     /// An event of the black box.
     Event(Entry),
+    /// The name of the unit.
+    Unit(UnitName),
 }
 
 impl Payload for Answer {
@@ -237,6 +256,8 @@ pub enum Refusal {
     Memory,
     /// The unit is not commissioned, so nothing may move.
     NotCommissioned,
+    /// The axes cannot stand where the command says.
+    Locate(LocateError),
 }
 
 impl Refusal {
@@ -247,6 +268,7 @@ impl Refusal {
             Self::NotNow(_) => "not-now",
             Self::Policy => "policy-never",
             Self::NotCommissioned => "not-commissioned",
+            Self::Locate(error) => error.code(),
             Self::Locked => "locked",
             Self::WrongWord => "wrong-word",
             Self::Config(error) => error.code(),
@@ -259,7 +281,7 @@ impl Refusal {
 /// The [code](Refusal::code) in brackets, then the text in one line.
 impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if !matches!(self, Self::Config(_)) {
+        if !matches!(self, Self::Config(_) | Self::Locate(_)) {
             write!(f, "[{}] ", self.code())?;
         }
         match self {
@@ -270,6 +292,7 @@ impl fmt::Display for Refusal {
             Self::Locked => f.write_str("the instrument is locked; unlock it first"),
             Self::WrongWord => f.write_str("this word does not unlock the instrument"),
             Self::Config(error) => error.fmt(f),
+            Self::Locate(error) => error.fmt(f),
             Self::Nothing => f.write_str("the instrument does not have the requested item"),
             Self::Memory => f.write_str("the calibration memory of the instrument does not work"),
         }

@@ -23,6 +23,8 @@ pub enum AbortReason {
     Stopped,
     /// The samples come at another rate than the configured one.
     SampleRate,
+    /// The memory did not take the mark that the axes move, so they must not move.
+    NotMarked,
 }
 
 impl AbortReason {
@@ -36,6 +38,7 @@ impl AbortReason {
             Self::Gimbal(fault) => fault.kind.code(),
             Self::SampleLoss => "sample-loss",
             Self::SampleRate => "sample-rate",
+            Self::NotMarked => "not-marked",
         }
     }
 
@@ -70,6 +73,10 @@ impl fmt::Display for AbortReason {
             Self::TurnTimeout => "the axes did not arrive within 10 s after the planned end of the move",
             Self::Gimbal(fault) => return fault.fmt(f),
             Self::SampleLoss => "no usable sample arrived for 1 s, or for 0.1 s during a move",
+            Self::NotMarked => {
+                "the memory did not take the mark that the axes move, so that the turn would be unknown after a loss of \
+                 power"
+            }
             Self::SampleRate => {
                 "the samples come at another rate than the configured one: the IMU has restarted, or its settings are \
                  wrong"

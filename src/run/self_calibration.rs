@@ -153,9 +153,10 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         Ok(Self::prepared(config, stored, calibrator))
     }
 
-    /// Not inlined, because the rehearsal before it needs the stack.
+    /// The instrument with a configuration for which [`prepare`] has prepared the calibrator. Not inlined, because the
+    /// rehearsal before it needs the stack.
     #[inline(never)]
-    fn prepared(
+    pub(crate) fn prepared(
         config: &SelfCalibrationConfig,
         stored: Option<&StoredCalibration>,
         calibrator: &'c mut Calibrator<T, MAX_SEGMENTS, STATES>,
@@ -323,7 +324,12 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     /// Ends the run. Axes that this run has moved return to (0, 0), if base and axes are well. The stored calibration is
     /// unchanged.
     pub fn abort(&mut self) {
-        self.abort = Some(AbortReason::Commanded);
+        self.abort_with(AbortReason::Commanded);
+    }
+
+    /// Ends the run for this reason at the next sample.
+    pub(crate) fn abort_with(&mut self, reason: AbortReason) {
+        self.abort = Some(reason);
     }
 
     /// Changes the configuration while no run is under way. Forgets segments and covariance of the last run. The
@@ -627,8 +633,11 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
 }
 
 /// Checks a configuration by itself, then rehearses its scheme. After that the calibrator is ready for a run.
+///
+/// # Errors
+/// What is wrong with the configuration.
 #[inline(never)]
-fn prepare<T: Real, const STATES: usize>(
+pub(crate) fn prepare<T: Real, const STATES: usize>(
     config: &SelfCalibrationConfig,
     calibrator: &mut Calibrator<T, MAX_SEGMENTS, STATES>,
 ) -> Result<(), ConfigError> {

@@ -533,7 +533,11 @@ impl Sequencer {
 impl Ending {
     /// The ending of a run that was given up for this reason.
     fn after(reason: AbortReason) -> Self {
-        if reason.allows_parking() { Self::Park } else { Self::Release }
+        match reason {
+            AbortReason::NotMarked | AbortReason::Stopped => Self::Hold,
+            reason if reason.allows_parking() => Self::Park,
+            _ => Self::Release,
+        }
     }
 }
 

@@ -19,9 +19,10 @@ use rins_selfcal::base::sample::{CorrectedSample, RawSample, SampleStatus};
 use rins_selfcal::estimator::MAX_SEGMENTS;
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::gimbal::servo::MotorAndLoad;
+use rins_selfcal::gimbal::travel::LocateError;
 use rins_selfcal::gimbal::{Gimbal, GimbalStatus, MotionCommand};
 use rins_selfcal::instrument::{
-    Archive, Axes, CorrectedSink, Events, FoundConfiguration, FoundRecord, Instrument, Recording, SerialLine,
+    Archive, Axes, CorrectedSink, Events, FoundConfiguration, FoundRecord, Instrument, Recording, SerialLine, Startup,
     Surroundings, Telemetry,
 };
 use rins_selfcal::keep::black_box::{Entry, Event};
@@ -164,14 +165,28 @@ pub fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
     line: &mut impl Line,
     listener: &mut impl Listener<T>,
 ) -> Result<()> {
+    start::<T, STATES, P>(&mut Startup::assigned(config.clone(), Restart::PowerOn), memory, bench, line, listener)
+}
+
+/// As [`self_calibrate`], from any start of the software.
+///
+/// # Errors
+/// The configuration is refused.
+pub fn start<T: Real, const STATES: usize, P: Plant>(
+    startup: &mut Startup,
+    memory: &mut Memory,
+    bench: &SharedBench<P>,
+    line: &mut impl Line,
+    listener: &mut impl Listener<T>,
+) -> Result<()> {
+    let config = startup.config().clone();
     let mut queue = SampleQueue::<T, QUEUE>::new();
     let gimbal = Gimbal::new(&config.axes, &config.motors);
     let mut board = VirtualBoard::new(bench, config.calibrator.rate_hz, gimbal, &mut queue, (memory, line, listener));
     let mut link = Link::new();
     let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::UNCONFIGURED);
     let refused = |error| refused(error, &config.scheme, &config.axes);
-    let mut instrument =
-        Instrument::power_up(config, &Restart::PowerOn, &mut link, &mut calibrator, &mut board).map_err(refused)?;
+    let mut instrument = Instrument::power_up(startup, &mut link, &mut calibrator, &mut board).map_err(refused)?;
     while board.period() {
         instrument.turn(&mut board);
     }
@@ -262,6 +277,14 @@ impl<T: Real, P: Plant, L, N> Axes for VirtualBoard<'_, T, P, L, N> {
 
     fn reconfigure(&mut self, axes: &[AxisLimits; 2], motors: &[MotorAndLoad; 2]) {
         self.interrupts.control.reconfigure(axes, motors);
+    }
+
+    fn angles_rad(&mut self) -> [Option<f64>; 2] {
+        self.interrupts.control.angles_rad()
+    }
+
+    fn locate(&mut self, angles_rad: [Option<f64>; 2], tolerance_rad: f64) -> Result<(), LocateError> {
+        self.interrupts.control.locate(angles_rad, tolerance_rad)
     }
 }
 

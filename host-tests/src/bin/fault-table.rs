@@ -17,7 +17,10 @@ struct Arguments {
 fn main() {
     let arguments = Arguments::parse();
     let before = good_calibration();
-    println!("{:<25}{:<15}{:>11}  {:<11}{:<6}reported", "fault", "phase", "stopped ms", "ends in", "kept");
+    println!(
+        "{:<25}{:<15}{:>11}  {:<11}{:<6}{:<22}reported",
+        "fault", "phase", "stopped ms", "ends in", "kept", "wound deg"
+    );
     for (failing, name) in Failing::ALL.into_iter().filter(|(_, name)| name.contains(&arguments.only)) {
         for phase in Phase::ALL {
             print(name, phase, &fate(failing, phase, arguments.axis.into(), &before));
@@ -32,5 +35,7 @@ fn print(name: &str, phase: Phase, fate: &Fate) {
         None => fate.told.join("; "),
     };
     let (kept, state) = (if fate.stored { "yes" } else { "NO" }, format!("{:?}", fate.state));
-    println!("{name:<25}{:<15}{stopped:>11}  {state:<11}{kept:<6}{told}", phase.name());
+    let [outer, inner] = fate.wound_rad.map(|[low, high]| format!("{:.0}..{:.0}", low.to_degrees(), high.to_degrees()));
+    let wound = format!("{outer}, {inner}");
+    println!("{name:<25}{:<15}{stopped:>11}  {state:<11}{kept:<6}{wound:<22}{told}", phase.name());
 }

@@ -16,7 +16,9 @@
 //! heading_deg = 137.0                    # known heading; default: unknown
 //! heading_sigma_deg = 1.0                # its sigma; default 1
 //! ```
+//! The other tables, which an instrument needs, are those of [`super::commissioning`].
 
+use super::commissioning::UnitTables;
 use super::toml_file::{TomlFile, TomlFileError};
 use crate::base::quantity::significant;
 use rins_selfcal::base::site::Site;
@@ -258,7 +260,7 @@ impl UnitConfig {
     /// One line that names file, line and key.
     pub fn read(path: &Path) -> Result<Self, TomlFileError> {
         let file = TomlFile::read(path)?;
-        let config: Self = file.parse()?;
+        let config = file.parse::<UnitTables>()?.config();
         match config.check() {
             Ok(()) => Ok(config),
             Err((table, key, what)) => Err(file.wrong_value(table, key, what)),

@@ -16,8 +16,11 @@ use rins_selfcal::base::sample::{CorrectedSample, RawSample, SampleStatus};
 use rins_selfcal::estimator::{BASIC_STATES, MAX_SEGMENTS};
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::gimbal::servo::MotorAndLoad;
+use rins_selfcal::gimbal::travel::LocateError;
 use rins_selfcal::gimbal::{EncoderFault, Fault, FaultKind, GimbalStatus, MotionCommand};
-use rins_selfcal::instrument::{Archive, Axes, CorrectedSink, Events, Instrument, SerialLine, Surroundings, Telemetry};
+use rins_selfcal::instrument::{
+    Archive, Axes, CorrectedSink, Events, Instrument, SerialLine, Startup, Surroundings, Telemetry,
+};
 use rins_selfcal::link::{Answer, Command, Decoder, Item, Link, MAX_FRAME_BYTES, Setting, UNLOCK_WORD, encode};
 use rins_selfcal::run::assignment::Assignment;
 use rins_selfcal::run::calibrator::Calibrator;
@@ -99,8 +102,9 @@ fn power_up<T: Real>(random: &mut Random, steps: u64, memory: &mut Memory, told:
     let may_move = !locked && config.policy == PowerUpPolicy::Always;
     let mut board = Board::<T>::new(memory, told, (locked, may_move), random.one_in(3));
     let (mut link, mut calibrator) = (Link::new(), Box::new(Calibrator::<T, MAX_SEGMENTS, BASIC_STATES>::UNCONFIGURED));
+    let mut startup = Startup::assigned(config, restart);
     let mut instrument =
-        Instrument::power_up(&config, &restart, &mut link, &mut calibrator, &mut board).expect("a valid configuration");
+        Instrument::power_up(&mut startup, &mut link, &mut calibrator, &mut board).expect("a valid configuration");
     for _ in 0..steps {
         board.disturb(random);
         instrument.turn(&mut board);
@@ -345,6 +349,14 @@ impl<T: Real> Axes for Board<'_, T> {
     }
 
     fn reconfigure(&mut self, _axes: &[AxisLimits; 2], _motors: &[MotorAndLoad; 2]) {}
+
+    fn angles_rad(&mut self) -> [Option<f64>; 2] {
+        self.at_rad.map(Some)
+    }
+
+    fn locate(&mut self, _angles_rad: [Option<f64>; 2], _tolerance_rad: f64) -> Result<(), LocateError> {
+        Ok(())
+    }
 }
 
 impl<T: Real> CorrectedSink<T> for Board<'_, T> {

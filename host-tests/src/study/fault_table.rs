@@ -42,11 +42,17 @@ pub enum Failing {
     ImuSensor,
     /// The data-ready line is broken.
     DataReady,
+    /// The encoder does not answer for this time, us.
+    EncoderAway(u64),
+    /// The IMU restarts and samples at half its rate.
+    ImuRestarted,
+    /// No failure: a command stops all motion.
+    StopCommand,
 }
 
 impl Failing {
     /// All faults, with their names.
-    pub const ALL: [(Self, &'static str); 18] = [
+    pub const ALL: [(Self, &'static str); 21] = [
         (Self::Chip(Trouble::EncoderSilent), "encoder silent"),
         (Self::Chip(Trouble::EncoderCrc(1)), "encoder frames damaged"),
         (Self::Chip(Trouble::EncoderAlarm), "encoder reports an error"),
@@ -65,6 +71,9 @@ impl Failing {
         (Self::ImuSilent, "IMU silent"),
         (Self::ImuSensor, "IMU sensor failed"),
         (Self::DataReady, "data-ready line broken"),
+        (Self::EncoderAway(500_000), "encoder away for 0.5 s"),
+        (Self::ImuRestarted, "IMU restarted"),
+        (Self::StopCommand, "stop commanded"),
     ];
 }
 
@@ -132,6 +141,9 @@ pub struct Fate {
     pub stopped_ms: Option<u64>,
     /// Whether both axes are at rest at the end.
     pub at_rest: bool,
+    /// The farthest physical angles of the outer and the inner axis, counted over whole turns, from the lowest to the
+    /// highest, rad.
+    pub wound_rad: [[f64; 2]; 2],
     /// The last state.
     pub state: State,
     /// Whether the run ended, or waits for samples.
@@ -165,9 +177,26 @@ struct Watched {
     turned_us: u64,
     stopped_us: Option<u64>,
     pushed_until_us: Option<(usize, u64)>,
+    /// Whether every second sample is left out.
+    halved: bool,
+    samples: u64,
+    wound_rad: [[f64; 2]; 2],
 }
 
 impl Watched {
+    /// The tick as the IMU's interrupt sees it.
+    fn sampled(&mut self, tick: Tick) -> Tick {
+        self.samples += u64::from(tick.reading.is_some());
+        let left_out = self.no_edges || self.halved && self.samples.is_multiple_of(2);
+        if left_out { Tick { reading: None, ..tick } } else { tick }
+    }
+
+    fn note_winding(&mut self) {
+        for ([lowest, highest], angle) in self.wound_rad.iter_mut().zip(self.rins.true_angles_rad()) {
+            (*lowest, *highest) = (lowest.min(angle), highest.max(angle));
+        }
+    }
+
     fn turns(&self) -> bool {
         self.rins.true_rates_rad_s().iter().any(|rate| rate.abs() > TURNS_RAD_S)
     }
@@ -191,7 +220,8 @@ impl Plant for Watched {
         {
             self.stopped_us.get_or_insert(self.turned_us.max(failed_us));
         }
-        Some(if self.no_edges { Tick { reading: None, ..tick } } else { tick })
+        self.note_winding();
+        Some(self.sampled(tick))
     }
 }
 
@@ -218,14 +248,18 @@ impl Saboteur {
             self.unit.borrow_mut().failed_us = Some(now_us);
             self.fail(now_us);
         }
+        if let Failing::EncoderAway(away_us) = self.failing
+            && failed_us.is_some_and(|failed_us| now_us >= failed_us + away_us)
+        {
+            self.bench.borrow_mut().set_trouble(self.axis, None);
+        }
         if failed_us.is_some() && self.failing == Failing::ImuSensor {
             // The failure continues.
             self.fail(now_us);
         }
         // A command aborts the run, because the run would not park otherwise.
         if self.phase == Phase::Parking && state == State::Dwell(1) && !std::mem::replace(&mut self.aborted, true) {
-            let mut buffer = [0; MAX_FRAME_BYTES];
-            self.commands.extend(encode(1, &Command::Abort, &mut buffer).expect("a short command"));
+            self.send(&Command::Abort);
         }
         let idle_us = if state == State::Stopping { WAITS_US } else { AFTER_US };
         let over = (state.is_idle() || state == State::Stopping) && now_us >= since_us + idle_us;
@@ -233,7 +267,12 @@ impl Saboteur {
         self.unit.borrow_mut().off = over && !waits || now_us >= LIMIT_US;
     }
 
-    fn fail(&self, now_us: u64) {
+    fn send(&mut self, command: &Command) {
+        let mut buffer = [0; MAX_FRAME_BYTES];
+        self.commands.extend(encode(1, command, &mut buffer).expect("a short command"));
+    }
+
+    fn fail(&mut self, now_us: u64) {
         let axis = self.axis;
         match self.failing {
             Failing::Chip(trouble) => self.bench.borrow_mut().set_trouble(axis, Some(trouble)),
@@ -256,6 +295,9 @@ impl Saboteur {
             }
             Failing::ImuSensor => self.bench.borrow_mut().fail_gyro(),
             Failing::DataReady => self.unit.borrow_mut().no_edges = true,
+            Failing::EncoderAway(_) => self.bench.borrow_mut().set_trouble(axis, Some(Trouble::EncoderSilent)),
+            Failing::ImuRestarted => self.unit.borrow_mut().halved = true,
+            Failing::StopCommand => self.send(&Command::Stop),
         }
     }
 }
@@ -294,6 +336,9 @@ pub fn fate(failing: Failing, phase: Phase, axis: usize, before: &StoredCalibrat
         turned_us: 0,
         stopped_us: None,
         pushed_until_us: None,
+        halved: false,
+        samples: 0,
+        wound_rad: [[0.0; 2]; 2],
     }));
     let state = Rc::new(Cell::new((State::PowerUp, 0)));
     let bench = shared(Rc::clone(&watched));
@@ -331,6 +376,7 @@ pub fn fate(failing: Failing, phase: Phase, axis: usize, before: &StoredCalibrat
     Fate {
         stopped_ms: unit_after.stopped_us.zip(unit_after.failed_us).map(|(stopped, failed)| (stopped - failed) / 1000),
         at_rest: !unit_after.turns(),
+        wound_rad: unit_after.wound_rad,
         state: state.get().0,
         ended: unit_after.now_us < LIMIT_US,
         told,

@@ -4,19 +4,44 @@ use crate::Scalar;
 use embedded_hal::spi::SpiDevice;
 use rins_selfcal::acquisition::queue::SampleConsumer;
 use rins_selfcal::base::imu_identity::ImuIdentity;
+use rins_selfcal::base::method::Method;
 use rins_selfcal::base::restart::FatalError;
 use rins_selfcal::base::restart::Restart;
+use rins_selfcal::base::site::Site;
+#[cfg(feature = "kvh1750")]
+use rins_selfcal::base::units::MICRO_G;
+use rins_selfcal::base::units::{ARCSEC, DEG_SQRT_H};
 use rins_selfcal::gimbal::Gimbal;
 use rins_selfcal::gimbal::control::{Control, MotorBridge};
 use rins_selfcal::keep::medium::Medium;
 use rins_selfcal::keep::store::CalibrationStore;
 use rins_selfcal::link::Link;
+use rins_selfcal::run::config::{CalibratorConfig, SelfCalibrationConfig};
+use rins_selfcal::scheme::Scheme;
+use rins_selfcal::scheme::library::compiled_in;
+use rins_selfcal::segment::white_noise::Noise;
 
 /// The board that this image is built for.
 #[cfg(any(feature = "mps2-an500", feature = "mps2-an386"))]
 pub use crate::mps2::Mps2 as ThisBoard;
 #[cfg(feature = "stm32h743")]
 pub use crate::stm32h743::Stm32h743 as ThisBoard;
+
+/// The configuration of a unit that is not commissioned: the usual one, with the noise of the IMU of this image.
+pub fn configuration() -> SelfCalibrationConfig {
+    let noise = Noise { margin: 1.0, encoder_sigma_rad: 0.5 * ARCSEC, ..IMU_NOISE };
+    let calibrator = CalibratorConfig::new(Method::Joint, Site::default(), noise, 200.0);
+    SelfCalibrationConfig::new(calibrator, compiled_in().unwrap_or_else(|| Scheme::default_for(Method::Joint)))
+}
+
+/// Typical noise of the ADIS16495-1, from its data sheet.
+#[cfg(not(feature = "kvh1750"))]
+const IMU_NOISE: Noise =
+    Noise { accel_psd_sqrt: 0.008 / 60.0, gyro_psd_sqrt: 0.09 * DEG_SQRT_H, encoder_sigma_rad: 0.0, margin: 1.0 };
+/// Largest noise of the KVH 1750 with accelerometers of 10 g, from its data sheet.
+#[cfg(feature = "kvh1750")]
+const IMU_NOISE: Noise =
+    Noise { accel_psd_sqrt: 120.0 * MICRO_G, gyro_psd_sqrt: 0.012 * DEG_SQRT_H, encoder_sigma_rad: 0.0, margin: 1.0 };
 
 /// The parts of a board that the main loop uses.
 pub struct Parts<M> {

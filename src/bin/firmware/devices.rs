@@ -10,6 +10,7 @@ use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::sample::{CorrectedSample, SampleStatus};
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::gimbal::servo::MotorAndLoad;
+use rins_selfcal::gimbal::travel::LocateError;
 use rins_selfcal::gimbal::{GimbalStatus, MotionCommand};
 use rins_selfcal::instrument::{
     Archive, Axes, CorrectedSink, Events, FoundRecord, SerialLine, Surroundings, Telemetry,
@@ -91,6 +92,14 @@ impl<B: Board> Axes for Devices<'_, B> {
 
     fn reconfigure(&mut self, axes: &[AxisLimits; 2], motors: &[MotorAndLoad; 2]) {
         self.board.with_control(|control| control.reconfigure(axes, motors));
+    }
+
+    fn angles_rad(&mut self) -> [Option<f64>; 2] {
+        self.board.with_control(|control| control.angles_rad()).unwrap_or_default()
+    }
+
+    fn locate(&mut self, angles_rad: [Option<f64>; 2], tolerance_rad: f64) -> Result<(), LocateError> {
+        self.board.with_control(|control| control.locate(angles_rad, tolerance_rad)).unwrap_or(Ok(()))
     }
 }
 

@@ -21,7 +21,7 @@ use cortex_m::singleton;
 use cortex_m_rt::entry;
 use devices::Devices;
 use rins_selfcal::base::imu_identity::ImuIdentity;
-use rins_selfcal::base::restart::Task;
+use rins_selfcal::base::restart::Task as Supervised;
 #[cfg(not(feature = "optional-states"))]
 use rins_selfcal::estimator::BASIC_STATES;
 #[cfg(feature = "optional-states")]
@@ -30,12 +30,12 @@ use rins_selfcal::estimator::MAX_SEGMENTS;
 use rins_selfcal::gimbal::Gimbal;
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::gimbal::servo::MotorAndLoad;
-use rins_selfcal::instrument::{Instrument, Recording};
+use rins_selfcal::instrument::{Instrument, Recording, Startup};
 use rins_selfcal::link::Link;
 use rins_selfcal::run::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::run::calibrator::Calibrator;
 use rins_selfcal::run::config::CalibratorConfig;
-use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig};
+use rins_selfcal::run::config::ConfigError;
 
 /// The floating-point type of this image.
 #[cfg(not(feature = "single-precision"))]
@@ -65,25 +65,34 @@ fn main() -> ! {
 }
 
 fn run(board: &mut impl Board, link: &mut Link, calibrator: &mut ImageCalibrator) -> Result<(), ()> {
-    match &assignment(board) {
-        Assignment::SelfCalibrate(config) => self_calibrate(board, link, config, calibrator),
-        Assignment::Replay(config) => replay(board, link, config, calibrator),
+    match &mut task(board) {
+        Task::SelfCalibrate(startup) => self_calibrate(board, link, startup, calibrator),
+        Task::Replay(config) => replay(board, link, config, calibrator),
     }
 }
 
-/// The assignment of the host, or the default assignment if the host gives none. Not inlined, as the functions below,
-/// so that their stack is free again when the run begins.
+/// What to do after power-up.
+#[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
+enum Task {
+    SelfCalibrate(Startup),
+    Replay(CalibratorConfig),
+}
+
+/// What the host assigns. Without an assignment, the instrument calibrates with the configuration in its memory. Not
+/// inlined, as the functions below, so that their stack is free again when the run begins.
 #[inline(never)]
-fn assignment(board: &mut impl Board) -> Assignment {
+fn task(board: &mut impl Board) -> Task {
     let mut buffer = [0; MAX_ASSIGNMENT_BYTES];
-    let assigned = board.configuration(&mut buffer).map(postcard::from_bytes);
-    match assigned {
-        Some(Ok(assignment)) => assignment,
-        Some(Err(_)) => {
-            defmt::error!("the assignment cannot be read; the default is used");
-            Assignment::default()
+    let restart = board.parts().restart.clone();
+    match board.configuration(&mut buffer).map(postcard::from_bytes) {
+        Some(Ok(Assignment::SelfCalibrate(config))) => Task::SelfCalibrate(Startup::assigned(config, restart)),
+        Some(Ok(Assignment::Replay(config))) => Task::Replay(config),
+        assigned => {
+            if assigned.is_some() {
+                defmt::error!("the assignment cannot be read; the stored configuration is used");
+            }
+            Task::SelfCalibrate(Startup::stored(&mut Devices::new(board), board::configuration, restart))
         }
-        None => Assignment::default(),
     }
 }
 
@@ -91,15 +100,15 @@ fn assignment(board: &mut impl Board) -> Assignment {
 fn self_calibrate(
     board: &mut impl Board,
     link: &mut Link,
-    config: &SelfCalibrationConfig,
+    startup: &mut Startup,
     calibrator: &mut ImageCalibrator,
 ) -> Result<(), ()> {
     // The instrument is borrowed in place. If it were moved, it would be on the stack twice.
-    match &mut power_up(board, link, config, calibrator) {
+    match &mut power_up(board, link, startup, calibrator) {
         Ok(instrument) => {
-            begin(board, &config.axes, &config.motors);
+            begin(board, &startup.config().axes, &startup.config().motors);
             while board.powered() {
-                watchdog::report(Task::Main, board.now_us());
+                watchdog::report(Supervised::Main, board.now_us());
                 instrument.turn(&mut Devices::new(board));
                 board.wait();
             }
@@ -114,15 +123,14 @@ fn self_calibrate(
 fn power_up<'m>(
     board: &mut impl Board,
     link: &'m mut Link,
-    config: &SelfCalibrationConfig,
+    startup: &mut Startup,
     calibrator: &'m mut ImageCalibrator,
 ) -> Result<Instrument<'m, Scalar, STATES>, ConfigError> {
-    defmt::info!("scheme {=str}", config.scheme.name.as_str());
+    defmt::info!("scheme {=str}", startup.config().scheme.name.as_str());
     if let Some(ImuIdentity { product, serial }) = board.parts().imu {
         defmt::info!("IMU {=u16}, serial number {=u32}", product, serial);
     }
-    let restart = board.parts().restart.clone();
-    Instrument::power_up(config, &restart, link, calibrator, &mut Devices::new(board))
+    Instrument::power_up(startup, link, calibrator, &mut Devices::new(board))
 }
 
 /// Starts control and sampling.
@@ -141,7 +149,7 @@ fn replay(
     let mut recording = Recording::new(config, link, calibrator, &mut Devices::new(board)).map_err(|_| ())?;
     begin(board, &[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2]);
     while board.powered() {
-        watchdog::report(Task::Main, board.now_us());
+        watchdog::report(Supervised::Main, board.now_us());
         recording.turn(&mut Devices::new(board));
         board.wait();
     }

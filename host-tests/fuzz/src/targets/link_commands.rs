@@ -16,8 +16,11 @@ use rins_selfcal::base::sample::{CorrectedSample, RawSample, SampleStatus};
 use rins_selfcal::estimator::{BASIC_STATES, MAX_SEGMENTS};
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::gimbal::servo::MotorAndLoad;
+use rins_selfcal::gimbal::travel::LocateError;
 use rins_selfcal::gimbal::{GimbalStatus, MotionCommand};
-use rins_selfcal::instrument::{Archive, Axes, CorrectedSink, Events, Instrument, SerialLine, Surroundings, Telemetry};
+use rins_selfcal::instrument::{
+    Archive, Axes, CorrectedSink, Events, Instrument, SerialLine, Startup, Surroundings, Telemetry,
+};
 use rins_selfcal::link::{Answer, Command, Decoder, Link, PROTOCOL_VERSION, Payload, UNLOCK_WORD};
 use rins_selfcal::run::calibrator::Calibrator;
 use std::cell::RefCell;
@@ -92,8 +95,9 @@ fn serve(input: &[u8], calibrator: &mut Memories) -> Outcome {
     let memory = Memory { stored: Some(samples::record(1)), ..Memory::default() };
     let mut board = Board { memory, ..Board::default() };
     let mut link = Link::new();
-    let mut instrument = Instrument::power_up(&config, &Restart::PowerOn, &mut link, calibrator, &mut board)
-        .expect("a valid configuration");
+    let mut startup = Startup::assigned(config.clone(), Restart::PowerOn);
+    let mut instrument =
+        Instrument::power_up(&mut startup, &mut link, calibrator, &mut board).expect("a valid configuration");
     for (index, byte) in input.iter().enumerate() {
         board.now_us = 1000 * index as u64;
         if index == 0 || *byte == 0 {
@@ -160,6 +164,14 @@ impl Axes for Board {
     fn command(&mut self, _motion: MotionCommand, _seen_us: u64) {}
 
     fn reconfigure(&mut self, _axes: &[AxisLimits; 2], _motors: &[MotorAndLoad; 2]) {}
+
+    fn angles_rad(&mut self) -> [Option<f64>; 2] {
+        [Some(0.0); 2]
+    }
+
+    fn locate(&mut self, _angles_rad: [Option<f64>; 2], _tolerance_rad: f64) -> Result<(), LocateError> {
+        Ok(())
+    }
 }
 
 impl SerialLine for Board {
