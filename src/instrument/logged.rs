@@ -9,7 +9,7 @@ use crate::drivers::biss::BissFault;
 use crate::drivers::{ImuFault, ImuReading};
 use crate::estimator::filter::{Innovation, Measurement, Update};
 use crate::gimbal::servo::{Drive, Setpoint};
-use crate::keep::store::StoreError;
+use crate::keep::slots::StoreError;
 use crate::link::Frame;
 use crate::model::correction::Calibration;
 use crate::model::error_model::{InstrumentErrors, PARAMETERS};

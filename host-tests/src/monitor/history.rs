@@ -6,6 +6,7 @@ use crate::result::report::StoredReport;
 use crate::result::table::{by_parameter, of_numbers};
 use anyhow::{Context, Result, anyhow};
 use rins_selfcal::keep::medium::{Eeprom, Flash, Medium};
+use rins_selfcal::keep::partition::Layout;
 use rins_selfcal::keep::store::CalibrationStore;
 use rins_selfcal::model::error_model::{PARAMETERS, block};
 use rins_selfcal::run::result::StoredCalibration;
@@ -22,7 +23,8 @@ const WORD: usize = 32;
 /// Kind of memory that an image was taken from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MemoryKind {
-    /// An EEPROM from address 0 on.
+    /// An EEPROM from address 0 on. One of 16 KiB has the layout of the emulated board,
+    /// [`Layout::EEPROM_16_KIB`].
     Eeprom,
     /// Whole flash sectors of 128 KiB.
     Flash,
@@ -46,10 +48,17 @@ impl History {
     /// The file cannot be read, or is too small for a store; the message names it.
     pub fn read(path: &Path, kind: Option<MemoryKind>) -> Result<Self> {
         let name = || path.display().to_string();
-        let bytes = std::fs::read(path).with_context(name)?;
+        let mut bytes = std::fs::read(path).with_context(name)?;
         let usual = if bytes.len() < 2 * SECTOR { MemoryKind::Eeprom } else { MemoryKind::Flash };
         match kind.unwrap_or(usual) {
-            MemoryKind::Eeprom => Self::of(Eeprom(VirtualEeprom::new(bytes))),
+            MemoryKind::Eeprom => {
+                let layout = Layout::EEPROM_16_KIB;
+                // Behind the calibrations there are other records.
+                if bytes.len() == layout.marks.end as usize {
+                    bytes.truncate(layout.calibrations.end as usize);
+                }
+                Self::of(Eeprom(VirtualEeprom::new(bytes)))
+            }
             MemoryKind::Flash => {
                 let mut flash = VirtualFlash::<WORD, SECTOR>::blank(bytes.len() / SECTOR);
                 let end = flash.bytes.len();

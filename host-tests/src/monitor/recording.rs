@@ -157,6 +157,7 @@ mod tests {
                 angles_rad: [0.0; 2],
                 correcting: self.correcting,
                 unlocked: false,
+                motion_lock: None,
                 missing: 0,
                 link: LinkCounts::default(),
             })

@@ -13,8 +13,8 @@ use rins_selfcal::base::units::MICRO_G;
 use rins_selfcal::base::units::{ARCSEC, DEG_SQRT_H};
 use rins_selfcal::gimbal::Gimbal;
 use rins_selfcal::gimbal::control::{Control, MotorBridge};
+use rins_selfcal::instrument::UnitMemory;
 use rins_selfcal::keep::medium::Medium;
-use rins_selfcal::keep::store::CalibrationStore;
 use rins_selfcal::link::Link;
 use rins_selfcal::run::config::{CalibratorConfig, SelfCalibrationConfig};
 use rins_selfcal::scheme::Scheme;
@@ -47,8 +47,8 @@ const IMU_NOISE: Noise =
 pub struct Parts<M> {
     /// The samples from the IMU's interrupt.
     pub samples: SampleConsumer<'static, Scalar>,
-    /// The store of calibrations.
-    pub store: CalibrationStore<M>,
+    /// Calibrations, configuration and marks of motion.
+    pub memory: UnitMemory<M>,
     /// Why the software has started.
     pub restart: Restart,
     /// The IMU that is fitted; `None` if its driver cannot know.
@@ -57,7 +57,7 @@ pub struct Parts<M> {
 
 /// A board, as the main loop uses it.
 pub trait Board: Sized {
-    /// Memory that keeps calibrations without power.
+    /// A part of the memory that keeps its content without power.
     type Memory: Medium;
 
     /// The SPI bus of an encoder.
@@ -78,7 +78,7 @@ pub trait Board: Sized {
     /// Calls `act` with the data of the control interrupt, in a critical section; `None` before [`Self::begin`].
     fn with_control<R>(&mut self, act: impl FnOnce(&mut Control<Scalar, Self::Spi, Self::Bridge>) -> R) -> Option<R>;
 
-    /// Samples, store and the reason of the start.
+    /// Samples, memory and the reason of the start.
     fn parts(&mut self) -> &mut Parts<Self::Memory>;
 
     /// Sends the frame of a message to the test bench, if the board is on one.

@@ -13,15 +13,17 @@ use rins_selfcal::gimbal::servo::MotorAndLoad;
 use rins_selfcal::gimbal::travel::LocateError;
 use rins_selfcal::gimbal::{GimbalStatus, MotionCommand};
 use rins_selfcal::instrument::{
-    Archive, Axes, CorrectedSink, Events, FoundRecord, SerialLine, Surroundings, Telemetry,
+    Archive, Axes, CorrectedSink, Events, FoundConfiguration, FoundRecord, SerialLine, Surroundings, Telemetry,
 };
 use rins_selfcal::keep::black_box::{Entry, Event};
+use rins_selfcal::keep::mark::Mark;
 use rins_selfcal::keep::slots::StoreError;
 use rins_selfcal::keep::store::REJECTED_IN_A_ROW;
 use rins_selfcal::link::{Link, Refusal};
 use rins_selfcal::run::result::StoredCalibration;
 use rins_selfcal::run::state::State;
 use rins_selfcal::run::telemetry::Message;
+use rins_selfcal::run::unit::UnitConfiguration;
 
 /// A board, for one turn of the main loop.
 pub struct Devices<'b, B> {
@@ -149,7 +151,7 @@ impl<B: Board> Telemetry for Devices<'_, B> {
 
 impl<B: Board> Archive for Devices<'_, B> {
     fn power_up(&mut self) -> FoundRecord {
-        let found = Archive::power_up(&mut self.board.parts().store);
+        let found = Archive::power_up(&mut self.board.parts().memory);
         if !found.writable {
             defmt::warn!("the calibration memory cannot take a record");
         }
@@ -158,7 +160,7 @@ impl<B: Board> Archive for Devices<'_, B> {
 
     fn save(&mut self, record: &StoredCalibration) -> bool {
         let span = Span::start();
-        let saved = self.board.parts().store.save(record);
+        let saved = self.board.parts().memory.calibrations.save(record);
         match &saved {
             Ok(0) => {}
             Ok(failed) => {
@@ -177,15 +179,41 @@ impl<B: Board> Archive for Devices<'_, B> {
     }
 
     fn newest(&mut self) -> Result<Option<StoredCalibration>, Refusal> {
-        self.board.parts().store.newest()
+        self.board.parts().memory.newest()
     }
 
     fn entry(&mut self, back: u16) -> Result<Option<StoredCalibration>, Refusal> {
-        Archive::entry(&mut self.board.parts().store, back)
+        Archive::entry(&mut self.board.parts().memory, back)
     }
 
     fn erase(&mut self) -> Result<(), Refusal> {
-        Archive::erase(&mut self.board.parts().store)
+        Archive::erase(&mut self.board.parts().memory)
+    }
+
+    fn configuration(&mut self) -> FoundConfiguration {
+        self.board.parts().memory.configuration()
+    }
+
+    fn configure(&mut self, configuration: &UnitConfiguration) -> Result<(), Refusal> {
+        self.board.parts().memory.configure(configuration)
+    }
+
+    fn erase_configuration(&mut self) -> Result<(), Refusal> {
+        self.board.parts().memory.erase_configuration()
+    }
+
+    fn mark(&mut self, mark: Mark) -> bool {
+        let span = Span::start();
+        let stored = self.board.parts().memory.mark(mark);
+        if !stored {
+            defmt::warn!("the mark of motion cannot be stored");
+        }
+        span.put_aside();
+        stored
+    }
+
+    fn last_mark(&mut self) -> Option<Mark> {
+        self.board.parts().memory.last_mark()
     }
 }
 

@@ -58,8 +58,9 @@ use rins_selfcal::drivers::biss::{BissEncoder, Mounting, Resolution};
 use rins_selfcal::gimbal::Gimbal;
 use rins_selfcal::gimbal::control::Control;
 use rins_selfcal::gimbal::servo::PERIOD_US;
+use rins_selfcal::instrument::UnitMemory;
 use rins_selfcal::keep::black_box::Event;
-use rins_selfcal::keep::store::CalibrationStore;
+use rins_selfcal::keep::partition::{Layout, Partition};
 use rins_selfcal::link::Link;
 use semihosting::{File, exit};
 use wire::{TICKS_PER_S, input};
@@ -275,9 +276,12 @@ fn start_waking(systick: &mut SYST) {
 
 // -------------------------------------------------------------------------------------------------------------- board
 
+/// A part of the EEPROM.
+type Memory = Partition<'static, Eeprom>;
+
 /// The board.
 pub struct Mps2 {
-    parts: Parts<Eeprom>,
+    parts: Parts<Memory>,
     nvic: NVIC,
     telemetry: File,
     idle_ticks: u64,
@@ -304,7 +308,8 @@ impl Mps2 {
         // Safety: no critical section depends on priorities.
         unsafe { core.SCB.set_priority(SystemHandler::SysTick, 0xf0) };
         start_waking(&mut core.SYST);
-        let parts = Parts { samples, store: CalibrationStore::new(eeprom()), restart, imu: identity };
+        let eeprom = cortex_m::singleton!(: RefCell<Eeprom> = RefCell::new(eeprom()))?;
+        let parts = Parts { samples, memory: UnitMemory::new(eeprom, Layout::EEPROM_16_KIB), restart, imu: identity };
         Some(Self { parts, nvic: core.NVIC, telemetry, idle_ticks: 0 })
     }
 
@@ -331,7 +336,7 @@ impl Mps2 {
 }
 
 impl Board for Mps2 {
-    type Memory = Eeprom;
+    type Memory = Memory;
     type Spi = EncoderSpi;
     type Bridge = BoardBridge;
 
@@ -345,7 +350,7 @@ impl Board for Mps2 {
         }
     }
 
-    fn parts(&mut self) -> &mut Parts<Eeprom> {
+    fn parts(&mut self) -> &mut Parts<Memory> {
         &mut self.parts
     }
 

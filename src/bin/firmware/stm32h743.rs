@@ -29,6 +29,7 @@ use checked_flash::CheckedFlash;
 use clock::{CORE_HZ, Delay};
 use core::cell::{Cell, RefCell};
 use core::mem::MaybeUninit;
+use core::ops::Range;
 use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{DWT, SCB};
@@ -62,9 +63,10 @@ use rins_selfcal::drivers::bridge::{Bridge, NoPin};
 use rins_selfcal::gimbal::Gimbal;
 use rins_selfcal::gimbal::control::Control;
 use rins_selfcal::gimbal::servo::PERIOD_US;
+use rins_selfcal::instrument::UnitMemory;
 use rins_selfcal::keep::black_box::Event;
 use rins_selfcal::keep::medium;
-use rins_selfcal::keep::store::CalibrationStore;
+use rins_selfcal::keep::partition::{Layout, Partition};
 use rins_selfcal::link::Link;
 
 /// Depth of the sample queue plus one: 5 s at 200 Hz. The main loop needs up to 4 s to erase a sector of the flash.
@@ -75,9 +77,17 @@ static mut QUEUE: MaybeUninit<SampleQueue<Scalar, QUEUE_LENGTH>> = MaybeUninit::
 /// Above the audible range.
 const PWM_HZ: u32 = 20_000;
 
-/// The last two sectors of the flash's second bank. The program runs on from the first bank while a sector is erased.
-const CALIBRATIONS: core::ops::Range<u32> = (2048 - 2 * 128) * 1024..2048 * 1024;
-type CalibrationFlash = medium::Flash<CheckedFlash>;
+/// The last six sectors of the flash's second bank. The program runs on from the first bank while a sector is erased.
+const RECORDS: Range<u32> = 2 * 1024 * 1024 - sectors(0, 6).end..2 * 1024 * 1024;
+/// Two sectors for each kind of record. The calibrations have the last two.
+const LAYOUT: Layout = Layout { marks: sectors(0, 2), configuration: sectors(2, 2), calibrations: sectors(4, 2) };
+type RecordFlash = medium::Flash<CheckedFlash>;
+type Memory = Partition<'static, RecordFlash>;
+
+/// The addresses of this many sectors of 128 KiB, from the first one on.
+const fn sectors(first: u32, count: u32) -> Range<u32> {
+    first * 128 * 1024..(first + count) * 128 * 1024
+}
 
 type Bus = Spi<'static, Blocking, Master>;
 /// An encoder has no chip-select line.
@@ -138,7 +148,7 @@ fn SysTick() {
 
 /// The board.
 pub struct Stm32h743 {
-    parts: Parts<CalibrationFlash>,
+    parts: Parts<Memory>,
     /// Encoders, bridges and the timer of the control periods. They are moved out when control begins.
     devices: Option<Devices>,
     imu: Imu,
@@ -206,9 +216,10 @@ impl Stm32h743 {
             bridge(pwm.ch2, output(p.PE10), output(p.PE12), Input::new(p.PE15, Pull::Up)),
         ];
         let serial = serial::start(p.USART3, p.PD9, p.PD8)?;
-        let flash = medium::Flash::new(CheckedFlash(Flash::new_blocking(p.FLASH)), CALIBRATIONS);
+        let flash = medium::Flash::new(CheckedFlash(Flash::new_blocking(p.FLASH)), RECORDS);
+        let flash = cortex_m::singleton!(: RefCell<RecordFlash> = RefCell::new(flash))?;
         Some(Self {
-            parts: Parts { samples, store: CalibrationStore::new(flash), restart, imu: imu.identity },
+            parts: Parts { samples, memory: UnitMemory::new(flash, LAYOUT), restart, imu: imu.identity },
             devices: Some(([outer, inner], bridges, p.TIM6)),
             imu,
             _serial: serial,
@@ -281,7 +292,7 @@ fn motors_off() {
 }
 
 impl Board for Stm32h743 {
-    type Memory = CalibrationFlash;
+    type Memory = Memory;
     type Spi = EncoderSpi;
     type Bridge = BoardBridge;
 
@@ -295,7 +306,7 @@ impl Board for Stm32h743 {
         }
     }
 
-    fn parts(&mut self) -> &mut Parts<CalibrationFlash> {
+    fn parts(&mut self) -> &mut Parts<Memory> {
         &mut self.parts
     }
 

@@ -15,6 +15,7 @@ use defmt_decoder::{DecodeError, Table};
 
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::stat::Mode;
+use rins_selfcal::keep::partition::Layout;
 use rins_selfcal::link::Decoder;
 use rins_selfcal::run::telemetry::Message;
 use std::cell::Cell;
@@ -28,7 +29,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 /// Size of the emulated EEPROM, bytes.
-pub const EEPROM_BYTES: usize = 8192;
+pub const EEPROM_BYTES: usize = Layout::EEPROM_16_KIB.marks.end as usize;
 const EMULATOR: &str = "qemu-system-arm";
 /// Virtual time of one instruction, ns: `-icount shift=1`.
 const NS_PER_INSTRUCTION: f64 = 2.0;
@@ -41,7 +42,7 @@ const TICKS_PER_S: f64 = wire::TICKS_PER_S as f64;
 pub struct MachineSetup<'a> {
     /// The image.
     pub image: &'a Image,
-    /// File with the content of the EEPROM, which is kept from run to run. A missing file is created blank. `None`: the
+    /// File with the content of the EEPROM, which is kept from run to run. What is missing of the file is blank. `None`: the
     /// EEPROM is blank and is not kept.
     pub eeprom: Option<&'a Path>,
     /// Bytes that the firmware reads as its configuration.
@@ -271,9 +272,7 @@ impl Host {
             Some(path) => std::path::absolute(path)?,
             None => directory.join("eeprom"),
         };
-        if !eeprom.exists() {
-            fs::write(&eeprom, [0xff; EEPROM_BYTES])?;
-        }
+        fill_up(&eeprom)?;
         let open = |name: &str, read: bool, write: bool| {
             let mut options = OpenOptions::new();
             options.read(read).write(write).custom_flags(nix::libc::O_NONBLOCK);
@@ -404,6 +403,16 @@ fn drain(pipe: &mut File, sink: &mut dyn FnMut(&[u8])) -> Result<bool> {
 fn listening(socket: &Path) -> Result<String> {
     let socket = std::path::absolute(socket)?.display().to_string();
     Ok(format!("unix:{},server=on,wait=off", socket.replace(',', ",,")))
+}
+
+/// Appends blank bytes to the file of an EEPROM that is missing or too short, such as that of a smaller EEPROM.
+fn fill_up(eeprom: &Path) -> Result<()> {
+    let mut bytes = if eeprom.exists() { fs::read(eeprom)? } else { Vec::new() };
+    if bytes.len() < EEPROM_BYTES {
+        bytes.resize(EEPROM_BYTES, 0xff);
+        fs::write(eeprom, bytes)?;
+    }
+    Ok(())
 }
 
 fn spawn(setup: &MachineSetup<'_>, eeprom: &Path, directory: &Path) -> Result<Child> {

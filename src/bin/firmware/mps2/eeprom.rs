@@ -62,11 +62,11 @@ impl InputPin for Line {
     }
 }
 
-/// The EEPROM, a 24x64 of 8 KiB.
+/// The EEPROM, a 24x128 of 16 KiB.
 pub type Eeprom = medium::Eeprom<
     eeprom24x::Storage<
         BitBangI2c<Line, Line, Delay>,
-        page_size::B32,
+        page_size::B64,
         addr_size::TwoBytes,
         unique_serial::No,
         PageDelay,
@@ -76,5 +76,5 @@ pub type Eeprom = medium::Eeprom<
 /// The EEPROM of the board.
 pub fn eeprom() -> Eeprom {
     let i2c = BitBangI2c::new(SCL, SDA, Delay);
-    medium::Eeprom(eeprom24x::Storage::new(Eeprom24x::new_24x64(i2c, SlaveAddr::default()), PageDelay))
+    medium::Eeprom(eeprom24x::Storage::new(Eeprom24x::new_24x128(i2c, SlaveAddr::default()), PageDelay))
 }

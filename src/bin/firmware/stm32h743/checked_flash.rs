@@ -17,7 +17,7 @@ type ChipFlash = Flash<'static, flash::Blocking>;
 
 /// Length of a flash word and of a cache line, bytes.
 const WORD: usize = 32;
-/// Number of the flash bank that holds the calibrations.
+/// Number of the flash bank that holds the records.
 const BANK: usize = 1;
 /// Bit of CCR: handlers of the highest priorities ignore faults of the data bus.
 const IGNORE_BUS_FAULTS: u32 = 1 << 8;
