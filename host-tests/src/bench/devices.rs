@@ -200,6 +200,12 @@ impl<P: Plant> Bench<P> {
         self.imu.set_serial(serial);
     }
 
+    /// Restarts the IMU, as if its supply had failed for a moment. An ADIS16495 loses its settings; the bench still samples
+    /// at the rate of the plant.
+    pub fn restart_imu(&mut self) {
+        self.imu.restart();
+    }
+
     /// Makes a gyro of the IMU fail.
     pub fn fail_gyro(&mut self) {
         self.imu.fail_gyro();
