@@ -6,7 +6,7 @@ use embedded_hal::pwm::{ErrorType as PwmErrorType, SetDutyCycle};
 use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
 use host_tests::bench::chips::adis16495::{Adis16495Chip, Model, flag};
 use host_tests::bench::chips::biss::BissChip;
-use host_tests::bench::chips::bridge::BridgeChip;
+use host_tests::bench::chips::bridge::{BridgeChip, PWM_PERIODS};
 use host_tests::bench::chips::exchange;
 use host_tests::bench::chips::kvh1750::Kvh1750Chip;
 use host_tests::bench::wire::DUTY_STEPS;
@@ -520,4 +520,22 @@ fn the_bridge_drives_as_commanded_and_opens_on_overcurrent() {
     bridge.enable().expect("the overcurrent is over");
     bridge.command(0.5).expect("no fault");
     assert_eq!(chip.borrow().output(), Output::Driven(0.5));
+}
+
+/// A bridge whose PWM is not set any longer, because control has died, brakes its motor after 5 ms.
+#[test]
+fn a_bridge_without_control_brakes() {
+    let mut chip = BridgeChip::default();
+    chip.set(DUTY_STEPS / 2, true, true);
+    let outputs: Vec<_> = (1..=20)
+        .map(|_| {
+            chip.begin_period();
+            chip.output()
+        })
+        .collect();
+    let (driven, after) = outputs.split_at(PWM_PERIODS as usize);
+    assert!(driven.iter().all(|output| *output == Output::Driven(0.5)));
+    assert!(after.iter().all(|output| *output == Output::Shorted));
+    chip.set(DUTY_STEPS / 2, false, true);
+    assert_eq!(chip.output(), Output::Driven(-0.5));
 }
