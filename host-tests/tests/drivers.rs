@@ -6,7 +6,7 @@ use embedded_hal::pwm::{ErrorType as PwmErrorType, SetDutyCycle};
 use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
 use host_tests::bench::chips::adis16495::{Adis16495Chip, Model, flag};
 use host_tests::bench::chips::biss::BissChip;
-use host_tests::bench::chips::bridge::BridgeChip;
+use host_tests::bench::chips::bridge::{BridgeChip, PWM_PERIODS};
 use host_tests::bench::chips::exchange;
 use host_tests::bench::chips::kvh1750::Kvh1750Chip;
 use host_tests::bench::wire::DUTY_STEPS;
@@ -14,8 +14,8 @@ use host_tests::virtual_unit::plant::Output;
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
-use rins_selfcal::acquisition::Streaming;
 use rins_selfcal::acquisition::queue::{SampleQueue, SampleWithGimbal};
+use rins_selfcal::acquisition::{Acquisition, Streaming};
 use rins_selfcal::base::angle::Angle;
 use rins_selfcal::base::imu_identity::ImuIdentity;
 use rins_selfcal::base::loss::{LossCounts, LossReason};
@@ -167,13 +167,53 @@ fn each_unit_says_which_one_it_is() {
 fn a_flag_costs_the_samples_that_carry_it() {
     let chip = imu(Model::ADIS16495_1);
     let mut driver = started(&chip).expect("a start");
+    let mut edges = (0..).step_by(5000);
     let mut read = || {
         chip.borrow_mut().sample([0.0; 3], [0.0; 3], 25.0);
-        driver.read::<f64>(0).map(|reading| reading.missed)
+        driver.read::<f64>(edges.next().unwrap()).map(|reading| reading.missed)
     };
     assert_eq!(read(), Ok(0));
     chip.borrow_mut().raise(flag::CLOCK);
     assert_eq!([read(), read()], [Err(ImuFault::Status(flag::CLOCK)), Ok(0)]);
+}
+
+/// The outcomes and the counts of losses of an acquisition from an IMU that samples for a minute at 200 Hz, is off for 0.3
+/// s, and then samples at this interval for 1000 samples.
+fn after_a_restart(settings_saved: bool, interval_us: u64) -> (Vec<Result<(), LossReason>>, LossCounts) {
+    let chip = imu(Model::ADIS16495_1);
+    let mut queue = SampleQueue::<f64, 16>::new();
+    let (producer, mut samples) = queue.split();
+    let mut acquisition = Acquisition::new(started(&chip).expect("a start"), producer);
+    let mut edge_us = 0;
+    let mut on_edge = |interval_us: u64| {
+        edge_us += interval_us;
+        chip.borrow_mut().elapse(1000 * interval_us);
+        chip.borrow_mut().sample([0.1; 3], [0.0, 0.0, 9.8], 25.0);
+        let taken = acquisition.on_data_ready(edge_us, |_| Ok(([Angle::default(); 2], GimbalStatus::default())));
+        samples.pop();
+        taken
+    };
+    assert!((0..12_000).all(|_| on_edge(5000).is_ok()));
+    chip.borrow_mut().restart(settings_saved);
+    let outcomes = std::iter::once(300_000).chain(std::iter::repeat_n(interval_us, 999)).map(on_edge).collect();
+    assert_eq!(chip.borrow().early_words, 0);
+    (outcomes, samples.losses())
+}
+
+#[test]
+fn an_imu_that_restarts_and_loses_its_settings_gives_no_more_samples() {
+    let (outcomes, losses) = after_a_restart(false, 235);
+    assert!(outcomes.iter().all(|outcome| *outcome == Err(LossReason::Restarted)));
+    assert_eq!(losses, LossCounts { restarted: 1000, ..LossCounts::default() });
+}
+
+#[test]
+fn an_imu_that_restarts_with_saved_settings_goes_on_after_a_check() {
+    let (outcomes, losses) = after_a_restart(true, 5000);
+    let (check, after) = outcomes.split_at(7);
+    assert!(check.iter().all(|outcome| *outcome == Err(LossReason::Restarted)));
+    assert!(after.iter().all(Result::is_ok));
+    assert_eq!(losses, LossCounts { restarted: 7, ..LossCounts::default() });
 }
 
 /// A wrong bit in a thousand: most bursts have one. CRC-32 misses none of this run, and every lost sample is told.
@@ -192,10 +232,10 @@ fn no_damaged_burst_passes_for_a_sample() {
     let mut driver = Adis16495::start(damaged, &mut ChipDelay(Rc::clone(&chip)), &settings).expect("a start");
     *probability.borrow_mut() = 1e-3;
     let (mut lost, mut missed) = (0, 0);
-    for _ in 0..100_000 {
+    for edge_us in (0..).step_by(5000).take(100_000) {
         let omega: [f64; 3] = std::array::from_fn(|_| 0.1 * uniform(&mut rng));
         chip.borrow_mut().sample(omega, [0.0, 0.0, 9.8], 25.0);
-        match driver.read::<f64>(0) {
+        match driver.read::<f64>(edge_us) {
             Ok(reading) => {
                 missed += reading.missed;
                 assert!(reading.omega_g.iter().zip(omega).all(|(read, truth)| (read - truth).abs() < 1e-9));
@@ -377,9 +417,9 @@ fn steps_of_the_numbers_are_lost_in_the_noise() {
     let chip = imu(Model::ADIS16495_1);
     let mut adis = started(&chip).expect("a start");
     let (mut kvh_chip, mut kvh) = (Kvh1750Chip::default(), Kvh1750::new(&kvh1750::Kvh1750Settings::default()));
-    let samples = 20_000;
+    let samples = 20_000_u32;
     let mut sums = [[0.0; 2]; 2];
-    for _ in 0..samples {
+    for sample in 0..samples {
         let mut noise = || Distribution::<f64>::sample(&StandardNormal, &mut rng);
         let omega = (omega_deg_s + sigma_omega * noise()).to_radians();
         let force = (force_g + sigma_force * noise()) * 9.806_65;
@@ -388,7 +428,7 @@ fn steps_of_the_numbers_are_lost_in_the_noise() {
             sums[unit][0] += (reading.omega_g.x - omega) / f64::from(samples);
             sums[unit][1] += (reading.force_a.x - force) / f64::from(samples);
         };
-        errors(0, adis.read(0).expect("a sample"));
+        errors(0, adis.read(5000 * u64::from(sample)).expect("a sample"));
         let message = kvh_chip.message([omega; 3], [force; 3], 25.0);
         let pushed = message.iter().find_map(|byte| kvh.push(*byte, 0));
         errors(1, pushed.expect("a message").expect("a good one"));
@@ -480,4 +520,22 @@ fn the_bridge_drives_as_commanded_and_opens_on_overcurrent() {
     bridge.enable().expect("the overcurrent is over");
     bridge.command(0.5).expect("no fault");
     assert_eq!(chip.borrow().output(), Output::Driven(0.5));
+}
+
+/// A bridge whose PWM is not set any longer, because control has died, brakes its motor after 5 ms.
+#[test]
+fn a_bridge_without_control_brakes() {
+    let mut chip = BridgeChip::default();
+    chip.set(DUTY_STEPS / 2, true, true);
+    let outputs: Vec<_> = (1..=20)
+        .map(|_| {
+            chip.begin_period();
+            chip.output()
+        })
+        .collect();
+    let (driven, after) = outputs.split_at(PWM_PERIODS as usize);
+    assert!(driven.iter().all(|output| *output == Output::Driven(0.5)));
+    assert!(after.iter().all(|output| *output == Output::Shorted));
+    chip.set(DUTY_STEPS / 2, false, true);
+    assert_eq!(chip.output(), Output::Driven(-0.5));
 }

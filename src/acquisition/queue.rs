@@ -27,6 +27,7 @@ struct Counters {
     crc: AtomicU32,
     status: AtomicU32,
     unread: AtomicU32,
+    restarted: AtomicU32,
     most_waiting: AtomicU32,
 }
 
@@ -45,6 +46,7 @@ impl<T: Real, const N: usize> SampleQueue<T, N> {
             crc: AtomicU32::new(0),
             status: AtomicU32::new(0),
             unread: AtomicU32::new(0),
+            restarted: AtomicU32::new(0),
             most_waiting: AtomicU32::new(0),
         };
         Self { samples: spsc::Queue::new(), counters }
@@ -99,6 +101,7 @@ impl<T: Real> SampleProducer<'_, T> {
             LossReason::Crc => &self.counters.crc,
             LossReason::Status => &self.counters.status,
             LossReason::Unread => &self.counters.unread,
+            LossReason::Restarted => &self.counters.restarted,
         };
         // No other code writes this counter, so load and store need not be one atomic step.
         counter.store(counter.load(Ordering::Relaxed).saturating_add(samples), Ordering::Relaxed);
@@ -136,6 +139,7 @@ impl<T: Real> SampleConsumer<'_, T> {
             crc: load(&self.counters.crc),
             status: load(&self.counters.status),
             unread: load(&self.counters.unread),
+            restarted: load(&self.counters.restarted),
         }
     }
 }

@@ -135,6 +135,7 @@ fn loss_of<E>(fault: ImuFault<E>) -> LossReason {
         ImuFault::Bus(_) => LossReason::Bus,
         ImuFault::NoAnswer | ImuFault::Crc => LossReason::Crc,
         ImuFault::Status(_) => LossReason::Status,
+        ImuFault::Restarted => LossReason::Restarted,
     }
 }
 
@@ -203,13 +204,14 @@ mod tests {
             (Err(ImuFault::Crc), Ok(1)),
             (Err(ImuFault::NoAnswer), Ok(1)),
             (Err(ImuFault::Status(4)), Ok(1)),
+            (Err(ImuFault::Restarted), Ok(1)),
             (reading(0, 3), Ok(1)),
             (reading(1, 1), Err(LossReason::Crc)),
             (reading(2, 0), Err(LossReason::Status)),
         ];
         let (outcomes, samples, losses) = run(&readings);
         assert_eq!(samples.len(), 1);
-        assert_eq!(losses, LossCounts { crc: 3, status: 2, unread: 4, bus: 0, overrun: 0 });
-        assert_eq!(outcomes[5], Err(LossReason::Status));
+        assert_eq!(losses, LossCounts { crc: 3, status: 2, unread: 4, restarted: 1, ..LossCounts::default() });
+        assert_eq!(outcomes[6], Err(LossReason::Status));
     }
 }

@@ -17,6 +17,9 @@ pub enum LossReason {
     /// The IMU produced the sample, but the processor did not read it in time. The sample number of the IMU shows the
     /// gap.
     Unread,
+    /// The IMU has restarted during operation, or its sample counter and its data-ready edges do not agree with its
+    /// settings. The driver refuses its samples until the settings are known to hold.
+    Restarted,
 }
 
 /// Number of missing samples since the start, by reason. Each counter saturates.
@@ -33,11 +36,14 @@ pub struct LossCounts {
     pub status: u32,
     /// Samples lost by [`LossReason::Unread`].
     pub unread: u32,
+    /// Samples lost by [`LossReason::Restarted`].
+    pub restarted: u32,
 }
 
 impl LossCounts {
     /// Number of missing samples for all reasons together.
     pub fn total(&self) -> u32 {
-        [self.overrun, self.bus, self.crc, self.status, self.unread].into_iter().fold(0, u32::saturating_add)
+        let Self { overrun, bus, crc, status, unread, restarted } = *self;
+        [overrun, bus, crc, status, unread, restarted].into_iter().fold(0, u32::saturating_add)
     }
 }

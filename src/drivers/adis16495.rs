@@ -28,8 +28,13 @@
 //! mean of as many samples as the decimation says. Data-ready rises on DIO2. For 200 Hz on the clock of the processor,
 //! supply 4000 Hz and set a decimation of 20. Status bits: 15 watchdog, 8 clock, 7 overrun, 6 flash, 5 sensor, 3 SPI, 2
 //! memory, 1 boot.
+//!
+//! An IMU that loses its supply for a moment restarts with its initial settings: 4250 samples a second, and no filter.
+//! Its sample counter begins at zero. The driver compares the counter with the times of the edges. If they do not agree, it
+//! reads the settings again, one word at each edge, and refuses all samples until the settings hold. It does not write
+//! them: an IMU that has lost them stays refused until it is started again.
 
-use super::imu::{Counter, ImuFault, ImuReading, field};
+use super::imu::{Cadence, Counter, ImuFault, ImuReading, field};
 use crate::base::imu_identity::ImuIdentity;
 use crate::base::linear::{Real, Vector3, real};
 use crate::base::units::{DEG, MICRO_G};
@@ -253,8 +258,23 @@ pub struct Adis16495<S> {
     spi: S,
     identity: ImuIdentity,
     scale: Scale,
-    lag_us: u64,
+    settings: Adis16495Settings,
     counter: Counter,
+    cadence: Cadence,
+    /// The next step while the settings are checked; `None` while samples are read.
+    check: Option<Check>,
+}
+
+/// A step of reading the settings again.
+#[derive(Clone, Copy, Debug)]
+struct Check {
+    step: usize,
+    /// Whether all registers that have been read hold their settings.
+    hold: bool,
+}
+
+impl Check {
+    const START: Self = Self { step: 0, hold: true };
 }
 
 impl<S: SpiDevice> Adis16495<S> {
@@ -287,7 +307,15 @@ impl<S: SpiDevice> Adis16495<S> {
         }
         match registers.read(Register::SYS_E_FLAG)? & FLAGS {
             // Page 0 is selected now, as the burst requires.
-            0 => Ok(Self { spi: registers.spi, identity, scale, lag_us: settings.lag_us(), counter: Counter::new(16) }),
+            0 => Ok(Self {
+                spi: registers.spi,
+                identity,
+                scale,
+                settings: *settings,
+                counter: Counter::new(16),
+                cadence: Cadence::new((1e6 * settings.interval_s()) as f32),
+                check: None,
+            }),
             flags => Err(StartFault::Status(flags)),
         }
     }
@@ -298,7 +326,7 @@ impl<S: SpiDevice> Adis16495<S> {
     }
 
     /// Reads the measurement of the last data-ready edge, which came at `edge_us`. Call this function once for every
-    /// edge.
+    /// edge. It makes one transfer and does not wait.
     ///
     /// # Errors
     /// The sample is lost for the returned reason.
@@ -311,6 +339,9 @@ impl<S: SpiDevice> Adis16495<S> {
     }
 
     fn try_read<T: Real>(&mut self, edge_us: u64) -> Result<ImuReading<T>, ImuFault<S::Error>> {
+        if let Some(check) = self.check {
+            return Err(self.check_settings(check));
+        }
         let mut burst = [0; BURST_BYTES];
         burst[0] = Register::BURST_CMD.address;
         self.spi.transfer_in_place(&mut burst).map_err(ImuFault::Bus)?;
@@ -318,14 +349,41 @@ impl<S: SpiDevice> Adis16495<S> {
         if burst.flags & FLAGS != 0 {
             return Err(ImuFault::Status(burst.flags & FLAGS));
         }
+        if !self.cadence.agrees(edge_us, burst.count) {
+            (self.counter, self.check) = (Counter::new(16), Some(Check::START));
+            return Err(ImuFault::Restarted);
+        }
         let scaled = |raw: [i32; 3], step: f64| Vector3::from(raw.map(|raw| real(f64::from(raw) * step)));
         Ok(ImuReading {
-            time_us: edge_us.saturating_sub(self.lag_us),
+            time_us: edge_us.saturating_sub(self.settings.lag_us()),
             missed: self.counter.take(burst.count.into()),
             omega_g: scaled(burst.gyro, self.scale.gyro_rad_s),
             force_a: scaled(burst.accel, self.scale.accel_m_s2),
             temperature_c: 25.0 + f32::from(burst.temperature) * 0.0125,
         })
+    }
+
+    /// Sends one word of a check: the page of the settings, the address of each register, and the page of the burst. The
+    /// value of a register comes with the word after its address. The edges are further apart than the stall between two
+    /// words, so no step waits. If the settings do not hold, the check begins again.
+    fn check_settings(&mut self, Check { step, hold }: Check) -> ImuFault<S::Error> {
+        let registers = self.settings.registers();
+        let mut word = match step.checked_sub(1) {
+            None => [0x80, Register::DEC_RATE.page],
+            Some(number) => registers.get(number).map_or([0x80, 0], |(register, _)| [register.address, 0]),
+        };
+        if let Err(fault) = self.spi.transfer_in_place(&mut word) {
+            self.check = Some(Check::START);
+            return ImuFault::Bus(fault);
+        }
+        let answered = step.checked_sub(2).and_then(|number| registers.get(number));
+        let hold = hold && answered.is_none_or(|(_, value)| *value == u16::from_be_bytes(word));
+        self.check = match (step > registers.len(), hold) {
+            (false, _) => Some(Check { step: step + 1, hold }),
+            (true, true) => None,
+            (true, false) => Some(Check::START),
+        };
+        ImuFault::Restarted
     }
 }
 
@@ -424,7 +482,7 @@ impl<S: SpiDevice, D: DelayNs> RegisterAccess<'_, S, D> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use embedded_hal::spi::ErrorKind;
+    use embedded_hal::spi::{ErrorKind, Operation};
     use embedded_hal_mock::eh1::delay::{CheckedDelay, NoopDelay, Transaction as Delay};
     use embedded_hal_mock::eh1::spi::{Mock, Transaction};
     use proptest::prelude::*;
@@ -441,6 +499,8 @@ mod tests {
     }
 
     const SERIAL: u16 = 1234;
+    /// The default settings as register values.
+    const SETTINGS: [u16; 4] = [0x00cd, 19, 0, 0];
     const WORDS: [u16; 15] = [0, 80, 1, 0, 0xffff, 0xffff, 0, 1, 0, 0x8000, 5, 0, 0, 4000, 513];
 
     fn transaction(operation: Transaction<u8>) -> Vec<Transaction<u8>> {
@@ -508,6 +568,15 @@ mod tests {
         started.map(|imu| (imu, kept))
     }
 
+    /// A burst with this sample count.
+    fn numbered(count: u16) -> [u8; BURST_BYTES] {
+        burst([WORDS.as_slice()[..14].to_vec(), vec![count]].concat().try_into().unwrap())
+    }
+
+    fn counted(count: u16) -> Vec<Transaction<u8>> {
+        burst_transfer(numbered(count))
+    }
+
     fn burst_transfer(answer: [u8; BURST_BYTES]) -> Vec<Transaction<u8>> {
         let mut asked = vec![0; BURST_BYTES];
         asked[0] = 0x7c;
@@ -568,7 +637,6 @@ mod tests {
 
     #[test]
     fn lost_samples_are_reported_once() {
-        let numbered = |count| burst([WORDS.as_slice()[..14].to_vec(), vec![count]].concat().try_into().unwrap());
         let mut damaged = numbered(65_535);
         damaged[20] ^= 4;
         let mut flagged = WORDS;
@@ -578,11 +646,80 @@ mod tests {
             .into_iter()
             .fold(start_script(16_495, 0x3, 0x00cd, 0), |script, burst| [script, burst_transfer(burst)].concat());
         let (mut imu, mut spi) = start(script).unwrap();
-        let missed: Vec<_> = bursts.map(|_| imu.read::<f32>(0).map(|reading| reading.missed)).to_vec();
+        let edges = [0, 5000, 10_000, 15_000, 25_000, 30_000];
+        let missed = edges.map(|edge_us| imu.read::<f32>(edge_us).map(|reading| reading.missed));
         // Samples 65535 and 0 to 2 are missing; a fault was returned for three of them.
         let expected = [Ok(0), Err(ImuFault::Crc), Err(ImuFault::Status(0x100)), Err(ImuFault::NoAnswer), Ok(1), Ok(0)];
         assert_eq!(missed, expected);
         spi.done();
+    }
+
+    /// The transfers of a check whose registers hold these values.
+    fn check_script(values: [u16; 4]) -> Vec<Transaction<u8>> {
+        let [function, decimation, bank_0, bank_1] = values;
+        [(0x8003, 0), (0x0600, 0), (0x0c00, function), (0x1600, decimation), (0x1800, bank_0), (0x8000, bank_1)]
+            .into_iter()
+            .flat_map(|(word, answer): (u16, u16)| {
+                transaction(Transaction::transfer_in_place(word.to_be_bytes().into(), answer.to_be_bytes().into()))
+            })
+            .collect()
+    }
+
+    #[test]
+    fn samples_of_an_imu_that_has_lost_its_settings_are_refused() {
+        let initial = check_script([0x000d, 0, 0, 0]);
+        let script =
+            [start_script(16_495, 0x3, 0x00cd, 0), counted(500), counted(0), initial, check_script(SETTINGS)].concat();
+        let (mut imu, mut spi) = start([script, counted(700)].concat()).unwrap();
+        let mut edge_us = 0;
+        let mut read = |interval_us| {
+            edge_us += interval_us;
+            imu.read::<f64>(edge_us).map(|reading| reading.missed)
+        };
+        assert_eq!(read(5000), Ok(0));
+        // The IMU was off for 0.3 s. Neither the first sample nor any sample after it is taken.
+        assert_eq!(read(300_000), Err(ImuFault::Restarted));
+        assert!((0..12).all(|_| read(235) == Err(ImuFault::Restarted)));
+        // In this test the settings hold at the second check, so that samples are taken again.
+        assert_eq!(read(5000), Ok(0));
+        spi.done();
+    }
+
+    /// A bus that answers with these words. `None` is a failed transfer.
+    struct Flaky(std::vec::IntoIter<Option<u16>>);
+
+    impl embedded_hal::spi::ErrorType for Flaky {
+        type Error = ErrorKind;
+    }
+
+    impl SpiDevice for Flaky {
+        fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), ErrorKind> {
+            let [Operation::TransferInPlace(bytes)] = operations else { panic!("a transfer") };
+            let word = self.0.next().unwrap().ok_or(ErrorKind::Other)?;
+            bytes.copy_from_slice(&word.to_be_bytes());
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_bus_fault_during_a_check_begins_the_check_again() {
+        let [function, decimation, bank_0, bank_1] = SETTINGS.map(Some);
+        let good = [Some(0), Some(0), function, decimation, bank_0, bank_1];
+        let answers = [&good[..4], &[None], &good[..]].concat();
+        let mut imu = Adis16495 {
+            spi: Flaky(answers.into_iter()),
+            identity: ImuIdentity { product: 16_495, serial: 0 },
+            scale: Scale::new::<()>(16_495, 3).unwrap(),
+            settings: Adis16495Settings::default(),
+            counter: Counter::new(16),
+            cadence: Cadence::new(5000.0),
+            check: Some(Check::START),
+        };
+        for step in 0..11 {
+            let expected = if step == 4 { ImuFault::Bus(ErrorKind::Other) } else { ImuFault::Restarted };
+            assert_eq!(imu.read::<f64>(0), Err(expected), "{step}");
+        }
+        assert!(imu.check.is_none());
     }
 
     #[test]

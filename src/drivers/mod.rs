@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! bridge     motor bridge, PWM and direction    duty from -1 to 1         -> pins
+//! one_pulse  numbers of a PWM that stops        clock, frequencies        -> register values
 //! biss       absolute encoder, BiSS-C           bits clocked in over SPI  -> Angle
 //! adis16495  IMU on SPI with data-ready         burst of 20 words         -> ImuReading
 //! kvh1750    fibre-optic IMU on RS-422          bytes of a UART           -> ImuReading
@@ -14,5 +15,6 @@ pub mod biss;
 pub mod bridge;
 pub mod imu;
 pub mod kvh1750;
+pub mod one_pulse;
 
 pub use imu::{ImuFault, ImuReading};

@@ -220,7 +220,7 @@ fn abort(reason: AbortReason) -> Abort {
 fn the_bytes_of_every_message_are_these() {
     assert_eq!(PROTOCOL_VERSION, 5, "the rows of this file are of this version");
     let counts = IntakeCounts { admitted: 60_000, repeated: 1, out_of_order: 2, non_finite: 3, gaps: 4, missing: 5 };
-    let losses = LossCounts { overrun: 1, bus: 2, crc: 3, status: 4, unread: 5 };
+    let losses = LossCounts { overrun: 1, bus: 2, crc: 3, status: 4, unread: 5, restarted: 6 };
     let innovations =
         SegmentInnovations { segment: 300, normalized: [Some(1.5), None, Some(2.5), None, Some(3.5), Some(4.5)] };
     let progress = Progress { segments: 7, kind: SegmentKind::Move, end_us: 5_000_000, estimate: estimate() };
@@ -243,7 +243,7 @@ fn the_bytes_of_every_message_are_these() {
         Message::Corrected { .. } =>
             Message::Corrected { time_us: 5_000_000, force_s: [1.5, 2.5, 3.5], omega_is_s: [4.5, 5.5, 6.5] },
             "53 bytes, CRC b787a5e6";
-        Message::Queue { .. } => Message::Queue { samples: 60_000, losses }, "0d e0 d4 03 01 02 03 04 05";
+        Message::Queue { .. } => Message::Queue { samples: 60_000, losses }, "0d e0 d4 03 01 02 03 04 05 06";
         Message::Fault(_) => Message::Fault(fault(FaultKind::Travel { limit_rad: 0.25 })),
             "0e 01 00 00 00 bf 03 00 00 80 3e";
         Message::Restarted(_) => Message::Restarted(Restart::Watchdog), "0f 02";

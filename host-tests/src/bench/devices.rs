@@ -108,6 +108,7 @@ impl AxisChips {
 
     /// Output to the winding in the next period.
     fn drive(&mut self) -> Output {
+        self.bridge.begin_period();
         self.bridge.overcurrent |= self.trouble == Some(Trouble::Overcurrent) && self.bridge.enabled;
         let told = self.bridge.output();
         let on = told != Output::Open;
@@ -200,6 +201,12 @@ impl<P: Plant> Bench<P> {
         self.imu.set_serial(serial);
     }
 
+    /// Restarts the IMU, as if its supply had failed for a moment. An ADIS16495 loses its settings; the bench still samples
+    /// at the rate of the plant.
+    pub fn restart_imu(&mut self) {
+        self.imu.restart();
+    }
+
     /// Makes a gyro of the IMU fail.
     pub fn fail_gyro(&mut self) {
         self.imu.fail_gyro();
@@ -276,6 +283,8 @@ impl<P: Plant> Bench<P> {
         self.axes.iter_mut().for_each(|axis| axis.bridge.set(0, axis.bridge.forward, false));
     }
 
+    /// The emulated board sends its pins in every period. If its control interrupt dies, no period begins any more, so
+    /// neither the motors nor the time of the bench go on.
     fn exchange(&mut self, frame: &mut [u8]) {
         let Ok(frame) = <&mut [u8; PERIOD_BYTES]>::try_from(frame) else { return };
         for (axis, pins) in self.axes.iter_mut().zip(frame.as_chunks::<3>().0) {

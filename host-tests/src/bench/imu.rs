@@ -92,6 +92,14 @@ impl ImuChip {
         }
     }
 
+    /// Restarts the IMU with its initial settings. A KVH 1750 keeps its settings.
+    pub(super) fn restart(&mut self) {
+        match self {
+            Self::Adis16495(chip) => chip.restart(false),
+            Self::Kvh1750(chip, _) => chip.restart(),
+        }
+    }
+
     /// The serial line, if the IMU has one.
     pub(super) fn line_mut(&mut self) -> Option<&mut SerialLine> {
         match self {

@@ -148,8 +148,10 @@ pub fn samples(outcome: &Outcome) -> String {
         (u64::from(counts.non_finite), "samples not finite"),
         (u64::from(outcome.solution.left_out), "segments left out"),
     ];
-    if let Some(LossCounts { overrun, bus, crc, status, unread }) = outcome.losses {
-        text += &format!("samples lost: overrun {overrun}, bus {bus}, crc {crc}, status {status}, unread {unread}\n");
+    if let Some(LossCounts { overrun, bus, crc, status, unread, restarted }) = outcome.losses {
+        text += &format!(
+            "samples lost: overrun {overrun}, bus {bus}, crc {crc}, status {status}, unread {unread}, restarted {restarted}\n"
+        );
     }
     let seen = oddities.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}"));
     let seen: Vec<_> = seen.collect();

@@ -2,7 +2,7 @@
 //! guide lists the pins.
 //!
 //! ```text
-//! TIM6 control period   priority 1   encoders on SPI3 and SPI4 -> gimbal -> bridges on TIM1
+//! TIM6 control period   priority 1   encoders on SPI3 and SPI4 -> gimbal -> bridges on TIM1, which is armed again
 //! TIM2 data-ready       priority 2   ADIS16495 on SPI1 -> sample queue
 //! USART2                priority 2   with the feature `kvh1750`: KVH 1750 -> sample queue
 //! USART3                priority 3   the serial line
@@ -18,6 +18,7 @@ mod checked_flash;
 mod clock;
 #[cfg(feature = "kvh1750")]
 mod kvh1750;
+mod motors;
 mod serial;
 
 use crate::board::{Board, Parts};
@@ -41,17 +42,18 @@ use embassy_stm32::gpio::{Input, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
-use embassy_stm32::peripherals::{PC6, TIM1, TIM3, TIM6};
+use embassy_stm32::peripherals::{PC6, TIM3, TIM6};
 use embassy_stm32::spi::mode::Master;
 use embassy_stm32::spi::{self, Spi};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::low_level::CountingMode;
-use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm, SimplePwmChannel};
+use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm};
 use embassy_stm32::usart::Uart;
 use embassy_stm32::{interrupt as handler, pac};
 use embedded_hal_bus::spi::ExclusiveDevice;
 #[cfg(feature = "kvh1750")]
 use kvh1750::{Imu, Wiring};
+use motors::MotorPwm;
 use rins_selfcal::acquisition::GimbalView;
 use rins_selfcal::acquisition::queue::SampleQueue;
 use rins_selfcal::base::loss::LossReason;
@@ -74,8 +76,6 @@ const QUEUE_LENGTH: usize = 1024;
 // The queue is too large for the data TCM.
 #[unsafe(link_section = ".axi")]
 static mut QUEUE: MaybeUninit<SampleQueue<Scalar, QUEUE_LENGTH>> = MaybeUninit::uninit();
-/// Above the audible range.
-const PWM_HZ: u32 = 20_000;
 
 /// The last six sectors of the flash's second bank. The program runs on from the first bank while a sector is erased.
 const RECORDS: Range<u32> = 2 * 1024 * 1024 - sectors(0, 6).end..2 * 1024 * 1024;
@@ -95,7 +95,7 @@ type EncoderSpi = ExclusiveDevice<Bus, NoPin, Delay>;
 
 // --------------------------------------------------------------------------------------------------------- interrupts
 
-type BoardBridge = Bridge<SimplePwmChannel<'static, TIM1>, Output<'static>, Output<'static>, Input<'static>>;
+type BoardBridge = Bridge<MotorPwm, Output<'static>, Output<'static>, Input<'static>>;
 type BoardControl = Control<Scalar, EncoderSpi, BoardBridge>;
 
 /// The devices that control needs at its start.
@@ -132,7 +132,9 @@ fn view(time_us: u64) -> GimbalView {
 fn TIM6_DAC() {
     let span = Span::start();
     pac::TIM6.sr().write(|status| status.set_uif(false));
-    with_control(|control| control.on_period(clock::now_us));
+    if with_control(|control| control.on_period(clock::now_us)).is_some() {
+        motors::arm();
+    }
     watchdog::report(Task::Control, clock::now_us());
     count(Work::Control, &span);
     span.put_aside();
@@ -152,6 +154,7 @@ pub struct Stm32h743 {
     /// Encoders, bridges and the timer of the control periods. They are moved out when control begins.
     devices: Option<Devices>,
     imu: Imu,
+    _motors: motors::Kept,
     _serial: Uart<'static, Blocking>,
 }
 
@@ -163,16 +166,6 @@ fn spi_config(mode: spi::Mode, hz: u32) -> spi::Config {
 
 fn output(pin: Peri<'static, impl embassy_stm32::gpio::Pin>) -> Output<'static> {
     Output::new(pin, Level::Low, Speed::Low)
-}
-
-fn bridge(
-    mut pwm: SimplePwmChannel<'static, TIM1>,
-    direction: Output<'static>,
-    enable: Output<'static>,
-    fault: Input<'static>,
-) -> BoardBridge {
-    pwm.enable();
-    Bridge::with_pins(pwm, direction, enable, fault)
 }
 
 fn encoder(bus: Bus) -> Option<BissEncoder<EncoderSpi>> {
@@ -208,12 +201,10 @@ impl Stm32h743 {
         let outer = encoder(Spi::new_blocking(p.SPI3, p.PC10, p.PC12, p.PC11, line))?;
         let inner = encoder(Spi::new_blocking(p.SPI4, p.PE2, p.PE6, p.PE5, line))?;
 
-        let (first, second) = (PwmPin::new(p.PE9, OutputType::PushPull), PwmPin::new(p.PE11, OutputType::PushPull));
-        let mode = CountingMode::EdgeAlignedUp;
-        let pwm = SimplePwm::new(p.TIM1, Some(first), Some(second), None, None, Hertz(PWM_HZ), mode).split();
+        let (motors, [pwm_outer, pwm_inner]) = motors::start(p.TIM1, p.PE9, p.PE11);
         let bridges = [
-            bridge(pwm.ch1, output(p.PE8), output(p.PE13), Input::new(p.PE14, Pull::Up)),
-            bridge(pwm.ch2, output(p.PE10), output(p.PE12), Input::new(p.PE15, Pull::Up)),
+            Bridge::with_pins(pwm_outer, output(p.PE8), output(p.PE13), Input::new(p.PE14, Pull::Up)),
+            Bridge::with_pins(pwm_inner, output(p.PE10), output(p.PE12), Input::new(p.PE15, Pull::Up)),
         ];
         let serial = serial::start(p.USART3, p.PD9, p.PD8)?;
         let flash = medium::Flash::new(CheckedFlash(Flash::new_blocking(p.FLASH)), RECORDS);
@@ -222,6 +213,7 @@ impl Stm32h743 {
             parts: Parts { samples, memory: UnitMemory::new(flash, LAYOUT), restart, imu: imu.identity },
             devices: Some(([outer, inner], bridges, p.TIM6)),
             imu,
+            _motors: motors,
             _serial: serial,
         })
     }

@@ -99,6 +99,16 @@ impl Adis16495Chip {
         *self.register(4, SERIAL_NUM) = serial;
     }
 
+    /// Restarts the IMU, as if its supply had failed for a moment. It has its initial settings then, or the present ones if
+    /// they have been saved in its flash.
+    pub fn restart(&mut self, settings_saved: bool) {
+        let kept = self.registers[3];
+        self.reset();
+        if settings_saved {
+            self.registers[3] = kept;
+        }
+    }
+
     /// Advances the time.
     pub fn elapse(&mut self, ns: u64) {
         self.busy_ns = self.busy_ns.saturating_sub(ns);

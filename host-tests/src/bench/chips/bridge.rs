@@ -3,6 +3,9 @@
 use crate::bench::wire::DUTY_STEPS;
 use crate::virtual_unit::plant::Output;
 
+/// Control periods after which a PWM that was not set again has no output any longer.
+pub const PWM_PERIODS: u32 = 5;
+
 /// The bridge by the state of its pins.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BridgeChip {
@@ -16,6 +19,8 @@ pub struct BridgeChip {
     pub overcurrent: bool,
     /// Number of times that the direction changed while the PWM was on.
     pub hard_turns: u32,
+    /// Control periods since the pins were last set.
+    pub idle_periods: u32,
 }
 
 impl BridgeChip {
@@ -26,12 +31,19 @@ impl BridgeChip {
         }
         self.overcurrent &= enabled;
         (self.duty, self.forward, self.enabled) = (duty, forward, enabled);
+        self.idle_periods = 0;
+    }
+
+    /// Begins a control period. A PWM that control does not set in every period stops by itself, as on the board.
+    pub fn begin_period(&mut self) {
+        self.idle_periods = self.idle_periods.saturating_add(1);
     }
 
     /// State of the outputs.
     pub fn output(&self) -> Output {
-        let part = f64::from(self.duty.min(DUTY_STEPS)) / f64::from(DUTY_STEPS);
-        match (self.enabled && !self.overcurrent, self.duty, self.forward) {
+        let duty = if self.idle_periods > PWM_PERIODS { 0 } else { self.duty.min(DUTY_STEPS) };
+        let part = f64::from(duty) / f64::from(DUTY_STEPS);
+        match (self.enabled && !self.overcurrent, duty, self.forward) {
             (false, ..) => Output::Open,
             (true, 0, _) => Output::Shorted,
             (true, _, true) => Output::Driven(part),

@@ -16,6 +16,11 @@ pub struct Kvh1750Chip {
 }
 
 impl Kvh1750Chip {
+    /// Restarts the unit, as if its supply had failed for a moment. It keeps its settings.
+    pub fn restart(&mut self) {
+        self.sequence = 0;
+    }
+
     /// The message of a sample: rates, rad/s, forces, m/s^2, temperature, deg C.
     pub fn message(&mut self, omega: [f64; 3], force: [f64; 3], temperature_c: f64) -> Vec<u8> {
         let invalid = self.invalid | not_numbers(omega) | not_numbers(force) << 4;
