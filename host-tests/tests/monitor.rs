@@ -42,6 +42,19 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
+/// What the unit is commissioned with.
+const UNIT: &str = r#"
+unit = { name = "RINS 7", serial = "0007" }
+site = { latitude_deg = 52.0 }
+[outer]
+travel_deg = [-365.0, 5.0]
+turn = "stored"
+motor = { inertia_kg_m2 = 0.06, coulomb_nm = 0.05, viscous_nm_s = 0.02, torque_constant_nm_a = 0.3, resistance_ohm = 6.0, inductance_h = 0.003, supply_v = 24.0, highest_current_a = 2.0, encoder_bits = 26 }
+[inner]
+travel_deg = "continuous"
+motor = { inertia_kg_m2 = 0.06, coulomb_nm = 0.05, viscous_nm_s = 0.02, torque_constant_nm_a = 0.3, resistance_ohm = 6.0, inductance_h = 0.003, supply_v = 24.0, highest_current_a = 2.0, encoder_bits = 26 }
+"#;
+
 /// A unit that is switched off from another thread.
 struct Unit(DrivenRins, Arc<AtomicBool>);
 
@@ -98,7 +111,7 @@ fn commanded_followed_read_and_erased(port: &Path) {
     assert!((0..100).any(stands_by), "it does not come to stand by");
     let nothing = monitor(port, &read);
     let (abort, locked) = (monitor(port, &["--abort"]), monitor(port, &["--erase"]));
-    let run = monitor(port, &["--start"]);
+    let run = monitor(port, &["--unlock", "--start"]);
     let found = monitor(port, &read);
     let stored = std::fs::read_to_string(&json).unwrap_or_default();
     let history = monitor(port, &["--read", "history"]);
@@ -106,13 +119,24 @@ fn commanded_followed_read_and_erased(port: &Path) {
     let black_box = monitor(port, &["--read", "black-box"]);
     let erased = monitor(port, &["--unlock", "--erase"]);
     let again = monitor(port, &read);
+    let unit = directory.path().join("unit.toml");
+    std::fs::write(&unit, UNIT).expect("written");
+    let unit = unit.to_str().expect("a name");
+    let no_unit = monitor(port, &["--read", "unit"]);
+    let commissioned = monitor(port, &["--unlock", "--configure", unit]);
+    let name = monitor(port, &["--read", "unit"]);
+    let stopped = monitor(port, &["--stop"]);
 
+    assert!(text(&no_unit.stderr).contains("[nothing-there]"), "{}", text(&no_unit.stderr));
+    assert!(commissioned.status.success(), "{}", text(&commissioned.stderr));
+    assert!(text(&name.stdout).contains("name = \"RINS 7\""), "{}", text(&name.stdout));
+    assert!(stopped.status.success(), "{}", text(&stopped.stderr));
     assert!(
         text(&nothing.stderr).contains("[nothing-there] the instrument does not have the requested item"),
         "{}",
         text(&nothing.stderr)
     );
-    assert!(text(&abort.stderr).contains("[not-now] the command is not allowed while"), "{}", text(&abort.stderr));
+    assert!(text(&abort.stderr).contains("[not-now] the command is not allowed now"), "{}", text(&abort.stderr));
     assert!(text(&abort.stderr).contains("`rins explain not-now` explains"), "{}", text(&abort.stderr));
     assert!(text(&locked.stderr).contains("--unlock"), "{}", text(&locked.stderr));
     let said = text(&run.stdout);
@@ -127,7 +151,7 @@ fn commanded_followed_read_and_erased(port: &Path) {
     assert!(text(&history.stdout).contains("entry 1") && text(&history.stdout).contains("accepted"));
     assert!(text(&configuration.stdout).contains("OnCommand"), "{}", text(&configuration.stdout));
     let events = text(&black_box.stdout);
-    for part in ["started: power on", "standing by", "state Turn(18)", "accepted", "stored"] {
+    for part in ["started: power on", "standing by", "turning, leg 18", "accepted", "stored"] {
         assert!(events.contains(part), "{part}: {events}");
     }
     assert!(erased.status.success(), "{}", text(&erased.stderr));

@@ -5,6 +5,7 @@ use super::ending::Ending;
 use super::interrupt::Interrupt;
 use super::output::{is_quiet, must_sayln};
 use super::{files, history};
+use crate::files::commissioning::commissioned;
 use crate::files::json_file::write_json;
 use crate::files::toml_file::TomlFile;
 use crate::monitor::history::History;
@@ -15,6 +16,7 @@ use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use console::{Key, Term};
 use nix::sys::termios::{SetArg, Termios, tcgetattr, tcsetattr};
+use rins_selfcal::base::units::DEG;
 use rins_selfcal::keep::black_box::Entry;
 use rins_selfcal::link::{Answer, Command, Item, Refusal, Setting, SettingName};
 use rins_selfcal::run::assignment::Assignment;
@@ -32,7 +34,7 @@ use std::time::{Duration, Instant};
 /// Time between two updates of the screen.
 const PICTURE: Duration = Duration::from_millis(200);
 /// First line of the screen: the keys.
-const KEYS: &str = "keys     s start, a abort, u unlock, e erase, q quit";
+const KEYS: &str = "keys     space stop, u unlock, s start, a abort, e erase, q quit";
 
 #[derive(Debug, Args)]
 pub struct MonitorArguments {
@@ -45,10 +47,13 @@ pub struct MonitorArguments {
     /// Longest time to wait for an answer, s; an instrument may be busy for 4 s while it erases a flash sector
     #[arg(long, value_name = "S", default_value_t = 5)]
     wait: u64,
+    /// Bring both axes to rest and hold them, whatever the instrument does; never locked
+    #[arg(long)]
+    stop: bool,
     /// Start a run, and follow the run to its end
-    #[arg(long, conflicts_with_all = ["abort", "read", "configure", "erase"])]
+    #[arg(long, requires = "unlock", conflicts_with_all = ["stop", "abort", "read", "configure", "set", "erase", "decommission", "confirm"])]
     start: bool,
-    /// Abort the run
+    /// Abort the run; the axes return to (0, 0) if the run has moved them and if the base is at rest
     #[arg(long)]
     abort: bool,
     /// Read data from the instrument, and print them
@@ -57,19 +62,28 @@ pub struct MonitorArguments {
     /// Write the data of --read to this file
     #[arg(long, value_name = "OUT.json", requires = "read")]
     json: Option<PathBuf>,
+    /// Commission the unit: store its site, axes, motors and policy for the next power-up
+    #[arg(long, value_name = "UNIT.toml", requires = "unlock")]
+    configure: Option<PathBuf>,
     /// Set the configuration until power-off, from a file in the form that `--read configuration` prints
     #[arg(long, value_name = "CONFIG.toml", requires = "unlock")]
-    configure: Option<PathBuf>,
+    set: Option<PathBuf>,
+    /// Erase the configuration of the unit; from the next power-up on nothing moves
+    #[arg(long, requires = "unlock")]
+    decommission: bool,
+    /// Say where the axes stand, counted over whole turns, deg; `-` leaves an axis as it is
+    #[arg(long, value_name = "OUTER,INNER", requires = "unlock", value_parser = angles, allow_hyphen_values = true)]
+    confirm: Option<Angles>,
     /// Erase the stored calibrations
     #[arg(long, requires = "unlock")]
     erase: bool,
     /// Record every corrected sample until q, Ctrl-C, SIGTERM, or the line closes
-    #[arg(long, value_name = "OUT.csv", conflicts_with_all = ["start", "abort", "read", "configure", "erase"])]
+    #[arg(long, value_name = "OUT.csv", conflicts_with_all = ["stop", "start", "abort", "read", "configure", "set", "erase", "decommission", "confirm"])]
     record: Option<PathBuf>,
     /// Stop recording after this time, s
     #[arg(long, value_name = "S", requires = "record", value_parser = seconds, allow_negative_numbers = true)]
     seconds: Option<f64>,
-    /// Unlock the instrument for `--configure` and `--erase`
+    /// Unlock the instrument for commands that move or change something
     #[arg(long)]
     unlock: bool,
 }
@@ -85,6 +99,8 @@ enum ReadArgument {
     BlackBox,
     /// The live configuration
     Configuration,
+    /// Name and serial number of the unit
+    Unit,
     /// State, time left, angles, lost samples and messages
     Status,
 }
@@ -92,16 +108,31 @@ enum ReadArgument {
 pub fn run(arguments: &MonitorArguments) -> Result<Ending> {
     let json = arguments.json.as_deref();
     files::check(
-        &[("--configure", arguments.configure.as_deref())],
+        &[("--configure", arguments.configure.as_deref()), ("--set", arguments.set.as_deref())],
         &[("--json", json), ("--record", arguments.record.as_deref())],
     )?;
-    let config = arguments.configure.as_deref().map(configured).transpose()?;
+    let config = arguments.set.as_deref().map(configured).transpose()?;
     let mut client = Client::new(open(&arguments.port, arguments.baud)?, Duration::from_secs(arguments.wait));
+    if arguments.stop {
+        client.ask(&Command::Stop, |_| ())?;
+        tell("all motion is stopped, and the axes are held");
+    }
     if let Some(item) = arguments.read {
         read(&mut client, item, json)?;
     }
     if let Some(config) = &config {
         configure(&mut client, config)?;
+    }
+    if let Some(path) = &arguments.configure {
+        commission(&mut client, path)?;
+    }
+    if arguments.decommission {
+        client.ask_unlocked(&Command::Decommission, |_| ())?;
+        tell("the configuration of the unit is erased; from the next power-up on nothing moves");
+    }
+    if let Some(Angles(angles_rad)) = arguments.confirm {
+        client.ask_unlocked(&Command::ConfirmAngles(angles_rad), |_| ())?;
+        tell("the turns of the axes are confirmed");
     }
     if arguments.erase {
         client.ask_unlocked(&Command::Erase, |_| ())?;
@@ -111,8 +142,35 @@ pub fn run(arguments: &MonitorArguments) -> Result<Ending> {
         client.ask(&Command::Abort, |_| ())?;
         tell("the run is aborted");
     }
-    let once = arguments.abort || arguments.erase || arguments.read.is_some() || config.is_some();
+    let commanded = arguments.stop || arguments.abort || arguments.erase || arguments.decommission;
+    let stored = arguments.configure.is_some() || arguments.confirm.is_some() || config.is_some();
+    let once = commanded || stored || arguments.read.is_some();
     if once { Ok(Ending::Done) } else { follow(&mut client, arguments) }
+}
+
+/// Outer and inner angle, counted over whole turns, rad.
+#[derive(Clone, Copy, Debug)]
+struct Angles([Option<f32>; 2]);
+
+fn angles(text: &str) -> Result<Angles, String> {
+    let angle = |text: &str| match text.trim() {
+        "-" => Some(None),
+        number => number.parse().ok().filter(|deg: &f64| deg.is_finite()).map(|deg| Some((deg * DEG) as f32)),
+    };
+    let both = text.split_once(',').and_then(|(outer, inner)| Some(Angles([angle(outer)?, angle(inner)?])));
+    both.ok_or_else(|| "two angles in deg, such as -250,0".into())
+}
+
+/// Stores the configuration of a unit in the instrument.
+fn commission(client: &mut Client, path: &Path) -> Result<()> {
+    let (unit, config) = commissioned(path, &configuration(client)?)?;
+    configure(client, &config)?;
+    client.ask_unlocked(&Command::Commission(unit.clone()), |_| ())?;
+    tell(&format!(
+        "{} (serial number {}) is commissioned; power the unit up again, and it acts by this configuration",
+        unit.name, unit.serial
+    ));
+    Ok(())
 }
 
 /// Reads a configuration file, and refuses unknown keys.
@@ -187,6 +245,13 @@ fn read(client: &mut Client, item: ReadArgument, json: Option<&Path>) -> Result<
                     events.iter().rev().for_each(|event| must_sayln!("{}", event_line(event)));
                     Ok(())
                 }
+            }
+        }
+        ReadArgument::Unit => {
+            let Answer::Unit(unit) = client.ask(&Command::Read(Item::Unit), |_| ())? else { bail!("no unit was sent") };
+            match json {
+                Some(path) => write_json(path, &unit),
+                None => print_toml(&unit),
             }
         }
         ReadArgument::Configuration => {
@@ -298,7 +363,7 @@ fn follow(client: &mut Client, arguments: &MonitorArguments) -> Result<Ending> {
         show.recording = Some(Recording::begin(client, path, |event| show.event(event))?);
     }
     if arguments.start {
-        client.ask(&Command::Start, |event| show.event(event))?;
+        client.ask_unlocked(&Command::Start, |event| show.event(event))?;
         show.started = true;
     }
     let ending = match watch(client, &mut show, arguments.seconds, &interrupt) {
@@ -425,6 +490,7 @@ impl Show {
         let Ok(key) = screen.keys.try_recv() else { return Ok(true) };
         let unlock = Command::Unlock(rins_selfcal::link::UNLOCK_WORD);
         let (note, command) = match key {
+            Key::Char(' ') => ("stop", Command::Stop),
             Key::Char('s') => ("start", Command::Start),
             Key::Char('a') => ("abort", Command::Abort),
             Key::Char('u') => ("unlock", unlock),

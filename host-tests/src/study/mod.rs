@@ -6,5 +6,6 @@ pub mod fault_campaign;
 pub mod fault_table;
 pub mod faults;
 pub mod monte_carlo;
+pub mod power_ups;
 pub mod replication;
 pub mod statistics;
