@@ -202,6 +202,7 @@ fn record() -> StoredCalibration {
         degrees_of_freedom: 50,
         software_version: "0".try_into().expect("it fits"),
         verdict: StoredVerdict::default(),
+        imu: None,
     }
 }
 

@@ -3,6 +3,7 @@
 pub mod angle;
 #[cfg(test)]
 pub(crate) mod golden;
+pub mod identity;
 pub mod linear;
 pub mod loss;
 pub mod method;
