@@ -242,6 +242,7 @@ fn record() -> StoredCalibration {
         degrees_of_freedom: 50,
         software_version: "0".try_into().expect("it fits"),
         verdict: StoredVerdict::default(),
+        imu: None,
     }
 }
 

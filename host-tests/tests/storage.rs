@@ -4,6 +4,7 @@
 use crc::{CRC_32_ISO_HDLC, Crc};
 use host_tests::bench::memory::{MemoryFault, Power, Stuck, Torn, VirtualEeprom, VirtualFlash};
 use rayon::prelude::*;
+use rins_selfcal::base::imu_identity::ImuIdentity;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::site::Site;
 use rins_selfcal::instrument::{Archive, FoundRecord};
@@ -83,6 +84,7 @@ fn record(number: u32) -> StoredCalibration {
         degrees_of_freedom: number,
         software_version: env!("CARGO_PKG_VERSION").parse().unwrap(),
         verdict: StoredVerdict::default(),
+        imu: Some(ImuIdentity { product: 16_495, serial: 100 + number }),
     }
 }
 
@@ -474,8 +476,7 @@ fn framed_as(magic: [u8; 3], version: u8, sequence: u32, payload: &[u8]) -> Vec<
 /// An instrument whose software is brought up to date finds its records of the version before.
 #[test]
 fn records_of_an_older_version_are_told_and_overwritten_in_their_turn() {
-    let before = FORMAT_VERSION - 1;
-    for version in [b'2', before] {
+    for version in [b'2', b'3'] {
         let mut eeprom = VirtualEeprom::blank(12 * SLOT_BYTES);
         for (place, sequence) in [(0, 5), (1, 6)] {
             let slot = framed(version, sequence, &[7; 500]);
@@ -773,6 +774,7 @@ fn the_longest_record_fits() {
         degrees_of_freedom: u32::MAX,
         software_version: "v".repeat(16).parse().unwrap(),
         verdict: StoredVerdict::new(&verdict),
+        imu: Some(ImuIdentity { product: u16::MAX, serial: u32::MAX }),
         ..record(1)
     };
     let mut store = saved::<Pages>(1);
@@ -800,10 +802,48 @@ fn the_bytes_of_a_record_are_these() {
     let length = encode(&mut slot, 7, &fixed).unwrap();
     // The CRC of all before it.
     let crc = |frame: &[u8]| u32::from_le_bytes(*frame.last_chunk().unwrap());
-    assert_eq!((&slot[..12], length), (b"RSC4\x07\0\0\0\xf3\x01\0\0".as_slice(), 515));
-    assert_eq!(crc(&slot[..length]), 2_514_724_314);
+    assert_eq!((&slot[..12], length), (b"RSC5\x07\0\0\0\xf8\x01\0\0".as_slice(), 520));
+    assert_eq!(crc(&slot[..length]), 2_347_485_529);
+    // The identity of the IMU comes last.
+    assert_eq!(slot[length - 4 - 5..length - 4], [1, 0xef, 0x80, 1, 105]);
     // With reasons: two doubts, of schema 1.
-    let length = encode(&mut slot, 7, &rejected(3)).unwrap();
-    let verdict = &slot[length - 4 - 8..length - 4];
-    assert_eq!(verdict, [3, 0, 1, 4, 7, 3, 4, 2]);
+    let length = encode(&mut slot, 7, &StoredCalibration { imu: None, ..rejected(3) }).unwrap();
+    let verdict = &slot[length - 4 - 9..length - 4];
+    assert_eq!(verdict, [3, 0, 1, 4, 7, 3, 4, 2, 0]);
+}
+
+/// A record that software 0.2.0 has written. The file must never change.
+const FORMAT_4: &[u8] = include_bytes!("../data/calibration-format-4.bin");
+
+#[test]
+fn a_record_of_format_4_is_read_without_the_identity_of_its_imu() {
+    let written = StoredCalibration { software_version: "0.2.0".parse().unwrap(), imu: None, ..record(5) };
+    let mut memory = Pages::blank();
+    memory.bytes()[..FORMAT_4.len()].copy_from_slice(FORMAT_4);
+    let mut store = CalibrationStore::new(memory);
+    assert_eq!(store.load(), Ok(Loaded::Found { record: written.clone(), damage: None }));
+    assert_eq!((store.damaged(), store.other_versions()), (0, 0));
+    // It is the newest record until the next one is stored, and an entry of the history then.
+    assert_eq!(store.save(&record(6)), Ok(0));
+    let mut store = rebooted(store);
+    assert_eq!(store.load(), Ok(Loaded::Found { record: record(6), damage: None }));
+    assert_eq!((store.entry(0), store.entry(1)), (Ok(Some((8, record(6)))), Ok(Some((7, written)))));
+}
+
+/// The newest accepted record of the format before is kept as one of the present format is.
+#[test]
+fn a_record_of_format_4_outlives_rejected_runs_and_cuts() {
+    let mut memory = Serial::blank();
+    let slot: Vec<u8> = FORMAT_4.iter().copied().chain([0xff; 29]).collect();
+    memory.write(4 * SLOT_BYTES as u32, &slot).unwrap();
+    let mut store = CalibrationStore::new(memory);
+    (0..REJECTED_IN_A_ROW as u32).for_each(|number| assert_eq!(store.save(&rejected(number)), Ok(0)));
+    assert_eq!(store.save(&rejected(9)), Err(StoreError::Rejected));
+    for torn in Torn::ALL {
+        let mut cut = CalibrationStore::new(store.memory().clone());
+        cut.memory().power().cut_after(3, torn);
+        assert!(cut.save(&record(6)).is_err());
+        let Ok(Loaded::Found { record: found, .. }) = rebooted(cut).load() else { panic!("nothing found") };
+        assert_eq!((found.degrees_of_freedom, found.imu), (5, None));
+    }
 }

@@ -121,7 +121,7 @@ struct Framed {
 /// # let record = StoredCalibration {
 /// #     errors: InstrumentErrors::default(), sigmas: [1e-6; 28], method: Method::Joint, scheme: "fast-180".try_into().unwrap(),
 /// #     site: Site::default(), utc_s: None, temperature_c: 25.0, chi_square: 80.0, degrees_of_freedom: 84,
-/// #     software_version: "0.1.0".try_into().unwrap(), verdict: Default::default(),
+/// #     software_version: "0.1.0".try_into().unwrap(), verdict: Default::default(), imu: None,
 /// # };
 /// let mut store = CalibrationStore::new(Eeprom(Memory(vec![0xff; 16 * 1024])));
 /// assert_eq!(store.load(), Ok(Loaded::Empty));

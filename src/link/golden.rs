@@ -9,6 +9,7 @@ use super::frame::{Dropped, PROTOCOL_VERSION};
 use super::protocol::{Answer, Command, Hello, Item, LinkCounts, Refusal, Setting, SettingName, Status};
 use crate::base::angle::Angle;
 use crate::base::golden::{check_bytes, table};
+use crate::base::imu_identity::ImuIdentity;
 use crate::base::loss::LossCounts;
 use crate::base::method::Method;
 use crate::base::restart::{FatalError, Registers, Restart, Task};
@@ -117,6 +118,7 @@ fn stored() -> StoredCalibration {
         degrees_of_freedom: 84,
         software_version: "0.2.0".try_into().unwrap(),
         verdict: StoredVerdict::new(&verdict()),
+        imu: Some(ImuIdentity { product: 16_495, serial: 300 }),
     }
 }
 
@@ -351,7 +353,7 @@ fn the_bytes_of_every_answer_are_these() {
         Answer::Hello(_) => Answer::Hello(hello), "02 05 05 30 2e 32 2e 30 34 40 20";
         Answer::Status(_) => Answer::Status(status),
             "03 c0 96 b1 02 04 03 12 07 00 00 72 42 00 00 c0 3f 00 00 20 40 01 00 01 01 ac 02 01 02 03 04 05";
-        Answer::Calibration(_) => Answer::Calibration(stored()), "512 bytes, CRC 3dd62b4e";
+        Answer::Calibration(_) => Answer::Calibration(stored()), "518 bytes, CRC 7cf28942";
         Answer::Estimate { .. } => Answer::Estimate { segments: 7, estimate: estimate() }, "450 bytes, CRC aabcb290";
         Answer::Covariance { .. } => Answer::Covariance { row: 27, values: row() }, "226 bytes, CRC f0950c12";
         Answer::Setting(Setting::Calibrator(_)) => Answer::Setting(Setting::Calibrator(calibrator())),

@@ -1,5 +1,6 @@
 //! The result of a run as it is stored: the calibration, its origin, and a short form of its verdict.
 
+use crate::base::imu_identity::ImuIdentity;
 use crate::base::method::Method;
 use crate::base::site::Site;
 use crate::estimator::Estimate;
@@ -44,6 +45,8 @@ pub struct StoredCalibration {
     pub software_version: String<16>,
     /// The verdict.
     pub verdict: StoredVerdict,
+    /// The IMU that was calibrated; `None` if it is not known.
+    pub imu: Option<ImuIdentity>,
 }
 
 impl StoredCalibration {

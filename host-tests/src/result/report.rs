@@ -3,6 +3,7 @@
 use crate::base::quantity;
 use crate::calibration::{Outcome, Precision, is_estimated, method_name};
 use crate::files::unit_file::Noise;
+use rins_selfcal::base::imu_identity::ImuIdentity;
 use rins_selfcal::base::linear::{Matrix3, Vector3};
 use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::method::Method;
@@ -265,6 +266,7 @@ pub struct StoredReport {
     utc_s: Option<u64>,
     temperature_c: Option<f32>,
     software_version: String,
+    imu: Option<ImuIdentity>,
     convention: &'static str,
     site: SiteReport,
     correction: CorrectionReport,
@@ -284,6 +286,7 @@ impl From<&StoredCalibration> for StoredReport {
             utc_s: stored.utc_s,
             temperature_c: Some(stored.temperature_c).filter(|temperature| temperature.is_finite()),
             software_version: stored.software_version.as_str().into(),
+            imu: stored.imu,
             convention: CONVENTION,
             site: (&stored.site).into(),
             correction: correction(&stored.errors),

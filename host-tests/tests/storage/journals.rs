@@ -31,6 +31,11 @@ trait Example: Kind<Record: PartialEq + Debug + Sync> + Sync {
     /// The record of this number. Even numbers differ from odd ones, so that records of both kinds follow each other.
     fn record(number: u32) -> Self::Record;
 
+    /// What a power-up takes a lost record for.
+    fn lost() -> Option<Self::Record> {
+        None
+    }
+
     /// What a power-up takes for the newest record.
     fn newest<M: Virtual>(journal: &mut Journal<M, Self>) -> Option<Self::Record>
     where
@@ -41,6 +46,10 @@ trait Example: Kind<Record: PartialEq + Debug + Sync> + Sync {
 }
 
 impl Example for Marks {
+    fn lost() -> Option<Mark> {
+        Some(Mark::Moving)
+    }
+
     fn newest<M: Virtual>(journal: &mut Journal<M, Self>) -> Option<Mark> {
         journal.last_mark()
     }
@@ -269,43 +278,67 @@ fn a_mark_that_is_cut_twice_is_one_that_was_written_or_counts_as_moving() {
     assert!(cases > 5_000);
 }
 
-#[test]
-fn an_erase_of_a_configuration_that_is_cut_leaves_the_newest_or_none() {
-    fn check<M: Virtual>(blank: &M, counts: impl IntoParallelIterator<Item = u32>, seeds: u64) -> [usize; 2] {
-        let each = |count: u32| {
-            let before = written::<M, Configurations>(blank, count).release();
-            let mut journal = Journal::<M, Configurations>::new(before.clone());
-            journal.memory().power().on();
-            journal.erase().expect("a memory that works");
-            assert_eq!(journal.load(), Ok(Latest { record: None, damage: None }));
-            let mut found = [0, 0];
-            for step in 0..journal.memory().power().steps() {
-                for (torn, seed) in Torn::ALL.into_iter().flat_map(|torn| (0..seeds).map(move |seed| (torn, seed))) {
-                    let mut journal = Journal::<M, Configurations>::new(before.clone());
-                    journal.memory().power().cut_at_random(step, torn, seed);
-                    assert!(journal.erase().is_err());
-                    let mut journal = rebooted(journal);
-                    let record = journal.load().expect("a memory that works").record;
-                    let newest = Configurations::record(count - 1);
-                    assert!(record.as_ref().is_none_or(|record| *record == newest), "{count}: {step} {torn:?} {seed}");
-                    found[usize::from(record.is_none())] += 1;
-                    journal.prepare(2).expect("a place");
-                    assert_eq!(journal.write(&Configurations::record(99)), Ok(0));
-                    // What the cut has left after it may be told as damage until the next write.
-                    let found = rebooted(journal).load().expect("a memory that works");
-                    assert_eq!(found.record, Some(Configurations::record(99)));
-                }
+/// Every step of an erase after these numbers of records, left in every way. Returns in how many cases the newest record
+/// was found, and in how many there was none.
+fn cut_erase_everywhere<M: Virtual, K: Example>(
+    blank: &M,
+    counts: impl IntoParallelIterator<Item = u32>,
+    seeds: u64,
+) -> [usize; 2] {
+    let each = |count: u32| {
+        let before = written::<M, K>(blank, count).release();
+        let mut journal = Journal::<M, K>::new(before.clone());
+        journal.memory().power().on();
+        journal.erase().expect("a memory that works");
+        assert_eq!(journal.load(), newest::<M, K>(0));
+        let mut found = [0, 0];
+        for step in 0..journal.memory().power().steps() {
+            for (torn, seed) in Torn::ALL.into_iter().flat_map(|torn| (0..seeds).map(move |seed| (torn, seed))) {
+                let context = format!("{count}: {step} {torn:?} {seed}");
+                found[usize::from(!cut_erase::<M, K>(&before, (count - 1, step, torn, seed), &context))] += 1;
             }
-            found
-        };
-        counts.into_par_iter().map(each).reduce(|| [0, 0], |sum, found| [sum[0] + found[0], sum[1] + found[1]])
-    }
+        }
+        found
+    };
+    counts.into_par_iter().map(each).reduce(|| [0, 0], |sum, found| [sum[0] + found[0], sum[1] + found[1]])
+}
+
+/// Cuts the power in an erase. The newest record is found, or none, or what a lost record is taken for. Returns whether
+/// the record was found.
+fn cut_erase<M: Virtual, K: Example>(
+    before: &M,
+    (newest, step, torn, seed): (u32, usize, Torn, u64),
+    context: &str,
+) -> bool {
+    let mut journal = Journal::<M, K>::new(before.clone());
+    journal.memory().power().cut_at_random(step, torn, seed);
+    assert!(journal.erase().is_err(), "{context}");
+    let mut journal = rebooted(journal);
+    let (found, newest) = (K::newest(&mut journal), Some(K::record(newest)));
+    assert!(found == newest || found.is_none() || found == K::lost(), "{context}: {found:?}");
+    journal.prepare(2).expect("a place");
+    // What the cut has left may be told as damage until the next write.
+    assert_eq!(journal.write(&K::record(99)), Ok(0), "{context}");
+    let mut journal = rebooted(journal);
+    assert_eq!(journal.load().expect("a memory that works").record, Some(K::record(99)), "{context}");
+    found == newest
+}
+
+#[test]
+fn an_erase_of_a_journal_that_is_cut_leaves_the_newest_record_or_none() {
+    let counts = |per_sector| around_sectors(per_sector).into_par_iter().filter(|count| *count > 0);
     for (name, [found, none]) in [
-        ("EEPROM", check(&eeprom(6144), 3..5, 1)),
-        ("internal flash", check(&Internal::blank(), around_sectors(64).into_par_iter().filter(|count| *count > 0), 5)),
-        ("serial flash", check(&Serial::blank(), 1..8, 40)),
+        ("a configuration in EEPROM", cut_erase_everywhere::<_, Configurations>(&eeprom(6144), 3..5, 1)),
+        (
+            "a configuration in internal flash",
+            cut_erase_everywhere::<_, Configurations>(&Internal::blank(), counts(64), 5),
+        ),
+        ("a configuration in serial flash", cut_erase_everywhere::<_, Configurations>(&Serial::blank(), 1..8, 40)),
+        ("marks in EEPROM", cut_erase_everywhere::<_, Marks>(&eeprom(1024), 22..24, 1)),
+        ("marks in internal flash", cut_erase_everywhere::<_, Marks>(&Internal::blank(), counts(2048), 5)),
+        ("marks in serial flash", cut_erase_everywhere::<_, Marks>(&Serial::blank(), counts(64), 40)),
     ] {
-        println!("erases of a configuration cut in {name}: the newest was found in {found} cases, none in {none}");
+        println!("erases of {name} cut: the newest was found in {found} cases, none in {none}");
         assert!(found > 50 && none > 50);
     }
 }

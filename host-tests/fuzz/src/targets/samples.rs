@@ -72,6 +72,7 @@ pub fn record(number: u32) -> StoredCalibration {
         degrees_of_freedom: 190,
         software_version: Hello::new::<f64>(BASIC_STATES).software,
         verdict: StoredVerdict::default(),
+        imu: None,
     }
 }
 

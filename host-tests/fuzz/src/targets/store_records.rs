@@ -58,7 +58,7 @@ impl Target for Records {
                 source.damage(&mut payload);
                 payload.truncate(SLOT_BYTES - HEADER_BYTES - CRC_BYTES);
                 input.truncate(HEADER_BYTES - 4);
-                input[3] = *source.pick(b"123445");
+                input[3] = *source.pick(b"124556");
                 input.extend((payload.len() as u32).to_le_bytes());
                 input.extend(payload);
                 input.extend(crc_32(input).to_le_bytes());
