@@ -1,6 +1,7 @@
 //! Shared types and mathematics. Every room may use this room; this room uses no other room.
 
 pub mod angle;
+pub mod bounds;
 #[cfg(test)]
 pub(crate) mod golden;
 pub mod linear;
