@@ -139,12 +139,20 @@ mod tests {
     use crate::acquisition::queue::SampleQueue;
     use crate::base::linear::Vector3;
     use crate::base::loss::LossCounts;
+    use crate::gimbal::TurnState;
     use core::convert::Infallible;
 
     type Read = Result<ImuReading<f64>, ImuFault<Infallible>>;
 
-    const STATUS: GimbalStatus =
-        GimbalStatus { time_us: 17_000, commands: 3, arrived: true, at_rest: true, move_us: 5, fault: None };
+    const STATUS: GimbalStatus = GimbalStatus {
+        time_us: 17_000,
+        commands: 3,
+        arrived: true,
+        at_rest: true,
+        move_us: 5,
+        turns: [TurnState::Known; 2],
+        fault: None,
+    };
 
     fn reading(time_us: u64, missed: u32) -> Read {
         let (omega_g, force_a) = (Vector3::new(1.0, 2.0, 3.0), Vector3::new(4.0, 5.0, 6.0));

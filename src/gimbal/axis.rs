@@ -10,26 +10,22 @@
 //!           |      +---------- hold ----------|--------------------+
 //!           +---------------------------------+
 //! ```
-//! A reading is rejected if it is missing, or if it lies farther from the expected angle than the axis can have moved.
-//! For up to two control periods the expected angle replaces a rejected reading; after that the encoder is faulty.
-//! Braking begins at the current rate of the axis and uses the highest acceleration; its jerk is not limited.
+//! The encoder is followed by [`Tracker`](super::tracker::Tracker). After it was lost, the axis is controlled again from
+//! the next command on. Braking begins at the current rate of the axis and uses the highest acceleration; its jerk is not
+//! limited.
 
-use crate::base::angle::{Angle, rad_to_ticks, ticks_to_rad};
+use crate::base::angle::{Angle, RAD_PER_TICK, rad_to_ticks, ticks_to_rad};
+use crate::base::bounds::{ARCSECONDS, Bounded, DEGREES, DEGREES_PER_S, DEGREES_PER_S2, DEGREES_PER_S3, Unit};
 use crate::base::linear::{Real, real};
 use crate::base::profile::{MotionLimits, Point, Profile};
 use crate::base::units::{ARCSEC, DEG};
 use crate::gimbal::servo::{Drive, MotorAndLoad, PERIOD_S, Servo, Setpoint};
-use crate::gimbal::{EncoderFault, FaultKind};
+use crate::gimbal::tracker::{Tracked, Tracker};
+use crate::gimbal::travel::{LocateRefusal, Travel, Turn, TurnState};
+use crate::gimbal::{EncoderFault, FaultKind, TurnFault};
+use core::f64::consts::PI;
 use serde::{Deserialize, Serialize};
 
-/// Tolerance for comparing angles of a scheme with limits of the travel, rad. It covers rounding only.
-pub const ROUNDING_RAD: f64 = 1e-9;
-/// Highest permitted rate limit of an axis, rad/s: the range of the gyros of the IMU.
-const HIGHEST_RATE_RAD_S: f64 = 125.0 * DEG;
-/// Control periods without a valid reading for which the expected angle is used.
-const BRIDGED_PERIODS: u8 = 2;
-/// An axis is assumed to move between two readings at no more than this multiple of its rate limit.
-const PLAUSIBLE_RATE: f64 = 2.0;
 /// An axis at or below this rate is at rest, rad/s.
 const REST_RAD_S: f64 = 0.05 * DEG;
 /// Time after which a shorted winding should have stopped the axis, us.
@@ -41,10 +37,18 @@ const BLIND_REST_US: u64 = 2_000_000;
 const STALL_RAD_S: f64 = 2.0 * DEG;
 const STALL_FRACTION: f64 = 0.25;
 const STALL_PERIODS: u8 = 5;
-/// Permitted distance beyond the travel limits, rad.
-const TRAVEL_MARGIN_RAD: f64 = 0.1 * DEG;
+/// Permitted distance beyond the usable range of a moving axis, rad.
+const BEYOND_RAD: f64 = 0.1 * DEG;
+/// An axis runs away if its rate exceeds its rate limit by this fraction and one encoder step per control period,
+/// whatever the configured runaway limit is.
+const RUNAWAY_FRACTION: f64 = 0.2;
+/// Rate at which somebody may turn an axis by hand while its encoder is lost, rad/s.
+const BY_HAND_RAD_S: f64 = 60.0 * DEG;
+/// Lowest rate, rad/s, and lowest acceleration, rad/s^2, of a move. They keep the duration of a move finite.
+const LOWEST_RAD_S: f64 = 0.01 * DEG;
+const LOWEST_RAD_S2: f64 = 0.01 * DEG;
 
-/// Limits of rate, acceleration and travel of one axis.
+/// Limits of rate, acceleration and travel of one axis. [`AXIS_BOUNDS`] has the permitted range of every number.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct AxisLimits {
@@ -54,45 +58,103 @@ pub struct AxisLimits {
     pub acceleration_rad_s2: f64,
     /// Highest jerk of a move, rad/s^3.
     pub jerk_rad_s3: f64,
-    /// Lowest angle, counted over whole turns, rad.
-    pub lowest_rad: f64,
-    /// Highest angle, counted over whole turns, rad.
-    pub highest_rad: f64,
+    /// Travel of the axis, and how its turn is known after power-up.
+    pub travel: Travel,
     /// The axis has arrived if its distance from the target is at most this, rad.
     pub arrived_rad: f64,
     /// Distance from the profile above which a following error is reported, rad.
     pub following_error_rad: f64,
-    /// Rate in excess of the profile, or against it, above which a runaway is reported, rad/s.
+    /// Rate in excess of the profile, or against it, above which a runaway is reported, rad/s. A rate that is clearly
+    /// above `rate_rad_s` is reported in any case.
     pub runaway_rad_s: f64,
 }
 
-impl AxisLimits {
-    /// Whether every number is finite, every limit positive, the rate limit within the range of the gyros, and the
-    /// travel not empty.
-    pub fn are_valid(&self) -> bool {
-        let positive = [
-            self.rate_rad_s,
-            self.acceleration_rad_s2,
-            self.jerk_rad_s3,
-            self.arrived_rad,
-            self.following_error_rad,
-            self.runaway_rad_s,
-        ];
-        let travel_rad = self.highest_rad - self.lowest_rad;
-        let all_positive = positive.iter().chain([&travel_rad]).all(|limit| limit.is_finite() && *limit > 0.0);
-        all_positive && self.rate_rad_s <= HIGHEST_RATE_RAD_S
-    }
+/// The permitted range of every number of [`AxisLimits`]. The highest rate is the range of the gyros of the IMU.
+/// Following error and runaway limit end a motion that is out of control before the axis has gone far. A continuous
+/// travel has no numbers and passes.
+pub static AXIS_BOUNDS: [Bounded<AxisLimits>; 10] = [
+    Bounded::new("highest rate", DEGREES_PER_S, [1.0, 125.0], |limits| limits.rate_rad_s),
+    Bounded::new("highest acceleration", DEGREES_PER_S2, [0.1, 1e4], |limits| limits.acceleration_rad_s2),
+    Bounded::new("jerk", DEGREES_PER_S3, [1.0, 1e6], |limits| limits.jerk_rad_s3),
+    Bounded::new("tolerance of arrival", ARCSECONDS, [0.01, 3600.0], |limits| limits.arrived_rad),
+    Bounded::new("following error", DEGREES, [0.1, 10.0], |limits| limits.following_error_rad),
+    Bounded::new("runaway limit", DEGREES_PER_S, [1.0, 20.0], |limits| limits.runaway_rad_s),
+    Bounded::new("lowest angle of travel", DEGREES, [-36_000.0, 36_000.0], |limits| limits.travel.ends_rad()[0]),
+    Bounded::new("highest angle of travel", DEGREES, [-36_000.0, 36_000.0], |limits| limits.travel.ends_rad()[1]),
+    Bounded::new("width of travel", DEGREES, [2.5, 72_000.0], |limits| limits.travel.width_rad().unwrap_or(PI)),
+    Bounded::new("width of unique travel", DEGREES, [2.5, 358.0], |limits| {
+        limits.travel.width_rad().filter(|_| limits.travel.is_unique()).unwrap_or(PI)
+    }),
+];
+
+/// An axis and its motor.
+pub type AxisAndMotor = (AxisLimits, MotorAndLoad);
+
+/// The permitted range of the numbers that follow from an axis and its motor together. The response time is that of the
+/// rate loop: the inverse of [`MotorAndLoad::bandwidth_rad_s`].
+///
+/// - The motor has acceleration in reserve at the highest rate, against friction and its own voltage. Otherwise the axis
+///   could not brake before the end of its travel.
+/// - The ramp to the highest rate is long enough for the servo to follow it without overshoot.
+/// - The axis moves by several encoder steps in a control period. Otherwise the servo does not see the rate.
+/// - Dry friction takes little of the rate in a control period. The servo needs a few control periods to notice that
+///   a friction at rest has broken away.
+/// - Following error and runaway limit exceed what the rounding of the encoder and the response time of the servo cause
+///   in normal operation.
+pub static AXIS_AND_MOTOR_BOUNDS: [Bounded<AxisAndMotor>; 8] = [
+    at_least(
+        "acceleration of the motor at the highest rate",
+        1.5,
+        "times the highest acceleration",
+        |(limits, motor)| motor.acceleration_at_rad_s2(limits.rate_rad_s) / limits.acceleration_rad_s2,
+    ),
+    at_least("time to the highest rate", 4.0, "response times", |(limits, motor)| {
+        limits.rate_rad_s / limits.acceleration_rad_s2 * motor.bandwidth_rad_s()
+    }),
+    at_least("movement in a control period at the highest rate", 4.0, "encoder steps", |(limits, motor)| {
+        limits.rate_rad_s * PERIOD_S / motor.encoder_step_rad()
+    }),
+    Bounded::new(DRY_FRICTION, Unit::si("times the highest rate"), [0.0, 0.5], |(limits, motor)| {
+        motor.coulomb_nm / motor.inertia_kg_m2 / motor.bandwidth_rad_s() / limits.rate_rad_s
+    }),
+    at_least("following error", 20.0, "encoder steps", |(limits, motor)| {
+        limits.following_error_rad / motor.encoder_step_rad()
+    }),
+    at_least(
+        "following error",
+        4.0,
+        "times the highest acceleration times the response time squared",
+        |(limits, motor)| {
+            limits.following_error_rad / limits.acceleration_rad_s2 * motor.bandwidth_rad_s() * motor.bandwidth_rad_s()
+        },
+    ),
+    at_least("runaway limit", 1.0, "encoder step per control period", |(limits, motor)| {
+        limits.runaway_rad_s * PERIOD_S / motor.encoder_step_rad()
+    }),
+    at_least("runaway limit", 1.0, "times the highest acceleration times the response time", |(limits, motor)| {
+        limits.runaway_rad_s / limits.acceleration_rad_s2 * motor.bandwidth_rad_s()
+    }),
+];
+
+const DRY_FRICTION: &str = "rate that dry friction takes in a response time";
+
+const fn at_least(
+    name: &'static str,
+    lowest: f64,
+    unit: &'static str,
+    value: fn(&AxisAndMotor) -> f64,
+) -> Bounded<AxisAndMotor> {
+    Bounded::new(name, Unit::si(unit), [lowest, f64::INFINITY], value)
 }
 
 impl Default for AxisLimits {
-    /// 60 deg/s, 60 deg/s^2, 1000 deg/s^3, travel of two turns in either direction, 2 arcsec, 1 deg, 5 deg/s.
+    /// 60 deg/s, 60 deg/s^2, 1000 deg/s^3, continuous travel, 2 arcsec, 1 deg, 5 deg/s.
     fn default() -> Self {
         Self {
             rate_rad_s: 60.0 * DEG,
             acceleration_rad_s2: 60.0 * DEG,
             jerk_rad_s3: 1000.0 * DEG,
-            lowest_rad: -720.0 * DEG,
-            highest_rad: 720.0 * DEG,
+            travel: Travel::Continuous,
             arrived_rad: 2.0 * ARCSEC,
             following_error_rad: DEG,
             runaway_rad_s: 5.0 * DEG,
@@ -120,14 +182,12 @@ pub struct Axis<T: Real> {
     limits: AxisLimits,
     /// Rate below which the axis is at rest, rad/s: not less than one encoder step per control period.
     rest_rad_s: f64,
+    /// Rate above which an axis runs away unless it brakes, rad/s.
+    runaway_rad_s: f64,
     servo: Servo<T>,
     mode: Mode<T>,
-    /// Angle counted over whole turns, ticks; `None` before the first reading.
-    ticks: Option<i64>,
-    /// Number of consecutive control periods without a valid reading.
-    missing: u8,
-    /// Reason of the last rejected reading.
-    encoder_fault: EncoderFault,
+    tracker: Tracker,
+    turn: Turn,
     /// Number of consecutive control periods in which the axis was stalled.
     stalled: u8,
 }
@@ -135,54 +195,52 @@ pub struct Axis<T: Real> {
 impl<T: Real> Axis<T> {
     /// An axis before the first reading of its encoder. Its winding is shorted.
     pub fn new(limits: &AxisLimits, data: &MotorAndLoad) -> Self {
+        let step_rad = data.encoder_step_rad();
         Self {
             limits: *limits,
-            rest_rad_s: REST_RAD_S.max(data.encoder_step_rad() / PERIOD_S),
+            rest_rad_s: REST_RAD_S.max(step_rad / PERIOD_S),
+            runaway_rad_s: limits.rate_rad_s * (1.0 + RUNAWAY_FRACTION) + step_rad / PERIOD_S,
             servo: Servo::new(data),
             mode: Mode::Free { drive: Drive::Brake, since_us: 0 },
-            ticks: None,
-            missing: 0,
-            encoder_fault: EncoderFault::Silent,
+            tracker: Tracker::new(limits.rate_rad_s, step_rad),
+            turn: Turn::new(limits.travel),
             stalled: 0,
         }
     }
 
-    /// The same axis with other limits and another motor. The angle and its whole turns are kept; the axis is not
-    /// controlled.
+    /// The same axis with other limits and another motor. The count of the encoder is kept, and its turn if
+    /// [`Turn::with_travel`] permits it; the axis is not controlled.
     pub fn reconfigured(&self, limits: &AxisLimits, data: &MotorAndLoad) -> Self {
         let fresh = Self::new(limits, data);
         let mode = if self.is_controlled() { fresh.mode } else { self.mode };
-        Self { mode, ticks: self.ticks, missing: self.missing, encoder_fault: self.encoder_fault, ..fresh }
+        let tracker = self.tracker.reconfigured(limits.rate_rad_s, data.encoder_step_rad());
+        let turn = self.turn.with_travel(limits.travel, tracker.ticks());
+        Self { mode, tracker, turn, ..fresh }
     }
 
-    /// Takes an encoder reading, `periods` control periods after the reading before it. The first reading selects the
-    /// whole turn: the turn within the travel limits; if several turns fit, the one nearest to zero.
-    pub fn observe(&mut self, reading: Result<Angle, EncoderFault>, periods: u64) {
-        let Some(before) = self.ticks else {
-            self.ticks = reading.ok().map(|angle| self.within_travel(i64::from(angle.ticks() as i32)));
-            self.missing = if self.ticks.is_some() { 0 } else { self.missing.saturating_add(1) };
-            // The axis was commanded to hold before its first reading: hold it at this angle.
-            if let Some(ticks) = self.ticks.filter(|_| self.is_controlled()) {
-                self.mode = Mode::Holding { ticks };
-            }
-            return;
-        };
-        let periods = periods.clamp(1, 1000);
-        let step = self.expected_step();
-        // Expected angle after the control periods without a reading.
-        let expected = before + step * periods as i64;
-        let ticks = match self.check_reading(reading, expected, periods) {
-            Ok(ticks) => {
-                self.missing = 0;
-                ticks
-            }
-            Err(fault) => {
-                (self.missing, self.encoder_fault) = (self.missing.saturating_add(1), fault);
-                expected
-            }
-        };
-        self.servo.observe((ticks - before) / periods as i64);
-        self.ticks = Some(ticks);
+    /// Takes an encoder reading, `periods` control periods after the reading before it.
+    pub fn observe(&mut self, reading: Result<Angle, EncoderFault>, periods: u64, now_us: u64) {
+        match self.tracker.observe(reading, periods, self.expected_step()) {
+            Tracked::Moved(step) => self.servo.observe(step),
+            Tracked::Lost => self.servo.reset(T::zero()),
+            Tracked::Searching => {}
+            Tracked::Found { step, unseen_s } => self.found(step, unseen_s, now_us),
+        }
+        if let Some(ticks) = self.tracker.ticks() {
+            self.turn.search(ticks);
+        }
+    }
+
+    /// The encoder was found after `unseen_s` without it. A command to hold that was given meanwhile is carried out from
+    /// here on.
+    fn found(&mut self, step: f64, unseen_s: f64, now_us: u64) {
+        self.servo.reset(real(step * (RAD_PER_TICK / PERIOD_S)));
+        if unseen_s * BY_HAND_RAD_S.max(self.limits.rate_rad_s) > PI {
+            self.turn.forget();
+        }
+        if self.is_controlled() {
+            self.brake(now_us);
+        }
     }
 
     /// Expected movement in one control period at the current rate, ticks.
@@ -190,37 +248,36 @@ impl<T: Real> Axis<T> {
         rad_to_ticks((self.servo.rate_rad_s() * real(PERIOD_S)).widened())
     }
 
-    fn check_reading(
-        &self,
-        reading: Result<Angle, EncoderFault>,
-        expected: i64,
-        periods: u64,
-    ) -> Result<i64, EncoderFault> {
-        let off = reading?.since(Angle::from_ticks(expected as u32));
-        let unseen_s = (u64::from(self.missing) + periods) as f64 * PERIOD_S;
-        let possible = rad_to_ticks(PLAUSIBLE_RATE * self.limits.rate_rad_s * unseen_s);
-        if i64::from(off).abs() <= possible {
-            Ok(expected + i64::from(off))
-        } else {
-            Err(EncoderFault::Jump(ticks_to_rad::<f64>(off.into()) as f32))
-        }
-    }
-
-    /// This angle on a turn within the travel limits. If no turn fits, the angle is returned unchanged.
-    fn within_travel(&self, ticks: i64) -> i64 {
-        let travel = rad_to_ticks(self.limits.lowest_rad)..=rad_to_ticks(self.limits.highest_rad);
-        let turns = [0, -1, 1, -2, 2].map(|turns: i64| ticks + (turns << 32));
-        turns.into_iter().find(|turned| travel.contains(turned)).unwrap_or(ticks)
-    }
-
-    /// Angle counted over whole turns, rad; zero before the first reading.
+    /// Angle counted over whole turns, rad; within one turn if the turn is not known. Zero before the first reading.
     pub fn angle_rad(&self) -> f64 {
-        ticks_to_rad(self.ticks.unwrap_or(0))
+        ticks_to_rad(self.tracker.last_ticks() + self.turn.offset_ticks())
+    }
+
+    /// Angle counted over whole turns, rad; `None` unless the encoder works and the turn is known.
+    pub fn known_angle_rad(&self) -> Option<f64> {
+        (self.turn_state() == TurnState::Known).then(|| self.angle_rad())
+    }
+
+    /// What is known of the turn on which the axis stands.
+    pub fn turn_state(&self) -> TurnState {
+        self.turn.state(self.tracker.ticks())
+    }
+
+    /// Takes the turn that is nearest to `angle_rad`: see [`Turn::locate`].
+    ///
+    /// # Errors
+    /// The axis is moving under control, its encoder does not work, or [`Turn::locate`] refuses the angle.
+    pub fn locate(&mut self, angle_rad: f64, tolerance_rad: f64) -> Result<(), LocateRefusal> {
+        let ticks = self.tracker.ticks().ok_or(LocateRefusal::Searching)?;
+        if matches!(self.mode, Mode::Moving { .. } | Mode::Braking { .. }) {
+            return Err(LocateRefusal::Moving);
+        }
+        self.turn.locate(ticks, angle_rad, tolerance_rad)
     }
 
     /// Whether the encoder has given a valid reading within the last control periods.
     pub fn has_valid_encoder(&self) -> bool {
-        self.ticks.is_some() && self.missing <= BRIDGED_PERIODS
+        self.tracker.ticks().is_some()
     }
 
     /// Brakes with the highest acceleration and then holds the axis at rest.
@@ -228,10 +285,22 @@ impl<T: Real> Axis<T> {
         if matches!(self.mode, Mode::Holding { .. } | Mode::Braking { .. }) {
             return;
         }
-        let (rate_rad_s, from_ticks) = (self.servo.rate_rad_s(), self.ticks.unwrap_or(0));
+        self.brake(now_us);
+    }
+
+    fn brake(&mut self, now_us: u64) {
+        let (rate_rad_s, from_ticks) = (self.braking_rate_rad_s(), self.tracker.last_ticks());
         self.servo.restart(rate_rad_s);
         self.stalled = 0;
         self.mode = Mode::Braking { rate_rad_s, from_ticks, start_us: now_us };
+    }
+
+    /// Rate at which braking begins: that of the axis. In a move it is not above that of the profile, so that rounding by
+    /// a coarse encoder does not make the way longer than the way that the move has left.
+    fn braking_rate_rad_s(&self) -> T {
+        let (rate, profile) = (self.servo.rate_rad_s(), self.servo.setpoint_rate_rad_s());
+        let is_above = rate * profile > T::zero() && rate.abs() > profile.abs();
+        if is_above && matches!(self.mode, Mode::Moving { .. }) { profile } else { rate }
     }
 
     /// Brakes under control if the axis is controlled and its encoder is valid; otherwise shorts its winding.
@@ -246,7 +315,8 @@ impl<T: Real> Axis<T> {
     /// Starts a move from rest to `target_rad`, counted over whole turns.
     pub fn move_to(&mut self, target_rad: f64, limits: &MotionLimits, now_us: u64) {
         let Mode::Holding { ticks: from_ticks } = self.mode else { return };
-        let distance = ticks_to_rad(rad_to_ticks(target_rad) - from_ticks);
+        let target_ticks = rad_to_ticks(target_rad) - self.turn.offset_ticks();
+        let distance = ticks_to_rad(target_ticks - from_ticks);
         self.mode = Mode::Moving { profile: Profile::new(distance, limits), from_ticks, start_us: now_us };
     }
 
@@ -269,14 +339,23 @@ impl<T: Real> Axis<T> {
         }
     }
 
-    /// Command to the bridge for the control period that begins.
-    pub fn drive(&mut self, now_us: u64) -> Drive<T> {
-        self.finish_motion(now_us);
-        match (self.mode, self.ticks) {
-            (Mode::Free { drive, .. }, _) => drive,
-            (_, None) => Drive::Brake,
-            (_, Some(ticks)) => Drive::Duty(self.servo.duty(&self.setpoint(now_us), ticks)),
+    /// Command to the bridge for the control period that begins. The winding is shorted until the encoder is found.
+    ///
+    /// # Errors
+    /// [`FaultKind::NotFinite`]: the servo has no finite duty. The axis is then no longer controlled, and its winding is
+    /// shorted.
+    pub fn drive(&mut self, now_us: u64) -> Result<Drive<T>, FaultKind> {
+        if let Mode::Free { drive, .. } = self.mode {
+            return Ok(drive);
         }
+        let Some(ticks) = self.tracker.ticks() else { return Ok(Drive::Brake) };
+        self.finish_motion(now_us);
+        let Some(duty) = self.servo.duty(&self.setpoint(now_us), ticks) else {
+            self.servo.reset(T::zero());
+            self.free(Drive::Brake, now_us);
+            return Err(FaultKind::NotFinite);
+        };
+        Ok(Drive::Duty(duty))
     }
 
     /// Changes to holding when a move or braking has ended.
@@ -298,7 +377,7 @@ impl<T: Real> Axis<T> {
     /// Setpoint at this time.
     fn setpoint(&self, now_us: u64) -> Setpoint<T> {
         match self.mode {
-            Mode::Free { .. } => Setpoint::rest(self.ticks.unwrap_or(0)),
+            Mode::Free { .. } => Setpoint::rest(self.tracker.last_ticks()),
             Mode::Holding { ticks } => Setpoint::rest(ticks),
             Mode::Moving { profile, from_ticks, start_us } => {
                 setpoint_from(from_ticks, profile.at(since_s(start_us, now_us)))
@@ -321,13 +400,14 @@ impl<T: Real> Axis<T> {
             return None;
         }
         if !self.has_valid_encoder() {
-            return Some(FaultKind::Encoder(self.encoder_fault));
+            return self.tracker.fault().map(FaultKind::Encoder);
         }
         let (rate, commanded) = (self.servo.rate_rad_s().widened(), self.servo.setpoint_rate_rad_s().widened());
         let deviation_rad = self.deviation_rad(now_us);
         self.count_stall(rate, commanded);
         let beyond = self.beyond_travel_rad(rate);
-        if excess_rate(rate, commanded) > self.limits.runaway_rad_s {
+        let too_fast = !matches!(self.mode, Mode::Braking { .. }) && absolute(rate) > self.runaway_rad_s;
+        if too_fast || excess_rate(rate, commanded) > self.limits.runaway_rad_s {
             Some(FaultKind::Runaway { rate_rad_s: rate as f32, wanted_rad_s: commanded as f32 })
         } else if self.stalled >= STALL_PERIODS {
             Some(FaultKind::Stall { rate_rad_s: rate as f32, wanted_rad_s: commanded as f32 })
@@ -340,7 +420,7 @@ impl<T: Real> Axis<T> {
 
     /// Distance of the axis from its setpoint, rad.
     pub fn deviation_rad(&self, now_us: u64) -> f64 {
-        let ticks = self.setpoint(now_us).ticks - self.ticks.unwrap_or(0);
+        let ticks = self.setpoint(now_us).ticks - self.tracker.last_ticks();
         ticks_to_rad(ticks.saturating_abs())
     }
 
@@ -350,32 +430,40 @@ impl<T: Real> Axis<T> {
         self.stalled = if stalled { self.stalled.saturating_add(1) } else { 0 };
     }
 
-    /// The travel limit that the axis has passed and is moving away from, rad.
+    /// The end of the usable range that the axis has passed and is moving away from, rad.
     fn beyond_travel_rad(&self, rate_rad_s: f64) -> Option<f64> {
-        let (angle_rad, AxisLimits { lowest_rad, highest_rad, .. }) = (self.angle_rad(), self.limits);
-        if angle_rad > highest_rad + TRAVEL_MARGIN_RAD && rate_rad_s > self.rest_rad_s {
+        let (lowest_rad, highest_rad) = self.turn.known_usable_rad().into_inner();
+        let angle_rad = self.angle_rad();
+        if angle_rad > highest_rad + BEYOND_RAD && rate_rad_s > self.rest_rad_s {
             Some(highest_rad)
-        } else if angle_rad < lowest_rad - TRAVEL_MARGIN_RAD && rate_rad_s < -self.rest_rad_s {
+        } else if angle_rad < lowest_rad - BEYOND_RAD && rate_rad_s < -self.rest_rad_s {
             Some(lowest_rad)
         } else {
             None
         }
     }
 
-    /// Whether `angle_rad` is within the travel limits.
-    pub fn reaches(&self, angle_rad: f64) -> bool {
-        (self.limits.lowest_rad - ROUNDING_RAD..=self.limits.highest_rad + ROUNDING_RAD).contains(&angle_rad)
+    /// Why the axis does not move to `target_rad`, if it does not. An axis whose encoder has not been found is not
+    /// refused: the move waits for it.
+    pub fn refusal(&self, target_rad: f64) -> Option<FaultKind> {
+        let travel = self.turn.travel();
+        match self.turn_state() {
+            TurnState::Unknown => Some(FaultKind::Turn(TurnFault::Unknown)),
+            TurnState::Outside => Some(FaultKind::Turn(TurnFault::Outside)),
+            TurnState::Searching | TurnState::Known if travel.permits(target_rad) => None,
+            TurnState::Searching | TurnState::Known => {
+                Some(FaultKind::Travel { limit_rad: travel.nearest_rad(target_rad) as f32 })
+            }
+        }
     }
 
-    /// The angle within the travel limits that is nearest to `angle_rad`, rad.
-    pub fn nearest_within(&self, angle_rad: f64) -> f64 {
-        angle_rad.max(self.limits.lowest_rad).min(self.limits.highest_rad)
-    }
-
-    /// Limits of a move with this rate and with ramps of this mean acceleration. If the axis' limits of jerk or
-    /// acceleration are too low for such ramps, `acceleration_rad_s2` becomes the highest acceleration of the ramps.
+    /// Limits of a move with this rate and with ramps of this mean acceleration, both lowered to the limits of the axis.
+    /// If the axis' limits of jerk or acceleration are too low for such ramps, `acceleration_rad_s2` becomes the highest
+    /// acceleration of the ramps.
     pub fn motion_limits(&self, rate_rad_s: f64, acceleration_rad_s2: f64) -> MotionLimits {
         let jerk_rad_s3 = self.limits.jerk_rad_s3;
+        let rate_rad_s = rate_rad_s.max(LOWEST_RAD_S).min(self.limits.rate_rad_s);
+        let acceleration_rad_s2 = acceleration_rad_s2.max(LOWEST_RAD_S2).min(self.limits.acceleration_rad_s2);
         MotionLimits::with_mean_acceleration(rate_rad_s, acceleration_rad_s2, jerk_rad_s3)
             .filter(|ramps| ramps.acceleration_rad_s2 <= self.limits.acceleration_rad_s2)
             .unwrap_or(MotionLimits { rate_rad_s, acceleration_rad_s2, jerk_rad_s3 })

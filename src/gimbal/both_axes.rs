@@ -14,15 +14,17 @@
 //! | fault | faulty axis | other axis |
 //! |---|---|---|
 //! | following error, travel limit | brakes under control | brakes under control |
-//! | stall, runaway, encoder | winding shorted: the turning motor brakes itself | brakes under control |
+//! | a move while the turn is unknown or the axis is outside of its travel | does not move | brakes under control |
+//! | stall, runaway, encoder, duty not finite | winding shorted: the turning motor brakes itself | brakes under control |
 //! | bridge fault, bridge refuses commands | winding open | brakes under control |
 //!
 //! If a shorted axis still turns after 0.1 s, its winding is opened, because the bridge ignores its commands. An axis
 //! that has another fault after the first one is shorted. The first fault is reported until the next command; it
 //! contains axis, angle and number. A move begins when both axes are at rest. No axis is controlled before the first
-//! command.
+//! command. A move that is refused is a fault, too, and moves nothing.
 
 use super::fault::{BridgeFault, EncoderFault, Fault, FaultKind};
+use super::travel::{LocateError, TurnState};
 use crate::base::angle::Angle;
 use crate::base::linear::Real;
 use crate::gimbal::axis::{Axis, AxisLimits};
@@ -71,6 +73,8 @@ pub struct GimbalStatus {
     pub at_rest: bool,
     /// Nominal duration of the last move, us.
     pub move_us: u64,
+    /// What is known of the turns on which the outer and the inner axis stand.
+    pub turns: [TurnState; 2],
     /// The fault that stopped the motion, if any.
     pub fault: Option<Fault>,
 }
@@ -137,11 +141,17 @@ impl<T: Real> Gimbal<T> {
         let since_us = self.time_us.map_or(PERIOD_US, |before_us| now_us.saturating_sub(before_us));
         self.time_us = Some(now_us);
         for (axis, reading) in self.axes.iter_mut().zip(inputs.encoders) {
-            axis.observe(reading, since_us.saturating_add(PERIOD_US / 2) / PERIOD_US);
+            axis.observe(reading, since_us.saturating_add(PERIOD_US / 2) / PERIOD_US, now_us);
         }
         self.check_faults(now_us, inputs);
         self.advance(now_us);
-        self.axes.each_mut().map(|axis| axis.drive(now_us))
+        let drives = self.axes.each_mut().map(|axis| axis.drive(now_us));
+        for (axis, drive) in (0_u8..).zip(&drives) {
+            if let Err(kind) = drive {
+                self.react_to(self.fault_of(axis, *kind), now_us);
+            }
+        }
+        drives.map(|drive| drive.unwrap_or(Drive::Brake))
     }
 
     /// Takes a command. The command replaces the current motion and clears the fault.
@@ -152,8 +162,8 @@ impl<T: Real> Gimbal<T> {
             MotionCommand::Hold => State::Controlled(None),
             MotionCommand::Release => State::Releasing,
             MotionCommand::MoveTo { angles_rad, rate_rad_s, acceleration_rad_s2 } => {
-                if let Some(fault) = self.out_of_reach(angles_rad) {
-                    return self.react_to(fault, now_us);
+                if let Some(fault) = self.refusal(angles_rad) {
+                    return self.refuse(fault, now_us);
                 }
                 State::Controlled(Some(Move { angles_rad, rate_rad_s, acceleration_rad_s2 }))
             }
@@ -185,8 +195,30 @@ impl<T: Real> Gimbal<T> {
             at_rest: !move_waits && self.axes.iter().all(|axis| axis.is_at_rest(now_us)),
             move_us: self.move_us,
             commands: self.commands,
+            turns: self.axes.each_ref().map(Axis::turn_state),
             fault: self.fault(),
         }
+    }
+
+    /// Angles of (outer, inner), counted over whole turns, rad. `None` unless the encoder works and the turn is known.
+    pub fn angles_rad(&self) -> [Option<f64>; 2] {
+        self.axes.each_ref().map(Axis::known_angle_rad)
+    }
+
+    /// Tells at which angles of (outer, inner), counted over whole turns, the axes stand: by a stored mark, or by the
+    /// operator. The turn that is nearest to such an angle is taken if the encoder agrees within `tolerance_rad` and the
+    /// axis then stands within its travel. Nothing moves. `None` leaves an axis as it is, and so does any angle for an
+    /// axis of continuous travel.
+    ///
+    /// # Errors
+    /// The first axis that was not located, and why. Its turn is as before. The other axis may have been located.
+    pub fn locate(&mut self, angles_rad: [Option<f64>; 2], tolerance_rad: f64) -> Result<(), LocateError> {
+        let mut located = Ok(());
+        for ((axis, index), angle_rad) in self.axes.iter_mut().zip(0_u8..).zip(angles_rad) {
+            let done = angle_rad.map_or(Ok(()), |angle_rad| axis.locate(angle_rad, tolerance_rad));
+            located = located.and(done.map_err(|refusal| LocateError { axis: index, refusal }));
+        }
+        located
     }
 
     const fn fault(&self) -> Option<Fault> {
@@ -208,8 +240,7 @@ impl<T: Real> Gimbal<T> {
             // After a fault, an axis may brake beyond its travel limit; this is not a further fault.
             let faulted = matches!(self.state, State::Faulted(_));
             if let Some(kind) = kind.filter(|kind| !(faulted && matches!(kind, FaultKind::Travel { .. }))) {
-                let angle_rad = axis.angle_rad() as f32;
-                self.react_to(Fault { axis: index, angle_rad, kind }, now_us);
+                self.react_to(self.fault_of(index, kind), now_us);
             }
         }
         if matches!(self.state, State::Faulted(_) | State::Releasing) {
@@ -239,6 +270,10 @@ impl<T: Real> Gimbal<T> {
     fn advance(&mut self, now_us: u64) {
         match self.state {
             State::Controlled(Some(next)) if self.axes.iter().all(Axis::is_holding) => {
+                // The encoders may have been found since the command.
+                if let Some(fault) = self.refusal(next.angles_rad) {
+                    return self.refuse(fault, now_us);
+                }
                 for (axis, target_rad) in self.axes.iter_mut().zip(next.angles_rad) {
                     let limits = axis.motion_limits(next.rate_rad_s, next.acceleration_rad_s2);
                     axis.move_to(target_rad, &limits, now_us);
@@ -258,11 +293,21 @@ impl<T: Real> Gimbal<T> {
         }
     }
 
-    fn out_of_reach(&self, angles_rad: [f64; 2]) -> Option<Fault> {
-        let mut targets = (0_u8..).zip(&self.axes).zip(angles_rad);
-        let ((index, axis), target_rad) = targets.find(|((_, axis), target_rad)| !axis.reaches(*target_rad))?;
-        let kind = FaultKind::Travel { limit_rad: axis.nearest_within(target_rad) as f32 };
-        Some(Fault { axis: index, angle_rad: axis.angle_rad() as f32, kind })
+    /// Why the axes do not move to these angles, if they do not.
+    fn refusal(&self, angles_rad: [f64; 2]) -> Option<Fault> {
+        let mut refusals = (0_u8..).zip(self.axes.iter().zip(angles_rad));
+        refusals.find_map(|(index, (axis, target_rad))| Some(self.fault_of(index, axis.refusal(target_rad)?)))
+    }
+
+    /// Reports why a move does not begin. As every command, the move has ended the fault before.
+    fn refuse(&mut self, fault: Fault, now_us: u64) {
+        self.state = State::Controlled(None);
+        self.react_to(fault, now_us);
+    }
+
+    fn fault_of(&self, axis: u8, kind: FaultKind) -> Fault {
+        let angle_rad = self.axes.get(usize::from(axis)).map_or(0.0, Axis::angle_rad);
+        Fault { axis, angle_rad: angle_rad as f32, kind }
     }
 }
 
@@ -271,6 +316,7 @@ mod tests {
     use super::*;
     use crate::base::angle::rad_to_ticks;
     use crate::base::units::DEG;
+    use crate::gimbal::{Travel, TurnSource};
 
     /// Runs `count` control periods with constant encoder angles, deg.
     fn periods(gimbal: &mut Gimbal<f64>, count: u64, angles_deg: [f64; 2]) -> [Drive<f64>; 2] {
@@ -340,7 +386,8 @@ mod tests {
 
     #[test]
     fn a_target_beyond_the_travel_is_a_fault_at_once() {
-        let limits = [AxisLimits { lowest_rad: -1.0, highest_rad: 1.0, ..AxisLimits::default() }; 2];
+        let travel = Travel::around(-1.0, 1.0, TurnSource::Unique);
+        let limits = [AxisLimits { travel, ..AxisLimits::default() }; 2];
         let mut gimbal = Gimbal::<f64>::new(&limits, &[MotorAndLoad::default(); 2]);
         periods(&mut gimbal, 10, [0.0; 2]);
         let seen_us = gimbal.status().time_us;
@@ -380,8 +427,9 @@ mod tests {
             let [outer, _] = gimbal.control(now_us, &inputs);
             match outer {
                 Drive::Off => open_us = open_us.or(Some(now_us)),
-                Drive::Brake => shorted_us = shorted_us.or(Some(now_us)),
-                Drive::Duty(_) => {}
+                // Before that the encoder is searched for.
+                Drive::Brake if period > 100 => shorted_us = shorted_us.or(Some(now_us)),
+                Drive::Brake | Drive::Duty(_) => {}
             }
             if period > 100 && outer != Drive::Off {
                 angle_rad += 20.0 * DEG * 1e-3;

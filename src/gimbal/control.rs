@@ -17,7 +17,7 @@ use crate::drivers::bridge::{self, Bridge};
 use crate::gimbal::angle_history::AngleHistory;
 use crate::gimbal::axis::AxisLimits;
 use crate::gimbal::servo::{Drive, MotorAndLoad};
-use crate::gimbal::{BridgeFault, EncoderFault, Gimbal, GimbalInputs, GimbalStatus, MotionCommand};
+use crate::gimbal::{BridgeFault, EncoderFault, Gimbal, GimbalInputs, GimbalStatus, LocateError, MotionCommand};
 use embedded_hal::digital::{InputPin, OutputPin};
 use embedded_hal::pwm::SetDutyCycle;
 use embedded_hal::spi::SpiDevice;
@@ -168,6 +168,19 @@ impl<T: Real, S: SpiDevice, B: MotorBridge> Control<T, S, B> {
     /// Applies other limits and motors while both axes are at rest: see [`Gimbal::reconfigure`].
     pub fn reconfigure(&mut self, limits: &[AxisLimits; 2], motors: &[MotorAndLoad; 2]) {
         self.gimbal.reconfigure(limits, motors);
+    }
+
+    /// Angles of (outer, inner), counted over whole turns, rad: see [`Gimbal::angles_rad`].
+    pub fn angles_rad(&self) -> [Option<f64>; 2] {
+        self.gimbal.angles_rad()
+    }
+
+    /// Tells, without the delay of a command, at which angles the axes stand: see [`Gimbal::locate`].
+    ///
+    /// # Errors
+    /// The first axis that was not located, and why.
+    pub fn locate(&mut self, angles_rad: [Option<f64>; 2], tolerance_rad: f64) -> Result<(), LocateError> {
+        self.gimbal.locate(angles_rad, tolerance_rad)
     }
 
     /// Number of commands that arrived later than [`COMMAND_DELAY_US`] after their status.

@@ -31,6 +31,16 @@ pub enum BridgeFault {
     Silent,
 }
 
+/// Why an axis of limited travel must not move.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum TurnFault {
+    /// The turn on which the axis stands is not known.
+    Unknown,
+    /// The axis stands outside of its travel.
+    Outside,
+}
+
 /// Kind of a fault. The numbers are for messages only, so they are `f32`: every sample carries a copy of the fault.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -48,6 +58,10 @@ pub enum FaultKind {
     Encoder(EncoderFault),
     /// The bridge of the motor failed.
     Bridge(BridgeFault),
+    /// The axis was commanded to move, but it is not known in which direction its cables permit that.
+    Turn(TurnFault),
+    /// The servo has computed a duty that is not finite. The bridge does not get such a duty.
+    NotFinite,
 }
 
 /// A fault of one axis.
@@ -65,14 +79,14 @@ pub struct Fault {
 impl FaultKind {
     /// Whether encoder and motor of the axis can still be trusted, so that the axis can brake under control.
     pub fn is_controllable(self) -> bool {
-        matches!(self, Self::Following { .. } | Self::Travel { .. })
+        matches!(self, Self::Following { .. } | Self::Travel { .. } | Self::Turn(_))
     }
 }
 
 impl Fault {
     /// Whether the axes may move to their parking angles without an inspection by a person.
     pub fn allows_parking(&self) -> bool {
-        self.kind.is_controllable()
+        matches!(self.kind, FaultKind::Following { .. } | FaultKind::Travel { .. })
     }
 }
 
@@ -90,6 +104,9 @@ impl FaultKind {
             Self::Encoder(EncoderFault::Jump(_)) => "encoder-jump",
             Self::Bridge(BridgeFault::Overcurrent) => "bridge-fault",
             Self::Bridge(BridgeFault::Silent) => "bridge-silent",
+            Self::Turn(TurnFault::Unknown) => "turn-unknown",
+            Self::Turn(TurnFault::Outside) => "turn-outside",
+            Self::NotFinite => "duty-not-finite",
         }
     }
 }
@@ -125,6 +142,14 @@ impl fmt::Display for FaultKind {
                 f.write_str("motor bridge fault (overcurrent, over-temperature or undervoltage)")
             }
             Self::Bridge(BridgeFault::Silent) => f.write_str("motor bridge does not accept commands"),
+            Self::Turn(TurnFault::Unknown) => f.write_str(
+                "the turn on which the axis stands is not known, so it does not move: look at its cables, and enter its \
+                 angle counted over whole turns",
+            ),
+            Self::Turn(TurnFault::Outside) => {
+                f.write_str("the axis stands outside of its travel, so it does not move: turn it back by hand")
+            }
+            Self::NotFinite => f.write_str("the control loop computed no finite duty, and the winding was shorted"),
         }
     }
 }
@@ -140,6 +165,15 @@ impl fmt::Display for Fault {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_faults_that_leave_encoder_motor_and_turn_known_allow_parking() {
+        let allows = |kind| Fault { axis: 0, angle_rad: 0.0, kind }.allows_parking();
+        assert!(allows(FaultKind::Following { error_rad: 1.0 }) && allows(FaultKind::Travel { limit_rad: 1.0 }));
+        let turns = [TurnFault::Unknown, TurnFault::Outside].map(FaultKind::Turn);
+        assert!(!turns.into_iter().any(allows) && turns.into_iter().all(FaultKind::is_controllable));
+        assert!(!allows(FaultKind::NotFinite) && !FaultKind::NotFinite.is_controllable());
+    }
 
     #[test]
     fn a_message_contains_axis_angle_and_number() {
@@ -169,6 +203,10 @@ mod tests {
             (
                 fault(0, FaultKind::Bridge(BridgeFault::Overcurrent)),
                 "outer axis at -90.50 deg: motor bridge fault (overcurrent, over-temperature or undervoltage)",
+            ),
+            (
+                fault(1, FaultKind::Turn(TurnFault::Outside)),
+                "inner axis at -90.50 deg: the axis stands outside of its travel, so it does not move: turn it back by hand",
             ),
         ];
         for (text, expected) in cases {

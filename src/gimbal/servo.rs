@@ -26,6 +26,7 @@
 //! up to half a step: sqrt(2 a^2 / (2 - a) / 12) with a = 1/2.
 
 use crate::base::angle::{TICKS_PER_TURN, ticks_to_rad};
+use crate::base::bounds::{Bounded, DEGREES_PER_S2, MILLISECONDS, Unit};
 use crate::base::linear::{Real, real};
 use crate::base::profile::Point;
 use crate::base::units::ARCSEC;
@@ -60,7 +61,7 @@ const HIGHEST_CREEP: f64 = 3.0;
 /// Rate above which a sticking axis counts as moving, encoder steps per control period.
 const MOVING_STEPS: f64 = 0.6;
 
-/// Data of one motor, its load and its encoder.
+/// Data of one motor, its load and its encoder. [`MOTOR_BOUNDS`] has the permitted range of every number.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct MotorAndLoad {
@@ -84,6 +85,33 @@ pub struct MotorAndLoad {
     pub encoder_bits: u8,
 }
 
+/// The permitted range of every number of [`MotorAndLoad`], from a small pan-tilt unit to a large rate table, and of the
+/// numbers that follow from them and decide whether the servo can control the axis:
+///
+/// - The electrical time constant counts as a delay. The servo has no current loop, so it must be short.
+/// - The acceleration is what the highest torque gives to the load beyond the friction.
+/// - Friction that exceeds the inertia by far would throw the axis when it breaks away.
+/// - The bandwidth is that of the rate loop; a coarse encoder on a heavy load makes it low.
+pub static MOTOR_BOUNDS: [Bounded<MotorAndLoad>; 13] = [
+    Bounded::new("moment of inertia", Unit::si("kg m^2"), [1e-5, 1e3], |motor| motor.inertia_kg_m2),
+    Bounded::new("dry friction", Unit::si("N m"), [0.0, 1e3], |motor| motor.coulomb_nm),
+    Bounded::new("viscous friction", Unit::si("N m s/rad"), [0.0, 1e3], |motor| motor.viscous_nm_s),
+    Bounded::new("torque constant", Unit::si("N m/A"), [1e-3, 1e2], |motor| motor.torque_constant_nm_a),
+    Bounded::new("resistance", Unit::si("ohm"), [0.01, 1e3], |motor| motor.resistance_ohm),
+    Bounded::new("inductance", Unit::si("H"), [0.0, 1.0], |motor| motor.inductance_h),
+    Bounded::new("supply voltage", Unit::si("V"), [1.0, 1e3], |motor| motor.supply_v),
+    Bounded::new("highest current", Unit::si("A"), [0.01, 1e3], |motor| motor.highest_current_a),
+    Bounded::new("encoder resolution", Unit::si("bits"), [16.0, 32.0], |motor| f64::from(motor.encoder_bits)),
+    Bounded::new("electrical time constant", MILLISECONDS, [0.0, 10.0], |motor| {
+        motor.inductance_h / motor.resistance_ohm
+    }),
+    Bounded::new("mechanical time constant", MILLISECONDS, [20.0, 1e8], |motor| {
+        motor.inertia_kg_m2 * motor.resistance_ohm / (motor.torque_constant_nm_a * motor.torque_constant_nm_a)
+    }),
+    Bounded::new("acceleration at full torque", DEGREES_PER_S2, [1.0, 2e4], MotorAndLoad::highest_acceleration_rad_s2),
+    Bounded::new("bandwidth of the rate loop", Unit::si("rad/s"), [10.0, 1e3], MotorAndLoad::bandwidth_rad_s),
+];
+
 impl Default for MotorAndLoad {
     /// A torque motor of 0.6 N m on a gimbal of 0.06 kg m^2, with a 26-bit encoder.
     fn default() -> Self {
@@ -102,20 +130,12 @@ impl Default for MotorAndLoad {
 }
 
 impl MotorAndLoad {
-    /// Whether every number is finite and in its range, and the motor can overcome its friction.
-    pub fn is_valid(&self) -> bool {
-        let positive = [
-            self.inertia_kg_m2,
-            self.torque_constant_nm_a,
-            self.resistance_ohm,
-            self.supply_v,
-            self.highest_current_a,
-            self.highest_torque_nm() - self.coulomb_nm,
-        ];
-        let not_negative = [self.coulomb_nm, self.viscous_nm_s, self.inductance_h];
-        positive.iter().all(|x| x.is_finite() && *x > 0.0)
-            && not_negative.iter().all(|x| x.is_finite() && *x >= 0.0)
-            && (8..=32).contains(&self.encoder_bits)
+    /// Highest acceleration of the load at this rate, rad/s^2, against friction and the voltage that the motor generates.
+    pub fn acceleration_at_rad_s2(&self, rate_rad_s: f64) -> f64 {
+        let left_v = self.supply_v - self.torque_constant_nm_a * rate_rad_s;
+        let current_a = self.highest_current_a.min(left_v / self.resistance_ohm);
+        let friction_nm = self.coulomb_nm + self.viscous_nm_s * rate_rad_s;
+        (self.torque_constant_nm_a * current_a - friction_nm) / self.inertia_kg_m2
     }
 
     /// Highest torque at rest, N m. Current limit and supply voltage determine it.
@@ -247,14 +267,21 @@ impl<T: Real> Servo<T> {
         self.setpoint_rad_s
     }
 
+    /// Forgets everything and begins at this rate of the encoder, rad/s.
+    pub fn reset(&mut self, rate_rad_s: T) {
+        self.rate_rad_s = rate_rad_s;
+        self.restart(T::zero());
+    }
+
     /// Prepares for a new profile with the initial rate `rate_rad_s` and clears the integral.
     pub fn restart(&mut self, rate_rad_s: T) {
         (self.setpoint_rad_s, self.last_profile_rad_s) = (rate_rad_s, rate_rad_s);
         (self.integral_rad_s2, self.creep_nm) = (T::zero(), T::zero());
     }
 
-    /// Duty of the motor bridge for the control period that begins, -1 to 1.
-    pub fn duty(&mut self, setpoint: &Setpoint<T>, ticks: i64) -> T {
+    /// Duty of the motor bridge for the control period that begins, -1 to 1. `None` if a number of the loop is not
+    /// finite; a limited duty would not show that.
+    pub fn duty(&mut self, setpoint: &Setpoint<T>, ticks: i64) -> Option<T> {
         let Point { rate_rad_s: profile_rad_s, acceleration_rad_s2, .. } = setpoint.point;
         self.filter_setpoint(profile_rad_s);
         let at_rest = profile_rad_s == T::zero();
@@ -274,7 +301,8 @@ impl<T: Real> Servo<T> {
             self.integral_rad_s2 += gains.integral * rate_error;
         }
         // (s4)
-        limited(limited_torque * gains.duty_per_torque + self.rate_rad_s * gains.duty_per_rate, T::one())
+        let duty = limited_torque * gains.duty_per_torque + self.rate_rad_s * gains.duty_per_rate;
+        (torque.is_finite() && duty.is_finite()).then(|| limited(duty, T::one()))
     }
 
     fn filter_setpoint(&mut self, profile_rad_s: T) {

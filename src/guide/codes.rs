@@ -2,10 +2,10 @@
 
 use crate::base::golden::{Row, table};
 use crate::estimator::constancy::{Change, EarthRateAxis, Suspicion};
-use crate::gimbal::{BridgeFault, EncoderFault, Fault, FaultKind};
+use crate::gimbal::{BridgeFault, EncoderFault, Fault, FaultKind, LocateError, LocateRefusal, TurnFault};
 use crate::link::Refusal;
 use crate::run::abort::AbortReason;
-use crate::run::config::ConfigError;
+use crate::run::config::{BoundedNumber, ConfigError};
 use crate::run::state::State;
 use crate::scheme::SchemeError;
 use crate::verdict::wiring::Wiring;
@@ -96,6 +96,23 @@ fn of_aborts() -> Vec<Row<AbortReason>> {
             gimbal(FaultKind::Bridge(BridgeFault::Overcurrent)), "bridge-fault";
         AbortReason::Gimbal(Fault { kind: FaultKind::Bridge(BridgeFault::Silent), .. }) =>
             gimbal(FaultKind::Bridge(BridgeFault::Silent)), "bridge-silent";
+        AbortReason::Gimbal(Fault { kind: FaultKind::Turn(TurnFault::Unknown), .. }) =>
+            gimbal(FaultKind::Turn(TurnFault::Unknown)), "turn-unknown";
+        AbortReason::Gimbal(Fault { kind: FaultKind::Turn(TurnFault::Outside), .. }) =>
+            gimbal(FaultKind::Turn(TurnFault::Outside)), "turn-outside";
+        AbortReason::Gimbal(Fault { kind: FaultKind::NotFinite, .. }) => gimbal(FaultKind::NotFinite),
+            "duty-not-finite";
+    }
+}
+
+fn of_locating() -> Vec<Row<LocateError>> {
+    let refused = |refusal| LocateError { axis: 1, refusal };
+    table! { LocateError:
+        LocateError { refusal: LocateRefusal::Searching, .. } => refused(LocateRefusal::Searching), "locate-searching";
+        LocateError { refusal: LocateRefusal::Moving, .. } => refused(LocateRefusal::Moving), "locate-moving";
+        LocateError { refusal: LocateRefusal::Disagrees(_), .. } => refused(LocateRefusal::Disagrees(0.5)),
+            "locate-disagrees";
+        LocateError { refusal: LocateRefusal::Outside, .. } => refused(LocateRefusal::Outside), "locate-outside";
     }
 }
 
@@ -115,8 +132,8 @@ fn of_refusals() -> Vec<Row<Refusal>> {
         Refusal::Config(ConfigError::Noise) => config(ConfigError::Noise), "config-noise";
         Refusal::Config(ConfigError::Heading) => config(ConfigError::Heading), "config-heading";
         Refusal::Config(ConfigError::Stillness) => config(ConfigError::Stillness), "config-stillness";
-        Refusal::Config(ConfigError::Axis(_)) => config(ConfigError::Axis(1)), "config-axis";
-        Refusal::Config(ConfigError::Motor(_)) => config(ConfigError::Motor(1)), "config-motor";
+        Refusal::Config(ConfigError::OutOfBounds { .. }) =>
+            config(ConfigError::OutOfBounds { number: BoundedNumber::Axis(2), axis: Some(1) }), "config-bounds";
         Refusal::Config(ConfigError::Pace) => config(ConfigError::Pace), "config-pace";
         Refusal::Config(ConfigError::Policy) => config(ConfigError::Policy), "config-policy";
         Refusal::Config(ConfigError::Limits) => config(ConfigError::Limits), "config-limits";
@@ -155,8 +172,8 @@ fn checked<T: Display>(rows: Vec<Row<T>>, code: impl Fn(&T) -> &'static str) -> 
 #[test]
 fn every_code_is_unique_and_has_a_page_and_every_page_is_of_a_code() {
     let reasons = checked(of_reasons(), Reason::code);
-    let codes: Vec<_> =
-        reasons.chain(checked(of_aborts(), AbortReason::code)).chain(checked(of_refusals(), Refusal::code)).collect();
+    let others = checked(of_aborts(), AbortReason::code).chain(checked(of_refusals(), Refusal::code));
+    let codes: Vec<_> = reasons.chain(others).chain(checked(of_locating(), LocateError::code)).collect();
     let unique: BTreeSet<_> = codes.iter().copied().collect();
     assert_eq!(unique.len(), codes.len(), "{codes:?}");
     let pages: Vec<_> = CHAPTER.lines().filter_map(|line| line.strip_prefix("### ")).collect();

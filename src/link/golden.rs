@@ -20,13 +20,12 @@ use crate::estimator::{
     Estimate, EstimatorConfig, Fit, HeadingSource, LargestInnovation, SegmentInnovations, Solution,
 };
 use crate::gimbal::axis::AxisLimits;
-use crate::gimbal::{BridgeFault, EncoderFault, Fault, FaultKind};
+use crate::gimbal::{BridgeFault, EncoderFault, Fault, FaultKind, Travel, TurnFault, TurnSource};
 use crate::keep::black_box::{Entry, Event};
 use crate::model::error_model::{InstrumentErrors, PARAMETERS};
 use crate::model::options::{OPTIONAL_STATES, OptionalEstimate, Options};
 use crate::run::abort::{Abort, AbortReason};
-use crate::run::config::CalibratorConfig;
-use crate::run::config::ConfigError;
+use crate::run::config::{BoundedNumber, CalibratorConfig, ConfigError};
 use crate::run::policy::{Cause, Decision, PowerUpPolicy};
 use crate::run::result::{StoredCalibration, StoredVerdict};
 use crate::run::sequencer::Pace;
@@ -157,8 +156,7 @@ fn axis(first: f64) -> AxisLimits {
         rate_rad_s: first,
         acceleration_rad_s2: first + 1.0,
         jerk_rad_s3: first + 2.0,
-        lowest_rad: first + 3.0,
-        highest_rad: first + 4.0,
+        travel: Travel::Limited { lowest_rad: first + 3.0, highest_rad: first + 4.0, turn: TurnSource::Stored },
         arrived_rad: first + 5.0,
         following_error_rad: first + 6.0,
         runaway_rad_s: first + 7.0,
@@ -196,7 +194,7 @@ fn abort(reason: AbortReason) -> Abort {
 
 #[test]
 fn the_bytes_of_every_message_are_these() {
-    assert_eq!(PROTOCOL_VERSION, 4, "the rows of this file are of this version");
+    assert_eq!(PROTOCOL_VERSION, 5, "the rows of this file are of this version");
     let counts = IntakeCounts { admitted: 60_000, repeated: 1, out_of_order: 2, non_finite: 3, gaps: 4, missing: 5 };
     let losses = LossCounts { overrun: 1, bus: 2, crc: 3, status: 4, unread: 5 };
     let innovations =
@@ -269,7 +267,7 @@ fn the_bytes_of_every_command_are_these() {
         Command::Set(Setting::Calibrator(_)) => Command::Set(Setting::Calibrator(calibrator())),
             "124 bytes, CRC c87bafd1";
         Command::Set(Setting::Scheme(_)) => Command::Set(Setting::Scheme(scheme())), "57 bytes, CRC 54b35564";
-        Command::Set(Setting::Axes(_)) => Command::Set(Setting::Axes([axis(1.0), axis(11.0)])), "130 bytes, CRC 6bfedcd1";
+        Command::Set(Setting::Axes(_)) => Command::Set(Setting::Axes([axis(1.0), axis(11.0)])), "134 bytes, CRC dfdda196";
         Command::Set(Setting::Limits(_)) => Command::Set(Setting::Limits(limits())), "276 bytes, CRC 487b0196";
         Command::Set(Setting::Pace(_)) => Command::Set(Setting::Pace(pace())), "07 04 03 01 01 00 00 00 00 00 00 4e 40";
         Command::Set(Setting::Policy(_)) => Command::Set(Setting::Policy(policy())), "07 05 02 01 90 1c 01 00 00 b0 40";
@@ -305,7 +303,7 @@ fn the_bytes_of_every_answer_are_these() {
         Answer::Refused(Refusal::Locked) => Answer::Refused(Refusal::Locked), "01 03";
         Answer::Refused(Refusal::WrongWord) => Answer::Refused(Refusal::WrongWord), "01 04";
         Answer::Refused(Refusal::Config(_)) => Answer::Refused(Refusal::Config(ConfigError::Unobserved(27))),
-            "01 05 11 1b";
+            "01 05 10 1b";
         Answer::Refused(Refusal::Nothing) => Answer::Refused(Refusal::Nothing), "01 06";
         Answer::Refused(Refusal::Memory) => Answer::Refused(Refusal::Memory), "01 07";
         Answer::Hello(_) => Answer::Hello(hello), "02 04 05 30 2e 32 2e 30 34 40 20";
@@ -318,7 +316,7 @@ fn the_bytes_of_every_answer_are_these() {
             "124 bytes, CRC c87bafd1";
         Answer::Setting(Setting::Scheme(_)) => Answer::Setting(Setting::Scheme(scheme())), "57 bytes, CRC 54b35564";
         Answer::Setting(Setting::Axes(_)) => Answer::Setting(Setting::Axes([axis(1.0), axis(11.0)])),
-            "130 bytes, CRC 6bfedcd1";
+            "134 bytes, CRC dfdda196";
         Answer::Setting(Setting::Limits(_)) => Answer::Setting(Setting::Limits(limits())), "276 bytes, CRC 487b0196";
         Answer::Setting(Setting::Pace(_)) => Answer::Setting(Setting::Pace(pace())),
             "07 04 03 01 01 00 00 00 00 00 00 4e 40";
@@ -378,25 +376,43 @@ fn the_bytes_of_every_error_of_a_configuration_are_these() {
         ConfigError::Noise => ConfigError::Noise, "01";
         ConfigError::Heading => ConfigError::Heading, "02";
         ConfigError::Stillness => ConfigError::Stillness, "03";
-        ConfigError::Axis(_) => ConfigError::Axis(1), "04 01";
-        ConfigError::Motor(_) => ConfigError::Motor(1), "05 01";
-        ConfigError::Pace => ConfigError::Pace, "06";
-        ConfigError::Policy => ConfigError::Policy, "07";
-        ConfigError::Limits => ConfigError::Limits, "08";
-        ConfigError::Options => ConfigError::Options, "09";
-        ConfigError::States => ConfigError::States, "0a";
-        ConfigError::Segments => ConfigError::Segments, "0b";
-        ConfigError::Site => ConfigError::Site, "0c";
-        ConfigError::Scheme(SchemeError::Motion) => ConfigError::Scheme(SchemeError::Motion), "0d 00";
-        ConfigError::Scheme(SchemeError::Stop(_)) => ConfigError::Scheme(SchemeError::Stop(3)), "0d 01 03";
-        ConfigError::Scheme(SchemeError::Leg(_)) => ConfigError::Scheme(SchemeError::Leg(3)), "0d 02 03";
-        ConfigError::Scheme(SchemeError::Legs) => ConfigError::Scheme(SchemeError::Legs), "0d 03";
-        ConfigError::Scheme(SchemeError::OpenPeriod) => ConfigError::Scheme(SchemeError::OpenPeriod), "0d 04";
-        ConfigError::Scheme(SchemeError::Long) => ConfigError::Scheme(SchemeError::Long), "0d 05";
-        ConfigError::TooFast(_) => ConfigError::TooFast(1), "0e 01";
-        ConfigError::Travel { .. } => ConfigError::Travel { leg: 3, axis: 1 }, "0f 03 01";
-        ConfigError::ShortStop(_) => ConfigError::ShortStop(3), "10 03";
-        ConfigError::Unobserved(_) => ConfigError::Unobserved(27), "11 1b";
+        ConfigError::OutOfBounds { number: BoundedNumber::Axis(_), .. } =>
+            ConfigError::OutOfBounds { number: BoundedNumber::Axis(2), axis: Some(1) }, "04 00 02 01 01";
+        ConfigError::OutOfBounds { number: BoundedNumber::Motor(_), .. } =>
+            ConfigError::OutOfBounds { number: BoundedNumber::Motor(3), axis: None }, "04 01 03 00";
+        ConfigError::OutOfBounds { number: BoundedNumber::AxisAndMotor(_), .. } =>
+            ConfigError::OutOfBounds { number: BoundedNumber::AxisAndMotor(3), axis: Some(0) }, "04 02 03 01 00";
+        ConfigError::Pace => ConfigError::Pace, "05";
+        ConfigError::Policy => ConfigError::Policy, "06";
+        ConfigError::Limits => ConfigError::Limits, "07";
+        ConfigError::Options => ConfigError::Options, "08";
+        ConfigError::States => ConfigError::States, "09";
+        ConfigError::Segments => ConfigError::Segments, "0a";
+        ConfigError::Site => ConfigError::Site, "0b";
+        ConfigError::Scheme(SchemeError::Motion) => ConfigError::Scheme(SchemeError::Motion), "0c 00";
+        ConfigError::Scheme(SchemeError::Stop(_)) => ConfigError::Scheme(SchemeError::Stop(3)), "0c 01 03";
+        ConfigError::Scheme(SchemeError::Leg(_)) => ConfigError::Scheme(SchemeError::Leg(3)), "0c 02 03";
+        ConfigError::Scheme(SchemeError::Legs) => ConfigError::Scheme(SchemeError::Legs), "0c 03";
+        ConfigError::Scheme(SchemeError::OpenPeriod) => ConfigError::Scheme(SchemeError::OpenPeriod), "0c 04";
+        ConfigError::Scheme(SchemeError::Long) => ConfigError::Scheme(SchemeError::Long), "0c 05";
+        ConfigError::TooFast(_) => ConfigError::TooFast(1), "0d 01";
+        ConfigError::Travel { .. } => ConfigError::Travel { leg: 3, axis: 1 }, "0e 03 01";
+        ConfigError::ShortStop(_) => ConfigError::ShortStop(3), "0f 03";
+        ConfigError::Unobserved(_) => ConfigError::Unobserved(27), "10 1b";
+    });
+}
+
+#[test]
+fn the_bytes_of_every_travel_are_these() {
+    let limited = |turn| Travel::Limited { lowest_rad: -1.0, highest_rad: 0.5, turn };
+    check_bytes(table! { Travel:
+        Travel::Continuous => Travel::Continuous, "00";
+        Travel::Limited { turn: TurnSource::Unique, .. } => limited(TurnSource::Unique),
+            "01 00 00 00 00 00 00 f0 bf 00 00 00 00 00 00 e0 3f 00";
+        Travel::Limited { turn: TurnSource::Stored, .. } => limited(TurnSource::Stored),
+            "01 00 00 00 00 00 00 f0 bf 00 00 00 00 00 00 e0 3f 01";
+        Travel::Limited { turn: TurnSource::Confirm, .. } => limited(TurnSource::Confirm),
+            "01 00 00 00 00 00 00 f0 bf 00 00 00 00 00 00 e0 3f 02";
     });
 }
 
@@ -422,6 +438,9 @@ fn the_bytes_of_every_abort_and_fault_are_these() {
         FaultKind::Encoder(EncoderFault::Jump(_)) => FaultKind::Encoder(EncoderFault::Jump(0.5)), "04 03 00 00 00 3f";
         FaultKind::Bridge(BridgeFault::Overcurrent) => FaultKind::Bridge(BridgeFault::Overcurrent), "05 00";
         FaultKind::Bridge(BridgeFault::Silent) => FaultKind::Bridge(BridgeFault::Silent), "05 01";
+        FaultKind::Turn(TurnFault::Unknown) => FaultKind::Turn(TurnFault::Unknown), "06 00";
+        FaultKind::Turn(TurnFault::Outside) => FaultKind::Turn(TurnFault::Outside), "06 01";
+        FaultKind::NotFinite => FaultKind::NotFinite, "07";
     });
 }
 

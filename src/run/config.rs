@@ -1,12 +1,13 @@
 //! The configuration of a run, and the reasons why a configuration is refused.
 
+use crate::base::bounds::{Bound, first_outside};
 use crate::base::units::DEG;
 use crate::estimator::EstimatorConfig;
 use crate::estimator::rehearsal::SHORTEST_STOP_S;
 use crate::estimator::{HeadingSource, MAX_SEGMENTS};
-use crate::gimbal::axis::{AxisLimits, ROUNDING_RAD};
+use crate::gimbal::axis::{AXIS_AND_MOTOR_BOUNDS, AXIS_BOUNDS, AxisLimits};
 use crate::gimbal::fault::AXIS_NAMES;
-use crate::gimbal::servo::MotorAndLoad;
+use crate::gimbal::servo::{MOTOR_BOUNDS, MotorAndLoad};
 use crate::model::error_model::PARAMETER_INFO;
 use crate::run::policy::PowerUpPolicy;
 use crate::run::sequencer::Pace;
@@ -54,6 +55,29 @@ pub struct SelfCalibrationConfig {
     pub refuse_unobserved: bool,
 }
 
+/// A number of the configuration that has bounds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum BoundedNumber {
+    /// A limit of an axis: the row of [`AXIS_BOUNDS`].
+    Axis(u8),
+    /// A number of a motor and its load: the row of [`MOTOR_BOUNDS`].
+    Motor(u8),
+    /// A number that follows from an axis and its motor: the row of [`AXIS_AND_MOTOR_BOUNDS`].
+    AxisAndMotor(u8),
+}
+
+impl BoundedNumber {
+    /// Name, unit and range of the number; `None` if the table has no such row.
+    pub fn bound(self) -> Option<&'static Bound> {
+        match self {
+            Self::Axis(row) => AXIS_BOUNDS.get(usize::from(row)).map(|row| &row.bound),
+            Self::Motor(row) => MOTOR_BOUNDS.get(usize::from(row)).map(|row| &row.bound),
+            Self::AxisAndMotor(row) => AXIS_AND_MOTOR_BOUNDS.get(usize::from(row)).map(|row| &row.bound),
+        }
+    }
+}
+
 /// Why a configuration is refused. An axis is 0 for the outer axis and 1 for the inner axis.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -67,10 +91,13 @@ pub enum ConfigError {
     /// The range of an axis at rest is not positive or exceeds 1 deg, or the innovation gate is not positive and
     /// finite.
     Stillness,
-    /// A limit of this axis is not positive and finite, or its travel is empty.
-    Axis(u8),
-    /// A number of the motor or load of this axis is not valid, or the torque does not exceed the friction.
-    Motor(u8),
+    /// A number is outside its bounds.
+    OutOfBounds {
+        /// The number.
+        number: BoundedNumber,
+        /// The axis, if the number belongs to an axis.
+        axis: Option<u8>,
+    },
     /// The longest time of a run is not finite and positive.
     Pace,
     /// A limit of the power-up policy is not finite, or negative.
@@ -110,8 +137,7 @@ impl ConfigError {
             Self::Noise => "config-noise",
             Self::Heading => "config-heading",
             Self::Stillness => "config-stillness",
-            Self::Axis(_) => "config-axis",
-            Self::Motor(_) => "config-motor",
+            Self::OutOfBounds { .. } => "config-bounds",
             Self::Pace => "config-pace",
             Self::Policy => "config-policy",
             Self::Limits => "config-limits",
@@ -143,18 +169,7 @@ impl fmt::Display for ConfigError {
                 "the angle range of an axis at rest must be positive and at most 1 deg, and the innovation gate finite and \
                  positive",
             ),
-            Self::Axis(axis) => write!(
-                f,
-                "every limit of the {} axis must be finite and positive, its rate at most 125 deg/s, and its highest angle \
-                 above its lowest angle",
-                name(axis)
-            ),
-            Self::Motor(axis) => write!(
-                f,
-                "every number of the motor and load of the {} axis must be finite and positive, and the motor torque must \
-                 exceed the friction",
-                name(axis)
-            ),
+            Self::OutOfBounds { number, axis } => write_outside(f, *number, axis.as_ref().map(name)),
             Self::Pace => f.write_str("the longest time of a run must be finite and positive"),
             Self::Policy => {
                 f.write_str("the temperature limit of the power-up policy must be finite and not negative")
@@ -184,6 +199,14 @@ impl fmt::Display for ConfigError {
                 write!(f, "the scheme leaves {} unobserved", info.map_or("a parameter", |info| info.name))
             }
         }
+    }
+}
+
+fn write_outside(f: &mut fmt::Formatter<'_>, number: BoundedNumber, axis: Option<&str>) -> fmt::Result {
+    let Some(bound) = number.bound() else { return f.write_str("a number is outside its bounds") };
+    match axis {
+        Some(axis) => write!(f, "the {} of the {axis} axis must be {bound}", bound.name),
+        None => write!(f, "the {} must be {bound}", bound.name),
     }
 }
 
@@ -247,8 +270,12 @@ impl SelfCalibrationConfig {
     }
 
     fn check_motors(&self) -> Result<(), ConfigError> {
-        let wrong = (0_u8..).zip(&self.motors).find(|(_, motor)| !motor.is_valid());
-        wrong.map_or(Ok(()), |(axis, _)| Err(ConfigError::Motor(axis)))
+        for ((axis, limits), motor) in (0_u8..).zip(&self.axes).zip(&self.motors) {
+            let of_motor = first_outside(&MOTOR_BOUNDS, motor).map(BoundedNumber::Motor);
+            let of_both = || first_outside(&AXIS_AND_MOTOR_BOUNDS, &(*limits, *motor)).map(BoundedNumber::AxisAndMotor);
+            within_bounds(of_motor.or_else(of_both), axis)?;
+        }
+        Ok(())
     }
 
     /// The calibrator's configuration for a run of the scheme.
@@ -261,6 +288,10 @@ impl SelfCalibrationConfig {
     }
 }
 
+fn within_bounds(outside: Option<BoundedNumber>, axis: u8) -> Result<(), ConfigError> {
+    outside.map_or(Ok(()), |number| Err(ConfigError::OutOfBounds { number, axis: Some(axis) }))
+}
+
 /// Checks a scheme by itself, and against the limits of the outer and the inner axis.
 ///
 /// # Errors
@@ -268,16 +299,13 @@ impl SelfCalibrationConfig {
 pub fn check_motion(scheme: &Scheme, axes: &[AxisLimits; 2]) -> Result<(), ConfigError> {
     scheme.check().map_err(ConfigError::Scheme)?;
     for (axis, limits) in (0_u8..).zip(axes) {
-        if !limits.are_valid() {
-            return Err(ConfigError::Axis(axis));
-        }
+        within_bounds(first_outside(&AXIS_BOUNDS, limits).map(BoundedNumber::Axis), axis)?;
         if scheme.rate_rad_s > limits.rate_rad_s || scheme.acceleration_rad_s2 > limits.acceleration_rad_s2 {
             return Err(ConfigError::TooFast(axis));
         }
         let angles = scheme.legs.iter().map(|to| if axis == 0 { to.outer_rad } else { to.inner_rad });
-        let travel = limits.lowest_rad - ROUNDING_RAD..=limits.highest_rad + ROUNDING_RAD;
         for (leg, angle) in (0_u8..).zip(core::iter::once(0.0).chain(angles)) {
-            if !travel.contains(&angle) {
+            if !limits.travel.permits(angle) {
                 return Err(ConfigError::Travel { leg, axis });
             }
         }
@@ -292,7 +320,9 @@ mod tests {
     use super::*;
     use crate::base::method::Method;
     use crate::base::site::Site;
+    use crate::gimbal::{Travel, TurnSource};
     use crate::segment::white_noise::Noise;
+    use std::string::ToString;
 
     fn config() -> SelfCalibrationConfig {
         let noise = Noise { accel_psd_sqrt: 1e-4, gyro_psd_sqrt: 3e-7, encoder_sigma_rad: 2.5e-6, margin: 1.0 };
@@ -303,10 +333,15 @@ mod tests {
     #[test]
     fn every_wrong_number_of_a_configuration_is_refused() {
         type Spoil = fn(&mut SelfCalibrationConfig);
-        let wrong: [(Spoil, ConfigError); 32] = [
-            (|config| config.motors[1].inertia_kg_m2 = 0.0, ConfigError::Motor(1)),
-            (|config| config.motors[0].viscous_nm_s = f64::INFINITY, ConfigError::Motor(0)),
-            (|config| config.motors[0].inductance_h = -1e-3, ConfigError::Motor(0)),
+        let axis = |row, axis| ConfigError::OutOfBounds { number: BoundedNumber::Axis(row), axis: Some(axis) };
+        let motor = |row, axis| ConfigError::OutOfBounds { number: BoundedNumber::Motor(row), axis: Some(axis) };
+        let both = |row, axis| ConfigError::OutOfBounds { number: BoundedNumber::AxisAndMotor(row), axis: Some(axis) };
+        let wrong: [(Spoil, ConfigError); 34] = [
+            (|config| config.motors[1].inertia_kg_m2 = 0.0, motor(0, 1)),
+            (|config| config.motors[0].viscous_nm_s = f64::INFINITY, motor(2, 0)),
+            (|config| config.motors[0].inductance_h = -1e-3, motor(5, 0)),
+            (|config| config.motors[0].coulomb_nm = 0.57, both(0, 0)),
+            (|config| config.motors[1].encoder_bits = 16, both(5, 1)),
             (|config| config.scheme.first_stop_s = 0.49, ConfigError::ShortStop(0)),
             (|config| config.scheme.legs[6].stop_s = 0.49, ConfigError::ShortStop(7)),
             (|config| config.calibrator.estimator.noise.margin = 0.5, ConfigError::Noise),
@@ -328,14 +363,14 @@ mod tests {
             (|config| config.limits = config.limits.requiring(0.0), ConfigError::Limits),
             (|config| config.scheme.first_stop_s = 0.0, ConfigError::Scheme(SchemeError::Stop(0))),
             (|config| config.scheme.periods = 3, ConfigError::Segments),
-            (|config| config.axes[0].arrived_rad = f64::NAN, ConfigError::Axis(0)),
-            (|config| config.axes[1].rate_rad_s = f64::INFINITY, ConfigError::Axis(1)),
-            (|config| config.axes[1].lowest_rad = 13.0, ConfigError::Axis(1)),
+            (|config| config.axes[0].arrived_rad = f64::NAN, axis(3, 0)),
+            (|config| config.axes[1].rate_rad_s = f64::INFINITY, axis(0, 1)),
+            (|config| config.axes[1].travel = stored(13.0, 12.0), axis(8, 1)),
             (|config| config.axes[1].rate_rad_s = 0.1, ConfigError::TooFast(1)),
             (|config| config.axes[0].acceleration_rad_s2 = 0.1, ConfigError::TooFast(0)),
-            (|config| config.axes[0].lowest_rad = -4.0, ConfigError::Travel { leg: 3, axis: 0 }),
-            (|config| config.axes[0].highest_rad = -0.1, ConfigError::Travel { leg: 0, axis: 0 }),
-            (|config| config.axes[0].rate_rad_s = 2.2, ConfigError::Axis(0)),
+            (|config| config.axes[0].travel = stored(-4.0, 12.0), ConfigError::Travel { leg: 3, axis: 0 }),
+            (|config| config.axes[0].travel = stored(-12.0, -0.1), ConfigError::Travel { leg: 0, axis: 0 }),
+            (|config| config.axes[0].rate_rad_s = 2.2, axis(0, 0)),
         ];
         assert_eq!(config().check(), Ok(()));
         for (number, (spoil, error)) in wrong.into_iter().enumerate() {
@@ -343,6 +378,29 @@ mod tests {
             spoil(&mut config);
             assert_eq!(config.check(), Err(error), "number {number}");
         }
+    }
+
+    #[test]
+    fn a_number_outside_its_bounds_is_named_with_axis_and_range() {
+        let outside = |number, axis| ConfigError::OutOfBounds { number, axis }.to_string();
+        assert_eq!(
+            outside(BoundedNumber::Axis(2), Some(0)),
+            "[config-bounds] the jerk of the outer axis must be from 1 to 1e6 deg/s^3"
+        );
+        assert_eq!(
+            outside(BoundedNumber::Motor(0), Some(1)),
+            "[config-bounds] the moment of inertia of the inner axis must be from 1e-5 to 1000 kg m^2"
+        );
+        assert_eq!(
+            outside(BoundedNumber::AxisAndMotor(0), Some(1)),
+            "[config-bounds] the acceleration of the motor at the highest rate of the inner axis must be at least 1.5 times \
+             the highest acceleration"
+        );
+        assert_eq!(outside(BoundedNumber::Motor(99), None), "[config-bounds] a number is outside its bounds");
+    }
+
+    fn stored(lowest_rad: f64, highest_rad: f64) -> Travel {
+        Travel::around(lowest_rad, highest_rad, TurnSource::Stored)
     }
 
     fn too_cold() -> PowerUpPolicy {
