@@ -9,14 +9,16 @@ use rins_selfcal::base::profile::Point;
 use rins_selfcal::base::units::{ARCSEC, DEG};
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::gimbal::servo::MotorAndLoad;
-use rins_selfcal::gimbal::{BridgeFault, EncoderFault, Fault, FaultKind, MotionCommand};
+use rins_selfcal::gimbal::{BridgeFault, EncoderFault, Fault, FaultKind, MotionCommand, Travel, TurnSource};
 
 fn plant_at<T: Real>(angles_deg: [f64; 2]) -> GimbalPlant<T> {
     let assumed = [MotorAndLoad::default(); 2];
-    let limits = AxisLimits { lowest_rad: -360.0 * DEG, highest_rad: 90.0 * DEG, ..AxisLimits::default() };
+    let travel = Travel::around(-360.0 * DEG, 90.0 * DEG, TurnSource::Stored);
+    let limits = AxisLimits { travel, ..AxisLimits::default() };
     let angles_rad = angles_deg.map(|angle| angle * DEG);
     let mut plant = GimbalPlant::new(&[limits; 2], &assumed, assumed.map(Mechanics::of), angles_rad);
-    plant.period();
+    run(&mut plant, 5);
+    assert_eq!(plant.locate(angles_rad), Ok(()));
     plant
 }
 

@@ -4,9 +4,10 @@ use super::devices::{Bench, BenchControl, SharedBench, Trouble, control};
 use crate::virtual_unit::motor::{Mechanics, Motor};
 use crate::virtual_unit::plant::{Output, Plant, Tick};
 use rins_selfcal::base::linear::Real;
+use rins_selfcal::base::units::ARCSEC;
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::gimbal::servo::{MotorAndLoad, PERIOD_S};
-use rins_selfcal::gimbal::{Gimbal, GimbalStatus, MotionCommand};
+use rins_selfcal::gimbal::{Gimbal, GimbalStatus, LocateError, MotionCommand};
 use std::cell::RefCell;
 use std::rc::Rc;
 
@@ -55,6 +56,14 @@ impl<T: Real> GimbalPlant<T> {
     /// Passes on a command.
     pub fn command(&mut self, command: MotionCommand) {
         self.control.command(command, self.control.status().time_us);
+    }
+
+    /// Tells the control at which angles of (outer, inner) the axes stand, within 1 arcmin, rad.
+    ///
+    /// # Errors
+    /// The axis that was not located, and why.
+    pub fn locate(&mut self, angles_rad: [f64; 2]) -> Result<(), LocateError> {
+        self.control.locate(angles_rad.map(Some), 60.0 * ARCSEC)
     }
 
     /// Status of the gimbal as the control reports it.

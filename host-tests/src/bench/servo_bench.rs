@@ -51,7 +51,7 @@ impl<T: Real> ServoBench<T> {
         self.servo.observe(step.into());
         let point = wanted(time_s);
         let ticks = rad_to_ticks(point.angle_rad.widened());
-        let duty = self.servo.duty(&Setpoint { ticks, point }, self.ticks).widened();
+        let duty = self.servo.duty(&Setpoint { ticks, point }, self.ticks).expect("a finite duty").widened();
         let trace = Trace {
             time_s,
             error_rad: self.motor.angle_rad() - ticks_to_rad::<f64>(ticks),

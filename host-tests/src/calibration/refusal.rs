@@ -36,7 +36,7 @@ fn numbers(error: ConfigError, scheme: &Scheme, axes: &[AxisLimits; 2]) -> Strin
         ConfigError::Travel { leg, axis } => {
             let to = usize::from(leg).checked_sub(1).and_then(|leg| scheme.legs.get(leg));
             let angles = to.map_or([0.0; 2], |leg| [leg.outer_rad, leg.inner_rad]);
-            let AxisLimits { lowest_rad, highest_rad, .. } = axes[usize::from(axis)];
+            let (lowest_rad, highest_rad) = axes[usize::from(axis)].travel.usable_rad().into_inner();
             let [angle, low, high] = [angles[usize::from(axis)], lowest_rad, highest_rad].map(|angle| angle / DEG);
             format!(": {angle:.1} deg, travel {low:.1} to {high:.1} deg")
         }

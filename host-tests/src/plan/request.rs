@@ -2,7 +2,7 @@
 
 use super::objective::Objective;
 use crate::calibration::Setup;
-use rins_selfcal::gimbal::axis::AxisLimits;
+use rins_selfcal::base::units::DEG;
 use rins_selfcal::scheme::Turning;
 
 /// Range of angles of an axis, rad, continuous over whole turns. The range contains zero.
@@ -15,10 +15,9 @@ pub struct Travel {
 }
 
 impl Default for Travel {
-    /// Travel of the core's default axis.
+    /// Two turns in either direction. No scheme gains by more.
     fn default() -> Self {
-        let AxisLimits { lowest_rad, highest_rad, .. } = AxisLimits::default();
-        Self { lowest_rad, highest_rad }
+        Self { lowest_rad: -720.0 * DEG, highest_rad: 720.0 * DEG }
     }
 }
 

@@ -3,13 +3,16 @@
 use super::value::number_in;
 use crate::plan::Travel;
 use clap::Args;
+use rins_selfcal::base::bounds::first_outside;
 use rins_selfcal::base::units::DEG;
-use rins_selfcal::gimbal::axis::AxisLimits;
+use rins_selfcal::gimbal;
+use rins_selfcal::gimbal::TurnSource;
+use rins_selfcal::gimbal::axis::{AXIS_BOUNDS, AxisLimits};
 
 /// Limits of the axes.
 #[derive(Debug, Args)]
 pub struct AxisArguments {
-    /// Travel of the outer and the inner axis, deg; none allows two turns either way [default: none]
+    /// Usable range of the outer and the inner axis, deg; none is for axes with slip rings [default: none]
     #[arg(long, value_name = "LOW..HIGH,LOW..HIGH", value_parser = travel, allow_hyphen_values = true)]
     limits: Option<TravelArgument>,
     /// Highest rate of the axes, deg/s [default: 60]
@@ -22,16 +25,26 @@ pub struct AxisArguments {
 
 impl AxisArguments {
     pub fn axes(&self) -> [AxisLimits; 2] {
+        let travel = self.limits.and_then(|limits| limits.0).map(|both| both.map(around));
+        travel.unwrap_or_default().map(|travel| self.with_travel(travel))
+    }
+
+    fn with_travel(&self, travel: gimbal::Travel) -> AxisLimits {
         let usual = AxisLimits::default();
-        let travel = self.limits.and_then(|limits| limits.0).unwrap_or_default();
-        travel.map(|Travel { lowest_rad, highest_rad }| AxisLimits {
+        AxisLimits {
             rate_rad_s: self.axis_rate.map_or(usual.rate_rad_s, |rate| rate * DEG),
             acceleration_rad_s2: self.acceleration.map_or(usual.acceleration_rad_s2, |limit| limit * DEG),
-            lowest_rad,
-            highest_rad,
+            travel,
             ..usual
-        })
+        }
     }
+}
+
+/// The travel with this usable range. One turn of each angle is within it if it is narrow enough for that.
+fn around(Travel { lowest_rad, highest_rad }: Travel) -> gimbal::Travel {
+    let with = |turn| gimbal::Travel::around(lowest_rad, highest_rad, turn);
+    let unique = AxisLimits { travel: with(TurnSource::Unique), ..AxisLimits::default() };
+    with(if first_outside(&AXIS_BOUNDS, &unique).is_none() { TurnSource::Unique } else { TurnSource::Stored })
 }
 
 /// Travel of both axes, or no limits.
