@@ -167,6 +167,15 @@ mod tests {
     use super::*;
 
     #[test]
+    fn only_faults_that_leave_encoder_motor_and_turn_known_allow_parking() {
+        let allows = |kind| Fault { axis: 0, angle_rad: 0.0, kind }.allows_parking();
+        assert!(allows(FaultKind::Following { error_rad: 1.0 }) && allows(FaultKind::Travel { limit_rad: 1.0 }));
+        let turns = [TurnFault::Unknown, TurnFault::Outside].map(FaultKind::Turn);
+        assert!(!turns.into_iter().any(allows) && turns.into_iter().all(FaultKind::is_controllable));
+        assert!(!allows(FaultKind::NotFinite) && !FaultKind::NotFinite.is_controllable());
+    }
+
+    #[test]
     fn a_message_contains_axis_angle_and_number() {
         let fault = |axis, kind| Fault { axis, angle_rad: (-90.5 * DEG) as f32, kind }.to_string();
         let cases = [
@@ -194,6 +203,10 @@ mod tests {
             (
                 fault(0, FaultKind::Bridge(BridgeFault::Overcurrent)),
                 "outer axis at -90.50 deg: motor bridge fault (overcurrent, over-temperature or undervoltage)",
+            ),
+            (
+                fault(1, FaultKind::Turn(TurnFault::Outside)),
+                "inner axis at -90.50 deg: the axis stands outside of its travel, so it does not move: turn it back by hand",
             ),
         ];
         for (text, expected) in cases {

@@ -298,3 +298,34 @@ fn nearest_turn(ticks: i64, angle_rad: f64) -> (i64, f64) {
     let within_turn = i64::from(away as i32);
     (away.saturating_sub(within_turn), -ticks_to_rad::<f64>(within_turn))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_usable_range_is_a_margin_inside_of_the_travel() {
+        let travel = Travel::around(-1.0, 0.5, TurnSource::Stored);
+        let (lowest_rad, highest_rad) = travel.usable_rad().into_inner();
+        assert!((lowest_rad + 1.0).abs() < 1e-15 && (highest_rad - 0.5).abs() < 1e-15);
+        assert!(travel.permits(-1.0) && travel.permits(0.5) && !travel.permits(0.500_001) && !travel.permits(f64::NAN));
+        assert!(travel.reaches(0.5 + TRAVEL_MARGIN_RAD) && !travel.reaches(0.5 + 1.001 * TRAVEL_MARGIN_RAD));
+        assert!((travel.nearest_rad(7.0) - 0.5).abs() < 1e-15);
+        let continuous = Travel::Continuous;
+        assert_eq!(continuous.usable_rad(), f64::NEG_INFINITY..=f64::INFINITY);
+        assert!(continuous.permits(1e4) && !continuous.permits(1e300) && !continuous.permits(f64::INFINITY));
+    }
+
+    #[test]
+    fn the_nearest_turn_is_found_across_many_turns() {
+        for (reading_deg, said_deg, counted_deg) in
+            [(170.0, -188.0, -190.0), (-10.0, 349.0, 350.0), (0.5, 7199.0, 7200.5)]
+        {
+            let ticks = rad_to_ticks(reading_deg * DEG);
+            let (offset, off_rad) = nearest_turn(ticks, said_deg * DEG);
+            assert_eq!(offset % (1 << 32), 0);
+            assert!((ticks_to_rad::<f64>(ticks + offset) / DEG - counted_deg).abs() < 1e-6, "{reading_deg}");
+            assert!((off_rad / DEG - (counted_deg - said_deg)).abs() < 1e-6, "{reading_deg}");
+        }
+    }
+}

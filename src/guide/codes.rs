@@ -79,6 +79,7 @@ fn of_aborts() -> Vec<Row<AbortReason>> {
         AbortReason::SampleLoss => AbortReason::SampleLoss, "sample-loss";
         AbortReason::SampleRate => AbortReason::SampleRate, "sample-rate";
         AbortReason::NotMarked => AbortReason::NotMarked, "not-marked";
+        AbortReason::ImuRestarted => AbortReason::ImuRestarted, "imu-restarted";
         AbortReason::Gimbal(Fault { kind: FaultKind::Following { .. }, .. }) =>
             gimbal(FaultKind::Following { error_rad: 0.5 }), "following";
         AbortReason::Gimbal(Fault { kind: FaultKind::Stall { .. }, .. }) =>

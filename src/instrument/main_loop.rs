@@ -124,6 +124,8 @@ pub struct Instrument<'m, T: Real, const STATES: usize = BASIC_STATES> {
     link: &'m mut Link,
     samples: u64,
     motion_log: MotionLog,
+    /// Number of samples that were refused because the IMU had restarted.
+    restarted: u32,
 }
 
 impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
@@ -153,7 +155,7 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
         if let Some(lock) = startup.motion_lock() {
             run.lock_motion(lock);
         }
-        Ok(Self { run, link, samples: 0, motion_log: MotionLog::default() })
+        Ok(Self { run, link, samples: 0, motion_log: MotionLog::default(), restarted: 0 })
     }
 
     /// One turn of the main loop: processes all waiting samples, then checks the clock, then answers the received
@@ -233,10 +235,20 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
     }
 
     fn tick(&mut self, outside: &mut impl Surroundings<T>) {
+        self.note_restarts(outside);
         let (now_us, gimbal) = (outside.now_us(), outside.status());
         let motion = self.run.tick(now_us, &gimbal, &mut |message| tell(self.link, outside, message));
         self.command(motion, &gimbal, outside);
         self.motion_log.follow(&self.run, &gimbal, outside);
+    }
+
+    /// Ends the run if the IMU has restarted. The interval of the samples need not show that.
+    fn note_restarts(&mut self, outside: &mut impl Surroundings<T>) {
+        let restarted = outside.losses().restarted;
+        if restarted != self.restarted && self.run.state().is_under_way() {
+            self.run.abort_with(AbortReason::ImuRestarted);
+        }
+        self.restarted = restarted;
     }
 
     /// Gives the gimbal a command, if there is one. Before the first move the archive keeps that the axes have moved; if

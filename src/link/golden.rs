@@ -478,6 +478,7 @@ fn the_bytes_of_every_abort_and_fault_are_these() {
         AbortReason::Stopped => AbortReason::Stopped, "05";
         AbortReason::SampleRate => AbortReason::SampleRate, "06";
         AbortReason::NotMarked => AbortReason::NotMarked, "07";
+        AbortReason::ImuRestarted => AbortReason::ImuRestarted, "08";
     });
     check_bytes(table! { FaultKind:
         FaultKind::Following { .. } => FaultKind::Following { error_rad: 0.5 }, "00 00 00 00 3f";

@@ -25,6 +25,8 @@ pub enum AbortReason {
     SampleRate,
     /// The memory did not take the mark that the axes move, so they must not move.
     NotMarked,
+    /// The IMU has restarted in the run.
+    ImuRestarted,
 }
 
 impl AbortReason {
@@ -39,6 +41,7 @@ impl AbortReason {
             Self::SampleLoss => "sample-loss",
             Self::SampleRate => "sample-rate",
             Self::NotMarked => "not-marked",
+            Self::ImuRestarted => "imu-restarted",
         }
     }
 
@@ -73,6 +76,7 @@ impl fmt::Display for AbortReason {
             Self::TurnTimeout => "the axes did not arrive within 10 s after the planned end of the move",
             Self::Gimbal(fault) => return fault.fmt(f),
             Self::SampleLoss => "no usable sample arrived for 1 s, or for 0.1 s during a move",
+            Self::ImuRestarted => "the IMU has restarted in the run: its supply or its settings were lost",
             Self::NotMarked => {
                 "the memory did not take the mark that the axes move, so that the turn would be unknown after a loss of \
                  power"

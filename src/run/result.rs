@@ -57,7 +57,7 @@ impl StoredCalibration {
 
     /// Time and temperature of the calibration.
     pub fn conditions(&self) -> Conditions {
-        Conditions { utc_s: self.utc_s, temperature_c: self.temperature_c, imu: None }
+        Conditions { utc_s: self.utc_s, temperature_c: self.temperature_c, imu: self.imu }
     }
 
     /// The stored reasons of the verdict. There are none if they were encoded by another [`REASONS_SCHEMA`].

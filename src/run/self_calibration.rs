@@ -416,7 +416,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             degrees_of_freedom: solution.degrees_of_freedom,
             software_version: String::try_from(env!("CARGO_PKG_VERSION")).unwrap_or_default(),
             verdict: self.verdict.clone(),
-            imu: None,
+            imu: self.imu,
         })
     }
 
