@@ -13,9 +13,8 @@ fn rins(arguments: &[&str]) -> Output {
 }
 
 fn stdout(arguments: &[&str]) -> String {
-    let output = rins(arguments);
-    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).expect("UTF-8")
+    // As wide as the text may be, whatever the terminal of the tests is.
+    stdout_in_columns("300", arguments)
 }
 
 /// README and chapters by name.
@@ -39,18 +38,68 @@ fn arguments_of_rins(command: &str) -> Option<Vec<&str>> {
 
 #[test]
 fn every_chapter_is_listed_and_printed() {
-    let contents = stdout(&["guide"]);
+    // Titles may be wrapped.
+    let contents = stdout(&["guide"]).split_whitespace().collect::<Vec<_>>().join(" ");
     for chapter in CHAPTERS {
         assert!(contents.contains(chapter.title), "{contents}");
         let text = stdout(&["guide", chapter.name]);
         let heading = chapter.text.lines().next().expect("a heading");
         assert!(text.starts_with(heading), "{text}");
-        let is_prose = |line: &&str| !line.starts_with("    ") && !line.starts_with('|') && !line.starts_with('#');
-        for line in text.lines().filter(is_prose) {
-            let is_rendered = line.chars().count() <= 80 && !line.contains("](") && !line.contains("<!--");
-            assert!(is_rendered, "{}: {line}", chapter.name);
-        }
+        assert_rendered(&text, 80);
     }
+}
+
+/// All lines but headings and code lines are at most this wide and have no marks of Markdown.
+fn assert_rendered(text: &str, width: usize) {
+    for line in text.lines().filter(|line| !line.starts_with("    ") && !line.starts_with('#')) {
+        let is_rendered = line.chars().count() <= width
+            && !line.starts_with('|')
+            && ["](", "<!--", "---|", "**"].iter().all(|mark| !line.contains(mark));
+        assert!(is_rendered, "{line}\n{text}");
+    }
+}
+
+fn stdout_in_columns(columns: &str, arguments: &[&str]) -> String {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_rins"));
+    let output = command.args(arguments).env("COLUMNS", columns).output().expect("the program starts");
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).expect("UTF-8")
+}
+
+#[test]
+fn guide_and_explanations_are_wrapped_to_the_width_of_the_terminal() {
+    for chapter in CHAPTERS {
+        assert_rendered(&stdout_in_columns("48", &["guide", chapter.name]), 48);
+        assert_rendered(&stdout_in_columns("300", &["guide", chapter.name]), 80);
+    }
+    for code in ["noise-level", "changed", "locked"] {
+        assert_rendered(&stdout_in_columns("48", &["explain", code]), 48);
+        assert_rendered(&stdout_in_columns("300", &["explain", code]), 100);
+    }
+    for list in ["guide", "explain"] {
+        assert!(stdout_in_columns("60", &[list]).lines().skip(2).all(|line| line.chars().count() <= 60));
+    }
+}
+
+#[test]
+fn a_code_is_explained_however_it_is_typed_and_an_unknown_one_says_what_to_type() {
+    let page = stdout(&["explain", "noise-level"]);
+    for typed in ["[noise-level]", " NOISE-level ", "[Noise-Level] "] {
+        assert_eq!(stdout(&["explain", typed]), page);
+    }
+    let refused = |code: &str| {
+        let output = rins(&["explain", code]);
+        assert_eq!(output.status.code(), Some(1), "{code}");
+        String::from_utf8(output.stderr).expect("UTF-8")
+    };
+    for empty in ["", " ", "[]"] {
+        let message = refused(empty);
+        assert!(message.contains("type a code as it is printed in brackets"), "{message}");
+    }
+    let message = refused("noise-levl");
+    assert!(message.contains("there is no code `noise-levl`; similar codes: noise-level"), "{message}");
+    let message = refused("banana");
+    assert!(message.contains("there is no code `banana`. `rins explain` lists all codes"), "{message}");
 }
 
 #[test]

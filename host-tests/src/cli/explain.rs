@@ -2,6 +2,7 @@
 
 use super::ending::Ending;
 use super::output::must_sayln;
+use super::prose::{in_columns, rendered, width};
 use anyhow::{Result, bail};
 use clap::Args;
 use rins_selfcal::guide::CHAPTERS;
@@ -9,9 +10,11 @@ use rins_selfcal::guide::CHAPTERS;
 /// The chapter of the guide that has a page for each code.
 const CHAPTER: &str = "reasons";
 /// Widest text, columns.
-const WIDTH: usize = 100;
+const WIDEST: usize = 100;
 /// Number of codes that are proposed for an unknown code.
 const PROPOSALS: usize = 3;
+/// Fewest letters that find the codes that contain them.
+const LEAST_PART: usize = 3;
 
 #[derive(Debug, Args)]
 pub struct ExplainArguments {
@@ -40,15 +43,20 @@ pub fn run(arguments: &ExplainArguments) -> Result<Ending> {
         must_sayln!("{}", list(&pages));
         return Ok(Ending::Done);
     };
-    let wanted = code.trim_matches(['[', ']']).to_lowercase();
-    match pages.iter().find(|page| page.code == wanted) {
-        Some(page) => must_sayln!("{} ({})\n\n{}", page.code, page.group, wrapped(page.text)),
-        None => {
-            bail!("there is no code `{code}`; similar codes: {}. `rins explain` lists all codes", near(&wanted, &pages))
-        }
+    let wanted = code.trim_matches(|letter: char| letter.is_whitespace() || matches!(letter, '[' | ']')).to_lowercase();
+    if wanted.is_empty() {
+        bail!("the code is empty; type a code as it is printed in brackets, as in `rins explain noise-level`. {ALL}");
     }
-    Ok(Ending::Done)
+    match pages.iter().find(|page| page.code == wanted) {
+        Some(page) => {
+            must_sayln!("{} ({})\n\n{}", page.code, page.group, rendered(page.text, width(WIDEST)).trim_end());
+            Ok(Ending::Done)
+        }
+        None => bail!("there is no code `{}`{}. {ALL}", code.trim(), similar(&wanted, &pages)),
+    }
 }
+
+const ALL: &str = "`rins explain` lists all codes";
 
 fn pages() -> Vec<Page<'static>> {
     let chapter = CHAPTERS.iter().find(|chapter| chapter.name == CHAPTER).map_or("", |chapter| chapter.text);
@@ -62,25 +70,35 @@ fn pages() -> Vec<Page<'static>> {
 }
 
 fn list(pages: &[Page]) -> String {
-    let widest = pages.iter().map(|page| page.code.len()).max().unwrap_or_default();
+    let rows: Vec<_> = pages.iter().map(|page| [page.code, page.summary()]).collect();
     let mut text = String::from("`rins explain CODE` shows the page of a code.\n");
     let mut group = "";
-    for page in pages {
+    for (page, row) in pages.iter().zip(in_columns(&rows, width(WIDEST))) {
         if page.group != group {
             group = page.group;
             text += &format!("\n{group}\n");
         }
-        text += &format!("  {:widest$}  {}\n", page.code, page.summary());
+        text += &format!("{row}\n");
     }
     text.trim_end().into()
 }
 
-/// The codes that are most similar to an unknown code.
-fn near(wanted: &str, pages: &[Page]) -> String {
-    let mut codes: Vec<_> = pages.iter().map(|page| page.code).collect();
-    codes.sort_by_key(|code| (!(code.contains(wanted) || wanted.contains(code)), distance(wanted, code)));
-    codes.truncate(PROPOSALS);
-    codes.join(", ")
+/// Codes in words that are similar to an unknown code, if there are any.
+fn similar(wanted: &str, pages: &[Page]) -> String {
+    match near(wanted, pages).as_slice() {
+        [] => String::new(),
+        codes => format!("; similar codes: {}", codes.join(", ")),
+    }
+}
+
+/// The codes that are most similar to an unknown code: one contains the other, or at most every third letter differs.
+fn near<'t>(wanted: &str, pages: &[Page<'t>]) -> Vec<&'t str> {
+    let is_part = |code: &str| wanted.len() >= LEAST_PART && (code.contains(wanted) || wanted.contains(code));
+    let rank = |code: &'t str| (!is_part(code), distance(wanted, code), code);
+    let is_near = |(is_no_part, distance, code): &(bool, usize, &str)| !is_no_part || 3 * distance <= code.len();
+    let mut codes: Vec<_> = pages.iter().map(|page| rank(page.code)).filter(is_near).collect();
+    codes.sort_unstable();
+    codes.into_iter().take(PROPOSALS).map(|(_, _, code)| code).collect()
 }
 
 /// Levenshtein distance: number of letters to insert, remove or replace.
@@ -97,26 +115,6 @@ fn distance(from: &str, to: &str) -> usize {
     row[to.chars().count()]
 }
 
-/// Wraps a text to [`WIDTH`] columns; the continued lines of a list are indented.
-fn wrapped(text: &str) -> String {
-    let mut lines = Vec::new();
-    for paragraph in text.lines() {
-        let indent = if paragraph.starts_with("- ") { "  " } else { "" };
-        let mut line = String::new();
-        for word in paragraph.split_whitespace() {
-            if !line.trim().is_empty() && line.len() + 1 + word.len() > WIDTH {
-                lines.push(std::mem::replace(&mut line, indent.into()));
-            }
-            if !line.trim().is_empty() {
-                line.push(' ');
-            }
-            line += word;
-        }
-        lines.push(line);
-    }
-    lines.join("\n")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -129,9 +127,18 @@ mod tests {
         let page = pages.iter().find(|page| page.code == code).expect("a page");
         assert_eq!(page.summary(), "The estimate has not converged.");
         assert!(page.text.contains("- What to do: ") && !page.text.contains('#'), "{}", page.text);
-        assert!(near("noise-levle", &pages).starts_with("noise-level"));
-        assert!(near("encoder", &pages).split(", ").all(|code| code.starts_with("encoder-")));
+        assert_eq!(near("noise-levle", &pages)[0], "noise-level");
+        assert!(near("encoder", &pages).iter().all(|code| code.starts_with("encoder-")));
+        assert_eq!(near("encoder", &pages).len(), PROPOSALS);
         assert_eq!(distance("kitten", "sitting"), 3);
-        assert!(wrapped(page.text).lines().all(|line| line.len() <= WIDTH));
+    }
+
+    #[test]
+    fn codes_that_are_not_similar_are_not_proposed() {
+        let pages = pages();
+        for wanted in ["xyz", "e", "banana", "temperature", "completely-different"] {
+            assert_eq!(similar(wanted, &pages), "", "{wanted}");
+        }
+        assert_eq!(similar("stal", &pages), "; similar codes: stall, stale-samples");
     }
 }

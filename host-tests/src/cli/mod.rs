@@ -20,6 +20,7 @@ mod output;
 mod plan;
 mod program;
 mod progress;
+mod prose;
 mod replay;
 mod replicate;
 mod simulate;
