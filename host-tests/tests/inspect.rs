@@ -98,7 +98,11 @@ fn the_mapping_that_is_proposed_for_a_foreign_log_works() {
     let run_of = virtual_run(Scheme::named("fast-90").unwrap());
     let (log, rows) = foreign_log(&run_of);
     let [map, unit, seen, result] = ["map.toml", "unit.toml", "seen.json", "result.json"].map(scratch);
-    let [stdout, _] = run(0, &["inspect", &log, "--write-mapping", &map, "--write-config", &unit, "--json", &seen]);
+    let [stdout, stderr] =
+        run(0, &["inspect", &log, "--write-mapping", &map, "--write-config", &unit, "--json", &seen]);
+    // The log does not show where it was recorded.
+    let warning = "default site: latitude_deg and height_m of [site] must be edited";
+    assert!(stderr.contains(warning) && fs::read_to_string(&unit).unwrap().contains(warning), "{stderr}");
     assert!(stdout.contains("A        outer encoder, deg, reversed, zero at 90\n"), "{stdout}");
     let seen = read(&seen);
     assert_eq!(seen["sampling"]["rows"], rows);
@@ -117,6 +121,8 @@ fn the_mapping_that_is_proposed_for_a_foreign_log_works() {
     assert_eq!(mapping["outer"], json!({"column": "A", "unit": "deg", "zero": 90.0, "reversed": true}));
     assert_eq!(mapping["inner"], json!({"column": "B", "unit": "counts", "counts_per_turn": 16_777_216.0}));
     assert_eq!(seen["nearest_scheme"]["name"], "fast-90");
+    let [_, stderr] = run(0, &["inspect", &log, "--config", &unit, "--write-config", &scratch("edited.toml")]);
+    assert!(!stderr.contains("default site"), "{stderr}");
     // The calibration by it is right: 4.5 sigma.
     let truth = scratch("truth.json");
     let parameters = host_tests::files::truth::Truth::new(&run_of.unit.errors);

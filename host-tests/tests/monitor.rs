@@ -113,6 +113,7 @@ fn commanded_followed_read_and_erased(port: &Path) {
         text(&nothing.stderr)
     );
     assert!(text(&abort.stderr).contains("[not-now] the command is not allowed while"), "{}", text(&abort.stderr));
+    assert!(text(&abort.stderr).contains("`rins explain not-now` explains"), "{}", text(&abort.stderr));
     assert!(text(&locked.stderr).contains("--unlock"), "{}", text(&locked.stderr));
     let said = text(&run.stdout);
     assert_eq!(run.status.code(), Some(0), "{said}{}", text(&run.stderr));

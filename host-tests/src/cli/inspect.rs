@@ -1,12 +1,12 @@
 //! `rins inspect`
 
 use super::ending::Ending;
-use super::output::{say, sayln};
+use super::output::{note, say, sayln};
 use super::{files, progress};
 use crate::base::quantity::{fixed, significant, states};
 use crate::files::json_file::write_json;
 use crate::files::scheme_file::write_scheme;
-use crate::files::unit_file::{Noise, UnitConfig};
+use crate::files::unit_file::{Noise, Origin, UnitConfig};
 use crate::inspect::{Inspection, Request, Sampling, SegmentSeen};
 use crate::log::Mapping;
 use crate::plan::prediction::Observed;
@@ -31,7 +31,7 @@ pub struct InspectArguments {
     /// Write the proposed mapping to this file
     #[arg(long, value_name = "MAP.toml", conflicts_with = "mapping")]
     pub write_mapping: Option<PathBuf>,
-    /// Write the unit description with the measured noise to this file
+    /// Write the unit description with the measured noise to this file; without --config, edit the site in the file
     #[arg(long, value_name = "UNIT.toml")]
     pub write_config: Option<PathBuf>,
     /// Write the scheme that the log follows to this file
@@ -55,7 +55,8 @@ pub fn run(arguments: &InspectArguments) -> anyhow::Result<Ending> {
         ("--json", arguments.json.as_deref()),
     ];
     files::check(&inputs, &outputs)?;
-    let unit = arguments.config.as_deref().map_or_else(|| Ok(UnitConfig::default()), UnitConfig::read)?;
+    let (unit, origin) =
+        arguments.config.as_deref().map_or_else(|| Ok(Default::default()), UnitConfig::read_with_origin)?;
     let given = arguments.mapping.as_deref();
     let layout = given.map(|mapping| Mapping::read(mapping, &arguments.log)).transpose()?;
     let request = Request { log: &arguments.log, layout, unit };
@@ -66,7 +67,7 @@ pub fn run(arguments: &InspectArguments) -> anyhow::Result<Ending> {
     });
     drop(counter);
     let found = found?;
-    write(arguments, &unit, &found)?;
+    write(arguments, &unit, &origin, &found)?;
     say!("{}", text(&arguments.log, &found));
     for (name, path) in
         outputs.iter().filter_map(|(name, path)| Some((name.trim_start_matches("--write-"), path.as_ref()?)))
@@ -79,13 +80,13 @@ pub fn run(arguments: &InspectArguments) -> anyhow::Result<Ending> {
     }
 }
 
-fn write(arguments: &InspectArguments, unit: &UnitConfig, found: &Inspection) -> anyhow::Result<()> {
+fn write(arguments: &InspectArguments, unit: &UnitConfig, origin: &Origin, found: &Inspection) -> anyhow::Result<()> {
     if let Some(path) = &arguments.write_mapping {
         let mapping = found.mapping.clone().unwrap_or_default();
-        write_toml(path, &mapping)?;
+        write_text(path, &toml::to_string(&mapping)?)?;
     }
     if let Some(path) = &arguments.write_config {
-        write_toml(path, &UnitConfig { noise: found.noise, ..*unit })?;
+        write_unit(path, &UnitConfig { noise: found.noise, ..*unit }, &origin.default_site_keys())?;
     }
     if let Some(path) = &arguments.write_scheme {
         let scheme = found
@@ -100,8 +101,24 @@ fn write(arguments: &InspectArguments, unit: &UnitConfig, found: &Inspection) ->
     Ok(())
 }
 
-fn write_toml(path: &Path, contents: &impl serde::Serialize) -> anyhow::Result<()> {
-    std::fs::write(path, toml::to_string(contents)?).with_context(|| path.display().to_string())
+/// Writes the unit description. If keys of the site have default values, a comment in the file and a note say so.
+fn write_unit(path: &Path, unit: &UnitConfig, default_keys: &[&str]) -> anyhow::Result<()> {
+    let text = toml::to_string(unit)?;
+    if default_keys.is_empty() {
+        return write_text(path, &text);
+    }
+    let what = format!(
+        "default site: {} of [site] must be edited, because the log does not show it",
+        default_keys.join(" and ")
+    );
+    let why = "gravity is the scale of the accelerometers, and the Earth rate depends on the latitude";
+    write_text(path, &text.replacen("[site]\n", &format!("# {what}:\n# {why}.\n[site]\n"), 1))?;
+    note!("{}: {what}", path.display());
+    Ok(())
+}
+
+fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
+    std::fs::write(path, text).with_context(|| path.display().to_string())
 }
 
 fn text(log: &Path, found: &Inspection) -> String {

@@ -8,8 +8,9 @@ use super::{files, history};
 use crate::files::json_file::write_json;
 use crate::files::toml_file::TomlFile;
 use crate::monitor::history::History;
-use crate::monitor::{Client, Event, LineClosed, Recording, UNEXPECTED, View, lines, open};
+use crate::monitor::{Client, Event, LineClosed, Recording, UNEXPECTED, View, lines, open, refused};
 use crate::result::report::StoredReport;
+use crate::result::table::explained;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use console::{Key, Term};
@@ -211,7 +212,7 @@ fn series<T>(client: &mut Client, item: impl Fn(u16) -> Item, of: impl Fn(Answer
     for back in 0.. {
         match client.answer(&Command::Read(item(back)), |_| ())? {
             Answer::Refused(Refusal::Nothing) => break,
-            Answer::Refused(refusal) => bail!("refused: {refusal}"),
+            Answer::Refused(refusal) => return Err(refused(&refusal)),
             answer => all.push(of(answer).context(UNEXPECTED)?),
         }
     }
@@ -348,8 +349,8 @@ struct Show {
     screen: Option<Screen>,
     quiet: bool,
     started: bool,
-    /// Result of the last key.
-    note: String,
+    /// What became of the last key, in lines.
+    note: Vec<String>,
     /// Writes the corrected samples to a file.
     recording: Option<Recording>,
 }
@@ -391,7 +392,7 @@ impl Show {
         let term = Term::stdout();
         let screen = (term.is_term() && !is_quiet()).then(|| Screen::new(term));
         let quiet = is_quiet();
-        Self { view: View::default(), screen, quiet, started: false, note: String::new(), recording: None }
+        Self { view: View::default(), screen, quiet, started: false, note: Vec::new(), recording: None }
     }
 
     fn event(&mut self, event: &Event) {
@@ -400,7 +401,7 @@ impl Show {
             recording.note(event);
         }
         if let Event::Answer(1.., Answer::Refused(refusal)) = event {
-            self.note = format!("refused: {refusal}");
+            self.note = vec![format!("refused  {refusal}"), explained(refusal.code())];
         }
         let verdict = self.quiet && matches!(event, Event::Message(message) if is_end(message));
         if self.screen.is_none() && (verdict || !self.quiet) {
@@ -430,7 +431,7 @@ impl Show {
             Key::Char('e') => ("erase", Command::Erase),
             key => return Ok(!is_quit(&key)),
         };
-        self.note = note.to_owned();
+        self.note = vec![format!("command  {note}")];
         client.send(&command)?;
         Ok(true)
     }
@@ -443,10 +444,9 @@ impl Show {
 
     fn picture(&mut self, client: &Client) {
         let Some(screen) = &mut self.screen else { return };
-        let keys = format!("{KEYS}   {}", self.note);
         let width = screen.term.size().1.into();
         let view = self.view.screen(width, client.dropped(), client.missing());
-        screen.draw(std::iter::once(keys).chain(view));
+        screen.draw(std::iter::once(KEYS.into()).chain(self.note.iter().cloned()).chain(view));
     }
 }
 

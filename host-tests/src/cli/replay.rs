@@ -135,7 +135,8 @@ pub fn report(content: &Content, json: Option<&Path>, page: Option<&Path>, head:
         write_page(path, content)?;
     }
     if is_quiet() {
-        let verdict: Vec<String> = std::iter::once(outcome.verdict_name().into()).chain(outcome.reasons()).collect();
+        let reasons = table::folded(outcome.reasons());
+        let verdict: Vec<String> = std::iter::once(outcome.verdict_name().into()).chain(reasons).collect();
         must_sayln!("{}", verdict.join("; "));
     }
     sayln!("{head}{}", table::samples(outcome));

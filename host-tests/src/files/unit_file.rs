@@ -143,6 +143,9 @@ impl Noise {
     }
 }
 
+/// The keys of `[site]` that every calibration depends on.
+const SITE_KEYS: [&str; 2] = ["latitude_deg", "height_m"];
+
 /// `[site]`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -210,11 +213,20 @@ pub struct Origin {
 }
 
 impl Origin {
+    /// The keys of the site that have default values.
+    pub fn default_site_keys(&self) -> Vec<&'static str> {
+        SITE_KEYS.into_iter().filter(|key| !self.gives("site", key)).collect()
+    }
+
+    fn gives(&self, table: &str, key: &str) -> bool {
+        let tables = self.file.as_ref().map(|(_, tables)| tables);
+        tables.and_then(|tables| tables.get(table)).is_some_and(|table| table.get(key).is_some())
+    }
+
     /// The origin of these keys of a table: the file, "default", or both.
     fn of(&self, table: &str, keys: &[&str]) -> String {
-        let Some((path, tables)) = &self.file else { return "default".into() };
-        let given = |key: &str| tables.get(table).is_some_and(|table| table.get(key).is_some());
-        let missing: Vec<_> = keys.iter().copied().filter(|key| !given(key)).collect();
+        let Some((path, _)) = &self.file else { return "default".into() };
+        let missing: Vec<_> = keys.iter().copied().filter(|key| !self.gives(table, key)).collect();
         match missing.len() {
             0 => path.display().to_string(),
             all if all == keys.len() => "default".into(),
@@ -240,7 +252,7 @@ impl UnitConfig {
         let mut text = format!(
             "site: latitude {latitude_deg} deg, height {height_m} m, gravity {:.6} m/s^2 {source} ({})\n",
             self.site().gravity_m_s2(),
-            origin.of("site", &["latitude_deg", "height_m"])
+            origin.of("site", &SITE_KEYS)
         );
         let keys = ["accel_vrw_ug_sqrt_hz", "gyro_arw_deg_sqrt_h", "encoder_repeatability_arcsec"];
         text += &format!("noise: {} ({})\n", self.noise, origin.of("noise", &keys));

@@ -1,9 +1,11 @@
 //! A client that sends commands to an instrument and receives its answers and messages.
 
 use super::port::Port;
-use anyhow::{Context, Error, Result, bail};
+use crate::result::table::explained;
+use anyhow::{Context, Error, Result, anyhow, bail};
 use rins_selfcal::link::{
-    Answer, Command, CorrectedReport, Damage, Decoder, Dropped, MAX_FRAME_BYTES, PROTOCOL_VERSION, UNLOCK_WORD, encode,
+    Answer, Command, CorrectedReport, Damage, Decoder, Dropped, MAX_FRAME_BYTES, PROTOCOL_VERSION, Refusal,
+    UNLOCK_WORD, encode,
 };
 use rins_selfcal::run::telemetry::Message;
 use std::collections::VecDeque;
@@ -12,7 +14,7 @@ use std::time::{Duration, Instant};
 
 /// Longest time to wait for an erasure. A flash needs seconds for every sector, and an emulator is slower still.
 const ERASING: Duration = Duration::from_secs(60);
-/// Number of times a command is sent before the client reports that the instrument does not answer.
+/// Number of times a command is sent, at equal intervals, before the client reports that the instrument does not answer.
 /// Carrying out a command twice does no harm.
 const ATTEMPTS: u32 = 3;
 
@@ -156,8 +158,8 @@ impl Client {
         written.map_err(|error| failed(error, "cannot write to the line"))
     }
 
-    /// Sends a command and waits for its answer. Sends the command again if no answer arrives. `other` receives all
-    /// other events.
+    /// Sends a command and waits for its answer. Sends the command again if no answer arrives in a third of the longest
+    /// time to wait. `other` receives all other events.
     ///
     /// # Errors
     /// The instrument refuses (with its reason) or does not answer, or the line is broken.
@@ -175,7 +177,7 @@ impl Client {
         for _ in 0..ATTEMPTS {
             self.send_again(command)?;
             let sent = Instant::now();
-            while sent.elapsed() < patience {
+            while sent.elapsed() < patience / ATTEMPTS {
                 match self.poll()? {
                     Some(Event::Answer(number, answer)) if number == self.number => {
                         self.answered = Some(number);
@@ -214,9 +216,79 @@ fn failed(error: io::Error, doing: &'static str) -> Error {
     }
 }
 
+/// The error of a command that the instrument refused.
+pub fn refused(refusal: &Refusal) -> Error {
+    anyhow!("refused: {refusal}; {}", explained(refusal.code()))
+}
+
 fn accepted(answer: Answer) -> Result<Answer> {
     match answer {
-        Answer::Refused(refusal) => bail!("refused: {refusal}"),
+        Answer::Refused(refusal) => Err(refused(&refusal)),
         answer => Ok(answer),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::cell::RefCell;
+    use std::io::{Read, Write};
+    use std::rc::Rc;
+
+    /// A line on which the answers of the other end are put. It counts the commands.
+    #[derive(Clone, Default)]
+    struct FakeLine(Rc<RefCell<(VecDeque<u8>, usize)>>);
+
+    impl FakeLine {
+        fn answer(&self, number: u16, answer: &Answer) {
+            let mut frame = [0; MAX_FRAME_BYTES];
+            self.0.borrow_mut().0.extend(encode(number, answer, &mut frame).unwrap());
+        }
+    }
+
+    impl Read for FakeLine {
+        fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+            match self.0.borrow_mut().0.read(bytes)? {
+                0 => Err(ErrorKind::TimedOut.into()),
+                count => Ok(count),
+            }
+        }
+    }
+
+    impl Write for FakeLine {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            self.0.borrow_mut().1 += usize::from(bytes.len() > 1);
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_silent_instrument_is_asked_several_times_within_the_longest_wait() {
+        let (line, patience) = (FakeLine::default(), Duration::from_millis(60));
+        let mut client = Client::new(Box::new(line.clone()), patience);
+        let begun = Instant::now();
+        let error = client.ask(&Command::Hello, |_| ()).unwrap_err();
+        assert_eq!(error.to_string(), "the instrument does not answer");
+        assert!(begun.elapsed() >= patience && begun.elapsed() < 2 * patience, "{:?}", begun.elapsed());
+        assert_eq!(line.0.borrow().1, 3);
+    }
+
+    #[test]
+    fn a_command_is_answered_once_and_a_refusal_names_its_page() {
+        let line = FakeLine::default();
+        let mut client = Client::new(Box::new(line.clone()), Duration::from_secs(5));
+        line.answer(1, &Answer::Done);
+        // The answer to the same command, sent again.
+        line.answer(1, &Answer::Refused(Refusal::Policy));
+        line.answer(2, &Answer::Refused(Refusal::Locked));
+        let mut others = 0;
+        assert_eq!(client.ask(&Command::Start, |_| others += 1).unwrap(), Answer::Done);
+        let refused = client.ask(&Command::Erase, |_| others += 1).unwrap_err().to_string();
+        assert!(refused.starts_with("refused: [locked] ") && refused.contains("`rins explain locked`"), "{refused}");
+        assert_eq!(others, 0);
     }
 }

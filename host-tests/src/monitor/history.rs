@@ -3,7 +3,7 @@
 use crate::base::quantity::{self, fixed, rounded, significant};
 use crate::bench::memory::{VirtualEeprom, VirtualFlash};
 use crate::result::report::StoredReport;
-use crate::result::table::{by_parameter, of_numbers};
+use crate::result::table::{by_parameter, folded, of_numbers};
 use anyhow::{Context, Result, anyhow};
 use rins_selfcal::keep::medium::{Eeprom, Flash, Medium};
 use rins_selfcal::keep::store::CalibrationStore;
@@ -89,7 +89,10 @@ impl fmt::Display for History {
             f.write_str(&self.values())?;
         }
         for (number, entry) in self.entries.iter().enumerate() {
-            entry.reasons().try_for_each(|reason| writeln!(f, "entry {}: {reason}", number + 1))?;
+            // An accepted calibration keeps its changes, which are no reasons of a rejection.
+            let kind = if entry.verdict.accepted() { "changed: " } else { "" };
+            let reasons = folded(entry.reasons());
+            reasons.iter().try_for_each(|reason| writeln!(f, "entry {}: {kind}{reason}", number + 1))?;
         }
         if self.other_versions > 0 {
             let records = self.other_versions;

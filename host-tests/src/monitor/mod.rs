@@ -7,7 +7,7 @@ mod recorder;
 mod recording;
 mod view;
 
-pub use client::{Client, Event, LineClosed, UNEXPECTED};
+pub use client::{Client, Event, LineClosed, UNEXPECTED, refused};
 pub use port::open;
 pub use recording::Recording;
 pub use view::{View, lines};

@@ -2,6 +2,7 @@
 
 use super::client::Event;
 use crate::base::quantity;
+use crate::result::table::{explained, folded};
 use rins_selfcal::base::restart::Restart;
 use rins_selfcal::base::units::DEG;
 use rins_selfcal::estimator::Estimate;
@@ -138,7 +139,7 @@ impl View {
     fn conclusion(&self) -> Vec<String> {
         let decision = self.decision.map(|decision| format!("decision {decision}"));
         let verdict = self.verdict.as_ref().map(verdict_lines).unwrap_or_default();
-        let aborted = self.aborted.map(aborted);
+        let aborted = self.aborted.into_iter().flat_map(aborted);
         let stored = self.stored.map(stored);
         decision.into_iter().chain(verdict).chain(aborted).chain(stored).collect()
     }
@@ -229,13 +230,14 @@ fn estimates(estimate: &Estimate, width: usize) -> Vec<String> {
 
 fn verdict_lines(verdict: &Verdict) -> Vec<String> {
     let name = if verdict.accepted() { "accepted" } else { "rejected" };
-    let reasons = verdict.reasons.iter().map(|reason| format!("  - {reason}"));
-    let changes = verdict.changes.iter().map(|change| format!("  changed: {change}"));
-    std::iter::once(format!("verdict  {name}")).chain(reasons).chain(changes).collect()
+    let reasons = folded(&verdict.reasons).into_iter().map(|reason| format!("  - {reason}"));
+    let hint = verdict.reasons.first().map(|reason| explained(reason.code()));
+    let changes = folded(&verdict.changes).into_iter().map(|change| format!("  changed: {change}"));
+    std::iter::once(format!("verdict  {name}")).chain(reasons).chain(hint).chain(changes).collect()
 }
 
-fn aborted(abort: Abort) -> String {
-    format!("verdict  aborted: {abort}")
+fn aborted(abort: Abort) -> [String; 2] {
+    [format!("verdict  aborted: {abort}"), explained(abort.reason.code())]
 }
 
 fn stored(stored: bool) -> String {
@@ -253,7 +255,7 @@ fn warning(message: &Message) -> Option<String> {
         Message::Released => Some("the axes are brought to rest, and then no longer controlled".into()),
         Message::Fault(fault) => Some(fault.to_string()),
         Message::Restarted(restart) if *restart != Restart::PowerOn => Some(restart.to_string()),
-        Message::Refused(error) => Some(format!("the configuration is refused: {error}")),
+        Message::Refused(error) => Some(format!("the configuration is refused: {error}; {}", explained(error.code()))),
         _ => None,
     }
 }
@@ -272,7 +274,7 @@ pub fn lines(event: &Event) -> Vec<String> {
         Message::Segment(progress) => format!("segment {}: worst {}", progress.segments, worst(&progress.estimate)),
         Message::Decided(decision) => format!("decision: {decision}"),
         Message::Judged(verdict) => return verdict_lines(verdict),
-        Message::Aborted(abort) => aborted(*abort),
+        Message::Aborted(abort) => return aborted(*abort).into(),
         Message::Saved(saved) => stored(*saved),
         message => return warning(message).map(|warning| format!("warning  {warning}")).into_iter().collect(),
     };

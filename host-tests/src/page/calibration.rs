@@ -96,7 +96,7 @@ fn verdict(outcome: &Outcome) -> Markup {
             h1 { "Self-calibration " (name) }
             p { (in_words(outcome)) }
             @if !outcome.verdict.accepted() {
-                ul { @for reason in outcome.reasons() { li { (reason) } } }
+                ul { @for reason in table::folded(outcome.reasons()) { li { (reason) } } }
             }
         }
     }

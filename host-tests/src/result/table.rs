@@ -185,16 +185,44 @@ pub fn verdict(outcome: &Outcome) -> String {
         text +=
             "accepted, but not stored: writing to the calibration store failed; the earlier calibration stays stored\n";
     }
-    for reason in outcome.reasons() {
+    for reason in folded(outcome.reasons()) {
         text += &format!("  - {reason}\n");
     }
     if let Some(code) = outcome.reason_codes().first() {
-        text += &format!("`rins explain {code}` explains what this code means and what to do\n");
+        text += &format!("{}\n", explained(code));
     }
     text
+}
+
+/// The reasons of a verdict as they are printed: equal reasons once, with their number.
+pub fn folded<R: ToString>(reasons: impl IntoIterator<Item = R>) -> Vec<String> {
+    let mut counts: Vec<(String, usize)> = Vec::new();
+    for reason in reasons.into_iter().map(|reason| reason.to_string()) {
+        match counts.iter_mut().find(|(known, _)| *known == reason) {
+            Some((_, count)) => *count += 1,
+            None => counts.push((reason, 1)),
+        }
+    }
+    let printed = |(reason, count)| if count == 1 { reason } else { format!("{reason} ({count} times)") };
+    counts.into_iter().map(printed).collect()
+}
+
+/// Says how the page of a code is shown.
+pub fn explained(code: &str) -> String {
+    format!("`rins explain {code}` explains what this code means and what to do")
 }
 
 /// A number, or a dash if it is missing.
 pub fn number_or_none(value: Option<f64>, format: impl Fn(f64) -> String) -> String {
     value.map_or_else(|| NONE.into(), format)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn equal_reasons_are_printed_once_with_their_number() {
+        assert_eq!(folded(["a", "b", "a", "c", "a"]), ["a (3 times)", "b", "c"]);
+    }
 }
