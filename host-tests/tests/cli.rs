@@ -722,6 +722,9 @@ fn a_full_output_is_an_error_and_a_closed_one_loses_no_file() {
 #[test]
 fn errors_name_what_was_meant() {
     assert!(refused(&["calibrate", "--scheme", "."]).starts_with("--scheme: .: "));
+    let unit = log("kept.toml", "[site]\nlatitude_deg = 48.0\n");
+    let overwritten = refused(&["observability", "--config", &unit, "--json", &unit]);
+    assert!(overwritten.starts_with("--json would overwrite --config: "), "{overwritten}");
     let rate = rins(&["calibrate", "--firmware", "--rate", "100"]);
     assert_eq!(rate.status.code(), Some(1));
     assert!(text(&rate.stderr).ends_with("the firmware samples at 200 Hz, not at 100\n"));

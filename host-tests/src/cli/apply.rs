@@ -1,8 +1,9 @@
 //! `rins apply`
 
+use super::arguments::log::LogArguments;
 use super::ending::Ending;
 use super::output::{note, sayln};
-use super::{files, progress, replay};
+use super::{files, progress};
 use crate::calibration::raw_sample;
 use crate::log::{LogReader, LogWriter};
 use crate::result::saved::Saved;
@@ -14,15 +15,11 @@ use std::path::PathBuf;
 
 #[derive(Debug, Args)]
 pub struct ApplyArguments {
-    /// Log to correct, in any format that `replay` reads
-    #[arg(value_name = "LOG")]
-    pub log: PathBuf,
+    #[command(flatten)]
+    pub source: LogArguments,
     /// Result of `replay --json` or `calibrate --json`
     #[arg(long, value_name = "CAL.json")]
     pub calibration: PathBuf,
-    /// Mapping of the log's columns and units [default: the standard columns]
-    #[arg(long, value_name = "MAP.toml")]
-    pub mapping: Option<PathBuf>,
     /// Corrected log to write: CSV, CSV compressed with gzip if the name ends in .gz, or Parquet
     #[arg(long, value_name = "CORRECTED.csv")]
     pub out: PathBuf,
@@ -45,18 +42,14 @@ pub enum FrameArgument {
 const TICK: u64 = 10_000;
 
 pub fn run(arguments: &ApplyArguments) -> anyhow::Result<Ending> {
-    let inputs = [
-        ("LOG", Some(arguments.log.as_path())),
-        ("--mapping", arguments.mapping.as_deref()),
-        ("--calibration", Some(arguments.calibration.as_path())),
-    ];
-    files::check(&inputs, &[("--out", Some(arguments.out.as_path()))])?;
+    let [log, mapping] = arguments.source.inputs();
+    let calibration = ("--calibration", Some(arguments.calibration.as_path()));
+    files::check(&[log, mapping, calibration], &[("--out", Some(arguments.out.as_path()))])?;
     let saved = Saved::read(&arguments.calibration)?;
     if !saved.is_accepted() {
         note!("{} is {}", saved.path.display(), saved.verdict);
     }
-    let layout = replay::layout(&arguments.log, arguments.mapping.as_deref())?;
-    let reader = LogReader::open_as(&arguments.log, &layout)?;
+    let reader = LogReader::open_as(&arguments.source.log, &arguments.source.layout()?)?;
     let rows = correct(reader, &saved.calibration(), arguments).inspect_err(|_| {
         // An incomplete log must not be taken for a complete log.
         if arguments.out.is_file() {

@@ -3,7 +3,7 @@
 use super::arguments::axes::AxisArguments;
 use super::arguments::method::OptionArguments;
 use super::arguments::scheme::{SchemeArguments, UnobservedArguments};
-use super::arguments::unit::{self, rate, rate_hz, unit_config, unit_inputs};
+use super::arguments::unit::{VirtualArguments, errors_named, rate_hz};
 use super::ending::Ending;
 use super::output::{say, sayln};
 use super::{files, progress};
@@ -50,18 +50,8 @@ pub struct MonteCarloArguments {
     /// Errors: table1, table3, real, random, random:1deg, random:tactical, a file, or the content of a file in one line
     #[arg(long, value_name = "NAME|FILE", default_value = "random")]
     pub errors: String,
-    /// Noise: bai, navigation, tactical, or a file [default: that of --config, or navigation]
-    #[arg(long, value_name = "NAME|FILE")]
-    pub noise: Option<String>,
-    /// Site, noise and rate of the unit
-    #[arg(long, value_name = "UNIT.toml")]
-    pub config: Option<PathBuf>,
-    /// Sample rate, Hz [default: that of --config, or 200]
-    #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true)]
-    pub rate: Option<f64>,
-    /// Seed of all random numbers
-    #[arg(long, default_value_t = 1)]
-    pub seed: u64,
+    #[command(flatten)]
+    pub unit: VirtualArguments,
     /// Write the statistics to this file
     #[arg(long, value_name = "OUT.json")]
     pub json: Option<PathBuf>,
@@ -93,8 +83,7 @@ impl MethodsArgument {
 const BAI_TABLE_1_NOTE: &str = "Bai Table 1: errors of Bai's own simulation as published (Sensors 2019, 19, 4005, Table 1), to compare with RMS error\n";
 
 pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
-    let [errors, noise, config] =
-        unit_inputs(&arguments.errors, arguments.noise.as_deref(), arguments.config.as_deref());
+    let [errors, noise, config] = arguments.unit.inputs(&arguments.errors);
     let inputs = [arguments.scheme.input(), errors, noise, config];
     files::check(&inputs, &[("--json", arguments.json.as_deref())])?;
     let monte_carlo = monte_carlo(arguments)?;
@@ -179,7 +168,7 @@ fn stops(scheme: &Scheme) -> String {
 
 /// The study that the arguments describe.
 pub fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo> {
-    let unit = unit_config(arguments.config.as_ref(), arguments.noise.as_deref(), arguments.rate)?;
+    let unit = arguments.unit.config()?;
     let longest = if matches!(arguments.method, MethodsArgument::Joint) { Method::Joint } else { Method::TwoStage };
     Ok(MonteCarlo {
         runs: arguments.runs,
@@ -190,10 +179,10 @@ pub fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo
         axes: arguments.axes.axes(),
         refuse_unobserved: !arguments.unobserved.run_unobserved,
         closed_loop: arguments.closed_loop,
-        errors: unit::errors(&arguments.errors)?,
+        errors: errors_named(&arguments.errors)?,
         rate_hz: rate_hz(&unit),
         unit,
-        seed: arguments.seed,
+        seed: arguments.unit.seed,
     })
 }
 

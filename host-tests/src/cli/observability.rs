@@ -3,8 +3,9 @@
 use super::arguments::axes::AxisArguments;
 use super::arguments::method::MethodArguments;
 use super::arguments::scheme::SchemeArguments;
-use super::arguments::unit::unit_config;
+use super::arguments::unit::DescriptionArguments;
 use super::ending::Ending;
+use super::files;
 use super::output::{say, sayln};
 use crate::base::quantity::{significant, states};
 use crate::calibration::Setup;
@@ -30,12 +31,8 @@ pub struct ObservabilityArguments {
     pub scheme: SchemeArguments,
     #[command(flatten)]
     pub axes: AxisArguments,
-    /// Site, noise and rate of the unit [default: Bai's site, noise "navigation", 200 Hz]
-    #[arg(long, value_name = "UNIT.toml")]
-    pub config: Option<PathBuf>,
-    /// Noise: bai, navigation, tactical, or a file [default: that of --config]
-    #[arg(long, value_name = "NAME|FILE")]
-    pub noise: Option<String>,
+    #[command(flatten)]
+    pub unit: DescriptionArguments,
     #[command(flatten)]
     pub method: MethodArguments,
     /// Compare all schemes of the library with the joint method
@@ -55,6 +52,9 @@ const NAMED_GAINS: usize = 3;
 const LEAST_GAIN: f64 = 0.1;
 
 pub fn run(arguments: &ObservabilityArguments) -> anyhow::Result<Ending> {
+    let [noise, config] = arguments.unit.inputs();
+    let outputs = [("--json", arguments.json.as_deref()), ("--plot", arguments.plot.as_deref())];
+    files::check(&[arguments.scheme.input(), noise, config], &outputs)?;
     if arguments.all {
         let setup = setup(arguments)?;
         let predictions = library(&setup);
@@ -89,8 +89,7 @@ pub fn inputs(arguments: &ObservabilityArguments) -> anyhow::Result<(Setup, Sche
 }
 
 fn setup(arguments: &ObservabilityArguments) -> anyhow::Result<Setup> {
-    let unit = unit_config(arguments.config.as_ref(), arguments.noise.as_deref(), None)?;
-    Ok(arguments.method.setup(&unit))
+    Ok(arguments.method.setup(&arguments.unit.config()?))
 }
 
 /// Predictions of all schemes of the library with the joint method.

@@ -3,7 +3,7 @@
 use super::arguments::axes::{TravelArgument, pace, travel};
 use super::arguments::method::OptionArguments;
 use super::arguments::scheme::seconds;
-use super::arguments::unit::{rate_hz, unit_config};
+use super::arguments::unit::{DescriptionArguments, rate_hz};
 use super::arguments::value::number_in;
 use super::ending::Ending;
 use super::observability::sigmas;
@@ -25,7 +25,7 @@ use rins_selfcal::base::units::DEG;
 use rins_selfcal::model::error_model::PARAMETER_INFO;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::scheme::Turning;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Mutex;
 
 #[derive(Debug, Args)]
@@ -62,12 +62,8 @@ pub struct PlanArguments {
     criterion: Criterion,
     #[command(flatten)]
     options: OptionArguments,
-    /// Site and noise of the unit [default: Bai's site, noise "navigation"]
-    #[arg(long, value_name = "UNIT.toml")]
-    pub config: Option<PathBuf>,
-    /// Noise: bai, navigation, tactical, or a file [default: that of --config]
-    #[arg(long, value_name = "NAME|FILE")]
-    pub noise: Option<String>,
+    #[command(flatten)]
+    unit: DescriptionArguments,
     /// Number of schemes to evaluate; the search time is proportional to this number
     #[arg(long, value_name = "N", default_value_t = 1_500_000, value_parser = clap::value_parser!(u64).range(100..))]
     evaluations: u64,
@@ -121,9 +117,11 @@ fn settling(text: &str) -> Result<f64, String> {
 }
 
 pub fn run(arguments: &PlanArguments) -> anyhow::Result<Ending> {
-    let inputs = [("--config", arguments.config.as_deref()), ("--noise", arguments.noise.as_deref().map(Path::new))];
-    files::check(&inputs, &[("--out", Some(arguments.out.as_path())), ("--json", arguments.json.as_deref())])?;
-    let unit = unit_config(arguments.config.as_ref(), arguments.noise.as_deref(), None)?;
+    files::check(
+        &arguments.unit.inputs(),
+        &[("--out", Some(arguments.out.as_path())), ("--json", arguments.json.as_deref())],
+    )?;
+    let unit = arguments.unit.config()?;
     let request = arguments.request(&unit)?;
     let stem = arguments.out.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
     let planned = search(&request, arguments.name.as_deref().unwrap_or(&stem))?;

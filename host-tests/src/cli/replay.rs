@@ -1,5 +1,6 @@
 //! `rins replay`
 
+use super::arguments::log::LogArguments;
 use super::arguments::method::MethodArguments;
 use super::ending::Ending;
 use super::output::{is_quiet, must_sayln, note, say, sayln};
@@ -9,7 +10,6 @@ use crate::calibration::replay::{Replay, config_beside};
 use crate::files::json_file::write_json;
 use crate::files::truth::Truth;
 use crate::files::unit_file::{Origin, UnitConfig};
-use crate::log::{Layout, Mapping};
 use crate::page::{Content, write_page};
 use crate::result::report::CalibrationReport;
 use crate::result::saved::Saved;
@@ -27,12 +27,8 @@ use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
 pub struct ReplayArguments {
-    /// Log: CSV, Parquet or a raw matrix; CSV and matrix may be compressed with gzip
-    #[arg(value_name = "LOG")]
-    pub log: PathBuf,
-    /// Mapping of the log's columns and units [default: the standard columns]
-    #[arg(long, value_name = "MAP.toml")]
-    pub mapping: Option<PathBuf>,
+    #[command(flatten)]
+    pub source: LogArguments,
     /// Unit description: site, noise, rate and known heading [default: Bai's site, noise "navigation"]
     #[arg(long, value_name = "UNIT.toml")]
     pub config: Option<PathBuf>,
@@ -56,9 +52,11 @@ pub struct ReplayArguments {
 }
 
 pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
+    let log = arguments.source.log.as_path();
+    let [log_input, mapping] = arguments.source.inputs();
     let inputs = [
-        ("LOG", Some(arguments.log.as_path())),
-        ("--mapping", arguments.mapping.as_deref()),
+        log_input,
+        mapping,
         ("--config", arguments.config.as_deref()),
         ("--truth", arguments.truth.as_deref()),
         ("--previous", arguments.previous.as_deref()),
@@ -73,15 +71,15 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
     let previous = arguments.previous.as_deref().map(Saved::read).transpose()?;
     let (unit, origin) = unit(arguments)?;
     let replay = Replay {
-        path: arguments.log.clone(),
-        layout: layout(&arguments.log, arguments.mapping.as_deref())?,
+        path: log.into(),
+        layout: arguments.source.layout()?,
         unit,
         method: arguments.method.method(),
         precision: arguments.method.precision,
         options: arguments.method.options.options(),
     };
     if let (Some(config), Some([configured, measured])) = (&arguments.config, replay.other_rate_hz()?) {
-        let (config, log) = (config.display(), arguments.log.display());
+        let (config, log) = (config.display(), log.display());
         let measured = (measured * 1e3).round() / 1e3;
         note!(
             "{config}: rate_hz = {configured}, but the time stamps of {log} give {measured} Hz; gaps are counted at {configured} Hz"
@@ -95,7 +93,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
         write_estimates(path, &outcome.live).with_context(|| path.display().to_string())?;
     }
     let source = match arguments.report {
-        Some(_) => identity(&arguments.log)?,
+        Some(_) => identity(log)?,
         None => String::new(),
     };
     let content = Content {
@@ -151,16 +149,11 @@ pub fn report(content: &Content, json: Option<&Path>, page: Option<&Path>, head:
     Ok(if outcome.is_in_use() { Ending::Done } else { Ending::NotAccepted })
 }
 
-/// Layout of a log: from its mapping file if one is given, otherwise the standard layout.
-pub fn layout(log: &Path, mapping: Option<&Path>) -> anyhow::Result<Layout> {
-    Ok(mapping.map_or_else(|| Ok(Layout::standard(log)), |mapping| Mapping::read(mapping, log))?)
-}
-
 fn unit(arguments: &ReplayArguments) -> anyhow::Result<(UnitConfig, Origin)> {
     if let Some(path) = &arguments.config {
         return Ok(UnitConfig::read_with_origin(path)?);
     }
-    if let Some(beside) = config_beside(&arguments.log) {
+    if let Some(beside) = config_beside(&arguments.source.log) {
         let beside = beside.display();
         note!("{beside} is not used; give it as --config {beside} if it describes this unit");
     }

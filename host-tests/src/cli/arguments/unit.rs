@@ -11,38 +11,84 @@ use clap::Args;
 use rins_selfcal::scheme::Scheme;
 use std::path::{Path, PathBuf};
 
+/// Site and noise of a unit.
 #[derive(Debug, Args)]
-pub struct UnitArguments {
-    /// Errors: table1, table3, real, random, random:1deg, random:tactical, a file, or the content of a file in one line
-    #[arg(long, value_name = "NAME|FILE", default_value = "real")]
-    errors: String,
+pub struct DescriptionArguments {
     /// Noise: bai, navigation, tactical, or a file [default: that of --config, or navigation]
     #[arg(long, value_name = "NAME|FILE")]
     noise: Option<String>,
-    /// Site, noise and rate of the unit
+    /// Site, noise and rate of the unit [default: Bai's site, noise "navigation", 200 Hz]
     #[arg(long, value_name = "UNIT.toml")]
     config: Option<PathBuf>,
+}
+
+impl DescriptionArguments {
+    /// The unit description from its file or by default, with the noise replaced if it is given.
+    pub fn config(&self) -> anyhow::Result<UnitConfig> {
+        let mut unit = self.config.as_ref().map_or_else(|| Ok(UnitConfig::default()), |path| UnitConfig::read(path))?;
+        if let Some(noise) = &self.noise {
+            unit.noise = of_option("--noise", noise_named(noise))?;
+        }
+        Ok(unit)
+    }
+
+    /// The input files.
+    pub fn inputs(&self) -> [NamedFile<'_>; 2] {
+        [("--noise", self.noise.as_deref().map(Path::new)), ("--config", self.config.as_deref())]
+    }
+}
+
+/// Site, noise, rate and seed of a virtual unit.
+#[derive(Debug, Args)]
+pub struct VirtualArguments {
+    #[command(flatten)]
+    description: DescriptionArguments,
     /// Sample rate, Hz [default: that of --config, or 200]
     #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true)]
     rate: Option<f64>,
     /// Seed of all random numbers
     #[arg(long, default_value_t = 1)]
-    seed: u64,
+    pub seed: u64,
+}
+
+impl VirtualArguments {
+    /// The unit description, with the rate replaced if it is given.
+    pub fn config(&self) -> anyhow::Result<UnitConfig> {
+        let mut unit = self.description.config()?;
+        unit.sampling.rate_hz = self.rate.or(unit.sampling.rate_hz);
+        Ok(unit)
+    }
+
+    /// The input files of the unit and of its errors.
+    pub fn inputs<'a>(&'a self, errors: &'a str) -> [NamedFile<'a>; 3] {
+        let [noise, config] = self.description.inputs();
+        [("--errors", Some(Path::new(errors))), noise, config]
+    }
+}
+
+#[derive(Debug, Args)]
+pub struct UnitArguments {
+    /// Errors: table1, table3, real, random, random:1deg, random:tactical, a file, or the content of a file in one line
+    #[arg(long, value_name = "NAME|FILE", default_value = "real")]
+    errors: String,
+    #[command(flatten)]
+    of_unit: VirtualArguments,
 }
 
 impl UnitArguments {
     pub fn config(&self) -> anyhow::Result<UnitConfig> {
-        unit_config(self.config.as_ref(), self.noise.as_deref(), self.rate)
+        self.of_unit.config()
     }
 
     /// The input files that describe the unit.
     pub fn inputs(&self) -> [NamedFile<'_>; 3] {
-        unit_inputs(&self.errors, self.noise.as_deref(), self.config.as_deref())
+        self.of_unit.inputs(&self.errors)
     }
 
     /// The unit that runs a scheme.
     pub fn run(&self, config: &UnitConfig, scheme: Scheme) -> anyhow::Result<VirtualRun> {
-        let drawn = errors(&self.errors)?.draw(derived_seed(self.seed, 0, Stream::Errors));
+        let seed = self.of_unit.seed;
+        let drawn = errors_named(&self.errors)?.draw(derived_seed(seed, 0, Stream::Errors));
         let unit = VirtualUnit {
             errors: drawn.errors,
             effects: drawn.effects,
@@ -50,28 +96,13 @@ impl UnitArguments {
             noise: config.noise,
             rate_hz: rate_hz(config),
         };
-        Ok(VirtualRun { unit, scheme, seed: derived_seed(self.seed, 0, Stream::Noise) })
+        Ok(VirtualRun { unit, scheme, seed: derived_seed(seed, 0, Stream::Noise) })
     }
 }
 
 /// Errors by name or from a file.
-pub fn errors(name: &str) -> anyhow::Result<ErrorSource> {
+pub fn errors_named(name: &str) -> anyhow::Result<ErrorSource> {
     of_option("--errors", ErrorSource::named(name))
-}
-
-/// The input files that may describe a unit.
-pub fn unit_inputs<'a>(errors: &'a str, noise: Option<&'a str>, config: Option<&'a Path>) -> [NamedFile<'a>; 3] {
-    [("--errors", Some(Path::new(errors))), ("--noise", noise.map(Path::new)), ("--config", config)]
-}
-
-/// Unit description from a file or by default, with the noise and the rate replaced if they are given.
-pub fn unit_config(config: Option<&PathBuf>, noise: Option<&str>, rate_hz: Option<f64>) -> anyhow::Result<UnitConfig> {
-    let mut unit = config.map_or_else(|| Ok(UnitConfig::default()), |path| UnitConfig::read(path))?;
-    if let Some(noise) = noise {
-        unit.noise = of_option("--noise", noise_named(noise))?;
-    }
-    unit.sampling.rate_hz = rate_hz.or(unit.sampling.rate_hz);
-    Ok(unit)
 }
 
 /// Sample rate of a virtual unit, Hz.
@@ -79,6 +110,6 @@ pub fn rate_hz(unit: &UnitConfig) -> f64 {
     unit.sampling.rate_hz.unwrap_or(DEFAULT_RATE_HZ)
 }
 
-pub fn rate(text: &str) -> Result<f64, String> {
+fn rate(text: &str) -> Result<f64, String> {
     number_in(text, 10.0, 10_000.0)
 }
