@@ -19,6 +19,7 @@ use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
 use nix::unistd::{Pid, ttyname};
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::sample::RawSample;
+use rins_selfcal::base::units::ARCSEC;
 use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::keep::medium::Eeprom;
 use rins_selfcal::keep::store::CalibrationStore;
@@ -28,10 +29,12 @@ use rins_selfcal::model::error_model::PARAMETERS;
 use rins_selfcal::run::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::run::config::CalibratorConfig;
 use rins_selfcal::run::config::SelfCalibrationConfig;
-use rins_selfcal::run::policy::PowerUpPolicy;
+use rins_selfcal::run::policy::{Cause, Decision, PowerUpPolicy};
 use rins_selfcal::run::result::{StoredCalibration, StoredVerdict};
+use rins_selfcal::run::state::State;
 use rins_selfcal::run::telemetry::Message;
 use rins_selfcal::scheme::Scheme;
+use rins_selfcal::verdict::{Reason, Verdict};
 use std::fs::File;
 use std::io::{Read, Write};
 use std::os::fd::OwnedFd;
@@ -209,6 +212,98 @@ fn so_is_the_firmware_over_its_serial_port() {
     let run = instrument.join().expect("the instrument ends");
     assert!(run.success);
     assert_eq!(run.late_periods, 0);
+}
+
+/// A unit with a stored travel at a scheme of a minute, as an operator commissions it.
+fn unit_file(directory: &Path) -> PathBuf {
+    let path = directory.join("unit.toml");
+    let noise = "[noise]\naccel_vrw_ug_sqrt_hz = 10.0\n[run]\nscheme = \"fast-60\"\n";
+    std::fs::write(&path, UNIT.replace("52.0", "30.93041") + noise).expect("written");
+    path
+}
+
+/// Powers a board up that nobody assigns a configuration, with a unit whose mounting angle gamma is off by `shock_rad`,
+/// until samples are corrected, and returns what it says.
+fn powered_up(eeprom: &Path, shock_rad: f64, seed: u64) -> Vec<Message> {
+    let image = build(Board::Mps2An500).unwrap_or_else(|error| panic!("{error:#}"));
+    let mut unit = VirtualUnit { errors: presets::real(5), ..VirtualUnit::default() };
+    unit.errors.mounting[2] += shock_rad;
+    let scheme = Scheme::named("fast-60").expect("in the library");
+    let mut rins = DrivenRins::new(&unit, seed);
+    rins.expect_moves(&move_durations_s(&scheme, unit.rate_hz));
+    let off = Arc::new(AtomicBool::new(false));
+    let mut bench = Bench::new(Unit(rins, Arc::clone(&off)));
+    let setup = MachineSetup { eeprom: Some(eeprom), ..MachineSetup::new(&image) };
+    let mut messages = Vec::new();
+    let on_message = |message: &Message| {
+        let over =
+            matches!(message, Message::State { state: State::Correcting | State::Stopped | State::Stranded, .. });
+        off.fetch_or(over, Ordering::Relaxed);
+        messages.push(message.clone());
+    };
+    run(&setup, &mut bench, |_| (), on_message).unwrap_or_else(|error| panic!("{error:#}"));
+    messages
+}
+
+fn verdict(messages: &[Message]) -> &Verdict {
+    let judged = |message| if let &Message::Judged(ref verdict) = message { Some(verdict) } else { None };
+    messages.iter().find_map(judged).unwrap_or_else(|| panic!("{messages:?}"))
+}
+
+/// From the first power-up of a new board to a shock years later.
+#[test]
+fn a_new_board_moves_once_it_is_commissioned_and_learns_a_shock() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let [serial, eeprom] = ["serial", "eeprom"].map(|name| directory.path().join(name));
+    let unit = unit_file(directory.path());
+    let off = Arc::new(AtomicBool::new(false));
+    let (socket, memory, switch) = (serial.clone(), eeprom.clone(), Arc::clone(&off));
+    let instrument = thread::spawn(move || new_board(&socket, &memory, &switch));
+    while !serial.exists() && !instrument.is_finished() {
+        thread::sleep(Duration::from_millis(10));
+    }
+    let stands_by = |_: u32| text(&monitor(&serial, &["--read", "status"]).stdout).contains("StandBy");
+    assert!((0..100).any(stands_by), "it does not come to stand by");
+    let status = text(&monitor(&serial, &["--read", "status"]).stdout);
+    let refused = text(&monitor(&serial, &["--unlock", "--start"]).stderr);
+    let configured = monitor(&serial, &["--unlock", "--configure", unit.to_str().expect("UTF-8")]);
+    let confirmed = monitor(&serial, &["--unlock", "--confirm=0,0"]);
+    let still_refused = text(&monitor(&serial, &["--unlock", "--start"]).stderr);
+    off.store(true, Ordering::Relaxed);
+    instrument.join().expect("the instrument ends");
+    assert!(status.contains("NotCommissioned"), "{status}");
+    assert!(refused.contains("[not-commissioned]") && still_refused.contains("[not-commissioned]"), "{refused}");
+    assert!(configured.status.success(), "{}", text(&configured.stderr));
+    assert!(confirmed.status.success(), "{}", text(&confirmed.stderr));
+
+    let first = powered_up(&eeprom, 0.0, 6);
+    assert!(first.contains(&Message::Decided(Decision::Calibrate(Cause::Policy))), "{first:?}");
+    assert!(verdict(&first).accepted() && verdict(&first).changes.is_empty(), "{:?}", verdict(&first));
+    let shaken = powered_up(&eeprom, 10.0 * ARCSEC, 7);
+    assert!(verdict(&shaken).accepted(), "{:?}", verdict(&shaken).reasons);
+    let gamma = |reason: &Reason| matches!(reason, Reason::Changed { parameter: 11, .. });
+    assert!(verdict(&shaken).changes.iter().any(gamma), "{:?}", verdict(&shaken).changes);
+    assert!(shaken.contains(&Message::Saved(true)));
+}
+
+/// A unit whose motors must not be driven.
+struct Undriven(Unit);
+
+impl Plant for Undriven {
+    fn advance(&mut self, outputs: [plant::Output; 2]) -> Option<Tick> {
+        assert!(!outputs.iter().any(|output| matches!(output, plant::Output::Driven(_))), "{outputs:?}");
+        self.0.advance(outputs)
+    }
+}
+
+/// A board that nobody assigns a configuration, at its serial port.
+fn new_board(serial: &Path, eeprom: &Path, off: &Arc<AtomicBool>) {
+    let image = build(Board::Mps2An500).unwrap_or_else(|error| panic!("{error:#}"));
+    let (_, rins) = assignment();
+    let setup = MachineSetup { serial: Some(serial), eeprom: Some(eeprom), ..MachineSetup::new(&image) };
+    let undriven = Undriven(Unit(rins, Arc::clone(off)));
+    let mut bench = Bench::new(Paced::new(undriven, Duration::from_micros(50)));
+    run(&setup, &mut bench, |_| (), |_| ()).unwrap_or_else(|error| panic!("{error:#}"));
 }
 
 /// The samples of an instrument in this process, raw, until it is switched off.

@@ -6,7 +6,7 @@
 //!
 //! | version | written by software | difference |
 //! |---|---|---|
-//! | 5 | after 0.2.0 | the last field is the identity of the IMU; a record of version 4 is read as one without it |
+//! | 5 | from 0.3.0 on | the last field is the identity of the IMU; a record of version 4 is read as one without it |
 //! | 4 | 0.2.0 | the reasons carry the version of their own encoding |
 //! | 2, 3 | 0.1.0 | the reasons are tied to the version of the software; version 2 has no verdict |
 
