@@ -10,7 +10,7 @@
 //!           |      +---------- hold ----------|--------------------+
 //!           +---------------------------------+
 //! ```
-//! The encoder is followed by [`Tracker`](super::tracker::Tracker). After it was lost, the axis is controlled again from
+//! The encoder is followed by [`Tracker`]. After it was lost, the axis is controlled again from
 //! the next command on. Braking begins at the current rate of the axis and uses the highest acceleration; its jerk is not
 //! limited.
 
