@@ -7,6 +7,11 @@ use embedded_storage::nor_flash::{
 use embedded_storage::{ReadStorage, Storage};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
+use rins_selfcal::instrument::{Archive, UnitMemory};
+use rins_selfcal::keep::mark::Mark;
+use rins_selfcal::keep::medium::Eeprom;
+use rins_selfcal::keep::partition::Layout;
+use std::cell::RefCell;
 use std::ops::Range;
 
 /// State of the bytes that were being written or erased when the power was cut.
@@ -120,6 +125,17 @@ pub struct VirtualEeprom {
     pub power: Power,
     /// Bytes that do not change.
     pub stuck: Stuck,
+}
+
+/// The content of the EEPROM of an emulated board that has nothing in store, and whose axes stand at (0, 0).
+///
+/// # Panics
+/// The memory does not work.
+pub fn eeprom_at_rest() -> Vec<u8> {
+    let memory = RefCell::new(Eeprom(VirtualEeprom::blank(16 * 1024)));
+    let marked = UnitMemory::new(&memory, Layout::EEPROM_16_KIB).mark(Mark::AtRest { angles_rad: [0.0; 2] });
+    assert!(marked, "a virtual memory works");
+    memory.into_inner().0.bytes
 }
 
 impl VirtualEeprom {

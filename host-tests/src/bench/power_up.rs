@@ -53,7 +53,9 @@ pub fn in_process<T: Real, const STATES: usize, P: Plant>(
     bench: &SharedBench<P>,
     mut listener: impl Listener<T>,
 ) -> Result<Option<StoredCalibration>> {
-    let mut memory = Memory { stored: stored.cloned(), ..Memory::default() };
+    // Where a virtual unit stands at first is known.
+    let mark = Some(Mark::AtRest { angles_rad: [0.0; 2] });
+    let mut memory = Memory { stored: stored.cloned(), mark, ..Memory::default() };
     match assignment {
         Assignment::SelfCalibrate(config) => {
             self_calibrate::<T, STATES, P>(config, &mut memory, bench, &mut Unconnected, &mut listener)?;

@@ -12,6 +12,7 @@ use super::{files, progress, replay};
 use crate::base::quantity;
 use crate::bench::Imu;
 use crate::bench::emulator::Run;
+use crate::bench::memory::eeprom_at_rest;
 use crate::calibration::virtual_run::VirtualRun;
 use crate::files::truth::Truth;
 use crate::page::Content;
@@ -171,6 +172,9 @@ fn firmware(arguments: &CalibrateArguments, run: &VirtualRun, power_up: &PowerUp
     sayln!("building the ARM image");
     let blank = tempfile::tempdir()?;
     let eeprom = arguments.eeprom.clone().unwrap_or_else(|| blank.path().join("eeprom.bin"));
+    if !eeprom.exists() {
+        std::fs::write(&eeprom, eeprom_at_rest()).with_context(|| eeprom.display().to_string())?;
+    }
     if let Some(serial) = &arguments.serial {
         sayln!("serial line: rins monitor --port {}", serial.display());
         power_up.on_line(serial, &eeprom, |line| sayln!("firmware: {line}"))?;

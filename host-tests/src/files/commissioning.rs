@@ -48,12 +48,14 @@ use std::path::Path;
 /// All tables of UNIT.toml.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct UnitTables {
+struct UnitTables {
     unit: Option<UnitTable>,
     site: Option<SiteTable>,
     noise: Option<Noise>,
-    sampling: SamplingTable,
-    initial: InitialTable,
+    #[serde(rename = "sampling")]
+    _sampling: SamplingTable,
+    #[serde(rename = "initial")]
+    _initial: InitialTable,
     outer: Option<AxisTable>,
     inner: Option<AxisTable>,
     power_up: Option<PowerUpTable>,
@@ -123,14 +125,6 @@ enum PolicyKey {
 #[serde(deny_unknown_fields, default)]
 struct RunTable {
     scheme: Option<String>,
-}
-
-impl UnitTables {
-    /// What a log or a virtual unit needs.
-    pub(super) fn config(&self) -> UnitConfig {
-        let (sampling, initial) = (self.sampling, self.initial);
-        UnitConfig { site: self.site.unwrap_or_default(), noise: self.noise.unwrap_or_default(), sampling, initial }
-    }
 }
 
 /// Reads UNIT.toml and puts it over the configuration that an instrument has. Returns the name of the unit too.

@@ -16,13 +16,13 @@
 //! heading_deg = 137.0                    # known heading; default: unknown
 //! heading_sigma_deg = 1.0                # its sigma; default 1
 //! ```
-//! The other tables, which an instrument needs, are those of [`super::commissioning`].
+//! A file may have the tables that only an instrument needs too: `commissioning`.
 
-use super::commissioning::UnitTables;
 use super::toml_file::{TomlFile, TomlFileError};
 use crate::base::quantity::significant;
 use rins_selfcal::base::site::Site;
 use rins_selfcal::base::units::{ARCSEC, DEG, DEG_SQRT_H, MICRO_G};
+use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -208,6 +208,33 @@ pub struct UnitConfig {
     pub initial: InitialTable,
 }
 
+/// UNIT.toml with the tables that only an instrument needs, whose contents do not matter here.
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct UnitFile {
+    site: SiteTable,
+    noise: Noise,
+    sampling: SamplingTable,
+    initial: InitialTable,
+    #[serde(rename = "unit")]
+    _unit: Option<IgnoredAny>,
+    #[serde(rename = "outer")]
+    _outer: Option<IgnoredAny>,
+    #[serde(rename = "inner")]
+    _inner: Option<IgnoredAny>,
+    #[serde(rename = "power_up")]
+    _power_up: Option<IgnoredAny>,
+    #[serde(rename = "run")]
+    _run: Option<IgnoredAny>,
+}
+
+impl UnitFile {
+    fn config(self) -> UnitConfig {
+        let Self { site, noise, sampling, initial, .. } = self;
+        UnitConfig { site, noise, sampling, initial }
+    }
+}
+
 /// Origin of the numbers of a unit: the keys that its file gives, if it has a file.
 #[derive(Clone, Debug, Default)]
 pub struct Origin {
@@ -272,7 +299,7 @@ impl UnitConfig {
     /// One line that names file, line and key.
     pub fn read(path: &Path) -> Result<Self, TomlFileError> {
         let file = TomlFile::read(path)?;
-        let config = file.parse::<UnitTables>()?.config();
+        let config = file.parse::<UnitFile>()?.config();
         match config.check() {
             Ok(()) => Ok(config),
             Err((table, key, what)) => Err(file.wrong_value(table, key, what)),
