@@ -17,10 +17,12 @@ use rins_selfcal::base::method::Method;
 use rins_selfcal::base::site::EARTH_RATE_RAD_S;
 use rins_selfcal::drivers::kvh1750::{HEADER, MESSAGE_BYTES};
 use rins_selfcal::estimator::{BASIC_STATES, Estimate};
+use rins_selfcal::gimbal::{Travel, TurnSource};
 use rins_selfcal::model::error_model::{PARAMETER_INFO, PARAMETERS};
 use rins_selfcal::run::assignment::Assignment;
 use rins_selfcal::run::config::CalibratorConfig;
 use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig};
+use rins_selfcal::run::policy::PowerUpPolicy;
 use rins_selfcal::run::state::State;
 use rins_selfcal::run::telemetry::Message;
 use rins_selfcal::scheme::{Scheme, SchemeError};
@@ -126,7 +128,11 @@ fn unit() -> (VirtualUnit, Scheme) {
 fn assignment(unit: &VirtualUnit, scheme: &Scheme) -> Assignment {
     let noise = unit.noise.psd();
     let calibrator = CalibratorConfig::new(Method::Joint, unit.site, noise, unit.rate_hz);
-    Assignment::SelfCalibrate(SelfCalibrationConfig::new(calibrator, scheme.clone()))
+    let policy = PowerUpPolicy::WhenDue { age_s: None, temperature_k: None };
+    Assignment::SelfCalibrate(SelfCalibrationConfig {
+        policy,
+        ..SelfCalibrationConfig::new(calibrator, scheme.clone())
+    })
 }
 
 /// The unit with a switch.
@@ -135,7 +141,7 @@ type Unit = Switched<DrivenRins>;
 /// What puts it on a bench.
 type Put = fn(Unit) -> Bench<Unit>;
 
-/// Powers the unit up with this EEPROM, and off after three corrected samples have been told.
+/// Powers the unit up with this EEPROM, and off after three corrected samples have been told at the end of the run.
 fn boot(image: &Image, eeprom: &Path) -> Outcome {
     boot_on(image, Some(eeprom), &unit().1, Bench::new).0
 }
@@ -146,9 +152,10 @@ fn boot_on(image: &Image, eeprom: Option<&Path>, scheme: &Scheme, put: Put) -> (
     let mut rins = DrivenRins::new(&unit, 5);
     rins.expect_moves(&move_durations_s(scheme, unit.rate_hz));
     let (plant, off) = Switched::new(rins);
-    let (mut log, mut messages, mut corrected) = (Vec::new(), Vec::new(), 0);
+    let (mut log, mut messages, mut ended, mut corrected) = (Vec::new(), Vec::new(), false, 0);
     let on_message = |message: &Message| {
-        corrected += u32::from(matches!(message, Message::Corrected { .. }));
+        ended |= matches!(message, Message::State { state: State::Correcting, .. });
+        corrected += u32::from(ended && matches!(message, Message::Corrected { .. }));
         off.set(corrected >= 3);
         messages.push(message.clone());
     };
@@ -324,8 +331,10 @@ fn a_scheme_that_cannot_be_run_is_refused_by_its_reason() {
         let mut bench = Bench::new(DrivenRins::new(&unit, 5));
         let mut messages = Vec::new();
         let told = |message: &Message| messages.push(message.clone());
+        let Assignment::SelfCalibrate(mut config) = assignment(&unit, &scheme) else { unreachable!("it calibrates") };
+        config.axes.iter_mut().for_each(|axis| axis.travel = Travel::around(-2.0 * TAU, 2.0 * TAU, TurnSource::Stored));
         // The firmware ends with an error; what it says is in the messages.
-        let _ = in_emulator(&assignment(&unit, &scheme), &image, None, &mut bench, |_| (), told);
+        let _ = in_emulator(&Assignment::SelfCalibrate(config), &image, None, &mut bench, |_| (), told);
         assert_eq!(messages.last(), Some(&Message::Refused(error)), "{messages:?}");
     }
 }

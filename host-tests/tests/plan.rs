@@ -140,7 +140,7 @@ fn schemes_that_cannot_be_run_are_refused_by_name_and_reason() {
         let file = scratch("wrong.toml");
         let first = "{ outer_deg = -90.0, inner_deg = 0.0, stop_s = 2.0 }";
         fs::write(&file, format!("name = \"wrong\"\nfirst_stop_s = 2.0\nlegs = [{first}, {leg}]\n")).unwrap();
-        refused(&["calibrate", "--scheme", "wrong.toml"])
+        refused(&["calibrate", "--scheme", "wrong.toml", "--limits=-720..720,-720..720"])
     };
     let message = legs("{ outer_deg = -800.0, inner_deg = 0.0, stop_s = 2.0 }");
     assert!(message.contains("leg 2 leaves the travel of the outer axis"), "{message}");

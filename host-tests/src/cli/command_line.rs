@@ -81,7 +81,7 @@ pub enum Command {
     Replicate(ReplicateArguments),
     /// Show an instrument on a serial line live, and send it commands
     #[command(
-        after_help = "Examples:\n  rins monitor --port /dev/ttyACM0\n  rins monitor --port /dev/ttyACM0 --start --quiet\n  rins monitor --port tcp:10.0.0.7:4000 --read calibration --json cal.json"
+        after_help = "Examples:\n  rins monitor --port /dev/ttyACM0\n  rins monitor --port /dev/ttyACM0 --unlock --start --quiet\n  rins monitor --port tcp:10.0.0.7:4000 --read calibration --json cal.json"
     )]
     Monitor(MonitorArguments),
     /// Show the calibrations stored in an image of an instrument's memory

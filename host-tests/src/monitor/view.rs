@@ -88,12 +88,13 @@ impl View {
         }
     }
 
-    /// Whether the run has ended with a result that was accepted and stored; `None` before the end of the run.
+    /// Whether the run has ended with a result that was accepted and stored; `None` before the end of the run. An accepted
+    /// run ends when the axes have returned.
     pub fn ended(&self) -> Option<bool> {
         match (&self.verdict, self.aborted, self.stored) {
             (_, Some(_), _) => Some(false),
             (Some(verdict), None, _) if !verdict.accepted() => Some(false),
-            (Some(_), None, Some(stored)) => Some(stored),
+            (Some(_), None, Some(stored)) => self.ended_in.map(|_| stored),
             _ => self.ended_in.map(|state| state == State::Correcting),
         }
     }

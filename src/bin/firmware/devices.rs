@@ -217,7 +217,8 @@ impl<B: Board> Archive for Devices<'_, B> {
     }
 }
 
-/// Logs the milestones of a run, for readers who do not receive the telemetry.
+/// Logs the milestones of a run, for readers who do not receive the telemetry. The log has codes and numbers in place of the
+/// texts: formatting numbers on the target would link panics, and a hundred kilobytes.
 fn log(message: &Message) {
     match message {
         Message::State { time_us, state, .. } => {
@@ -238,8 +239,8 @@ fn log(message: &Message) {
                 );
             }
         }
-        Message::Refused(error) => defmt::error!("the configuration was refused: {}", defmt::Display2Format(error)),
-        Message::Decided(decision) => defmt::info!("{}", defmt::Display2Format(decision)),
+        Message::Refused(error) => defmt::error!("the configuration was refused: [{=str}] {}", error.code(), error),
+        Message::Decided(decision) => defmt::info!("{}", decision),
         Message::Solved { solution, .. } => defmt::info!(
             "solved: chi-square {=f64} with {=u32} degrees of freedom",
             solution.fit.chi_square,
@@ -247,11 +248,11 @@ fn log(message: &Message) {
         ),
         Message::Judged(verdict) => {
             defmt::info!("{=str}", if verdict.accepted() { "accepted" } else { "rejected" });
-            verdict.reasons.iter().for_each(|reason| defmt::info!("  {}", defmt::Display2Format(reason)));
-            verdict.changes.iter().for_each(|change| defmt::info!("  {}", defmt::Display2Format(change)));
+            let told = verdict.reasons.iter().chain(&verdict.changes);
+            told.for_each(|reason| defmt::info!("  [{=str}] {}", reason.code(), reason));
         }
-        Message::Aborted(abort) => defmt::warn!("the run was aborted: {}", defmt::Display2Format(abort)),
-        Message::Fault(fault) => defmt::warn!("{}", defmt::Display2Format(fault)),
+        Message::Aborted(abort) => defmt::warn!("the run was aborted: [{=str}] {}", abort.reason.code(), abort),
+        Message::Fault(fault) => defmt::warn!("[{=str}] {}", fault.kind.code(), fault),
         Message::Restarted(restart) => defmt::info!("{}", defmt::Display2Format(restart)),
         Message::Saved(saved) => defmt::info!("stored: {=bool}", *saved),
         Message::Queue { samples, losses } => {

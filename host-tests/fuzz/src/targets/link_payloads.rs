@@ -52,7 +52,7 @@ impl Target for LinkPayloads {
         let [kind, low, high, payload @ ..] = input else { return Outcome::refused("nothing") };
         let number = u16::from_le_bytes([*low, *high]);
         let frame = reference::frame(PROTOCOL_VERSION, *kind, number, payload);
-        let command = as_instrument(&frame, number, payload.len() <= MAX_PAYLOAD_BYTES);
+        let command = as_instrument(&frame, *kind, number, payload.len() <= MAX_PAYLOAD_BYTES);
         match (*kind, command, as_host(&frame)) {
             (b'C', Some(command), None) => Outcome::accepted("command", (b'C', stable_bytes(&command))),
             (b'A', None, Some(Event::Answer(_, answer))) => Outcome::accepted("answer", (b'A', stable_bytes(&answer))),
@@ -65,9 +65,9 @@ impl Target for LinkPayloads {
     }
 }
 
-/// The command that the instrument reads from the frame. If the frame is not a command, the instrument refuses it under
-/// the number of the frame.
-fn as_instrument(frame: &[u8], number: u16, fits: bool) -> Option<Command> {
+/// The command that the instrument reads from the frame. A frame of the command's kind that is no command is refused
+/// under its number. Frames of other kinds are counted only.
+fn as_instrument(frame: &[u8], kind: u8, number: u16, fits: bool) -> Option<Command> {
     let mut link = Link::new();
     let commands: Vec<_> = frame.iter().filter_map(|byte| link.receive(*byte)).collect();
     assert!(commands.len() <= 1);
@@ -76,6 +76,10 @@ fn as_instrument(frame: &[u8], number: u16, fits: bool) -> Option<Command> {
         Some((numbered, command)) => {
             assert_eq!((numbered, sent.len()), (number, 0));
             Some(command)
+        }
+        None if fits && kind != b'C' => {
+            assert_eq!((sent.len(), link.counts().not_understood), (0, 1));
+            None
         }
         None if fits => {
             let refused = events(&sent);

@@ -115,6 +115,7 @@ fn answers() -> Vec<Answer> {
         angles_rad: [1.5, f32::NAN],
         correcting: false,
         unlocked: true,
+        motion_lock: None,
         missing: 2,
         link: LinkCounts { overrun: 70_000, ..LinkCounts::default() },
     };
