@@ -776,7 +776,8 @@ mod tests {
 
     #[test]
     fn an_accepted_run_ends_in_correction_wherever_the_axes_stay() {
-        let cases: [(fn(State) -> Input, Action); 3] = [
+        type Change = fn(State) -> Input;
+        let cases: [(Change, Action); 3] = [
             (
                 |state| Input { abort: (state == State::Parking).then_some(FOLLOWING), ..Input::default() },
                 Action::Release,

@@ -581,7 +581,7 @@ fn the_bytes_of_a_configuration_are_these() {
     let unit = UnitName { name: "mine".parse().unwrap(), serial: "42".parse().unwrap() };
     journal.write(&UnitConfiguration { unit, run }).unwrap();
     let bytes = journal.memory().bytes();
-    assert_eq!(bytes[..20], *b"RSU1\0\0\0\0\x6b\x03\0\0\x04mine\x0242");
-    let frame = &bytes[..16 + 0x36b];
+    assert_eq!(bytes[..20], *b"RSU1\0\0\0\0\x4a\x03\0\0\x04mine\x0242");
+    let frame = &bytes[..16 + 0x34a];
     assert_eq!(u32::from_le_bytes(*frame.last_chunk().unwrap()), 2_837_006_094);
 }
