@@ -1,4 +1,4 @@
-//! A stored calibration as a kind of record: `"RSC"` in the [frame](super::frame), and [`StoredCalibration`] as the
+//! A stored calibration as a kind of record: `"RSC"` in the [frame], and [`StoredCalibration`] as the
 //! payload.
 //!
 //! This software writes one version of the format, and reads it and the version before. It keeps a record of any other
