@@ -246,8 +246,11 @@ fn powered_up(eeprom: &Path, shock_rad: f64, seed: u64) -> Vec<Message> {
 }
 
 fn verdict(messages: &[Message]) -> &Verdict {
-    let judged = |message| if let &Message::Judged(ref verdict) = message { Some(verdict) } else { None };
-    messages.iter().find_map(judged).unwrap_or_else(|| panic!("{messages:?}"))
+    let mut judged = messages.iter().filter_map(|message| match message {
+        Message::Judged(verdict) => Some(verdict),
+        _ => None,
+    });
+    judged.next().unwrap_or_else(|| panic!("{messages:?}"))
 }
 
 /// From the first power-up of a new board to a shock years later.
