@@ -131,7 +131,7 @@ impl Intake {
         self.irregular = if irregular { self.irregular.saturating_add(1) } else { 0 };
     }
 
-    /// Whether the last [`OTHER_RATE_INTERVALS`] intervals were all irregular: the IMU samples at another rate than the
+    /// Whether the last 20 intervals were all irregular: the IMU samples at another rate than the
     /// configured one.
     pub fn has_other_rate(&self) -> bool {
         self.irregular >= OTHER_RATE_INTERVALS
