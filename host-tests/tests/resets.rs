@@ -29,6 +29,8 @@ use std::thread;
 /// Control periods between two looks at who is overdue, and in the deadline of the main loop.
 const LOOK: u32 = 100;
 const MAIN_DEADLINE: u32 = 1000;
+/// Control periods of the longest run to the harm: a minute.
+const MAX_RUN: u32 = 60_000;
 /// Control periods from one sample, at which the main loop is harmed, to the next.
 const SAMPLE: u32 = 5;
 /// Instructions of ARMv7-M.
@@ -56,6 +58,8 @@ struct Watched<'a> {
     /// Number of control periods in which a motor was driven after the restart.
     after_restart: &'a AtomicU32,
     restarted: &'a AtomicBool,
+    /// Number of control periods after which the unit is switched off in any case.
+    left: u32,
 }
 
 impl Plant for Watched<'_> {
@@ -68,6 +72,7 @@ impl Plant for Watched<'_> {
         if self.restarted.load(Ordering::Relaxed) {
             self.after_restart.fetch_add(u32::from(drives), Ordering::Relaxed);
         }
+        self.left = self.left.checked_sub(1)?;
         if self.off.load(Ordering::Relaxed) { None } else { self.rins.advance(outputs) }
     }
 }
@@ -99,6 +104,7 @@ fn restart_after(harm: impl Fn(&[u8], &mut Debugger) -> Result<()> + Sync) -> (R
         stopped: false,
         after_restart: &after_restart,
         restarted: &restarted,
+        left: 2 * MAX_RUN,
     });
     let (turning, turns) = channel();
     let (mut restarts, mut decisions) = (Vec::new(), Vec::new());
@@ -107,6 +113,9 @@ fn restart_after(harm: impl Fn(&[u8], &mut Debugger) -> Result<()> + Sync) -> (R
         let debugger = scope.spawn(move || -> Result<()> {
             turns.recv()?;
             let mut debugger = Debugger::attach(socket)?;
+            // At the beginning of a function: not between a request to the bench and its answer, which would be the
+            // first that the restarted firmware reads, and in no block of conditional instructions.
+            debugger.run_to(function(elf, &MAIN_LOOP)?)?;
             harm(elf, &mut debugger)?;
             // The processor stands still.
             harmed.store(true, Ordering::Relaxed);

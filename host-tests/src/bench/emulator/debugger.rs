@@ -69,6 +69,19 @@ impl Debugger {
         self.done(&format!("P{register:x}={}", hex(&value.to_le_bytes())))
     }
 
+    /// Lets the processor continue until it is about to run the instruction at this address.
+    ///
+    /// # Errors
+    /// The emulator does not answer, or the processor does not come there in time.
+    pub fn run_to(&mut self, address: u32) -> Result<()> {
+        self.done(&format!("Z0,{address:x},2"))?;
+        let stopped = self.ask("c")?;
+        if !stopped.starts_with('T') {
+            bail!("the emulator answers {stopped:?} in place of a stop");
+        }
+        self.done(&format!("z0,{address:x},2"))
+    }
+
     /// Lets the processor continue and disconnects.
     ///
     /// # Errors
