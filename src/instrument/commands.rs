@@ -1,8 +1,8 @@
 //! The commands of the serial line: what each command does, and when it is refused.
 
-use super::main_loop::tell;
 use super::motion_log::MotionLog;
 use super::surroundings::{Archive, Surroundings};
+use super::tell::tell;
 use crate::base::linear::Real;
 use crate::link::{Answer, CONFIRM_TOLERANCE_RAD, Command, Hello, Item, Link, Refusal, Setting, Status};
 use crate::model::error_model::PARAMETERS;

@@ -4,13 +4,13 @@ use super::commands::{carry_out, status};
 use super::motion_log::MotionLog;
 use super::startup::Startup;
 use super::surroundings::{Archive, FoundRecord, Surroundings};
+use super::tell::tell;
 use crate::acquisition::queue::SampleWithGimbal;
 use crate::base::linear::Real;
 use crate::base::sample::SampleStatus;
 use crate::estimator::{BASIC_STATES, MAX_SEGMENTS};
 use crate::gimbal::{GimbalStatus, MotionCommand};
-use crate::keep::black_box::Event;
-use crate::link::{Answer, Hello, Link, MAX_FRAME_BYTES};
+use crate::link::{Answer, Hello, Link};
 use crate::run::abort::AbortReason;
 use crate::run::calibrator::Calibrator;
 use crate::run::config::ConfigError;
@@ -291,17 +291,4 @@ fn load<T: Real>(link: &mut Link, outside: &mut impl Surroundings<T>) -> Option<
     let FoundRecord { record, damaged, fault, other_version, .. } = outside.archive().power_up();
     tell(link, outside, &Message::Store { found: record.is_some(), damaged, fault, other_version });
     record
-}
-
-/// Passes a message to all its receivers: the black box, the serial line, and the channels of the board. Not inlined,
-/// because the frame needs the stack.
-#[inline(never)]
-pub(super) fn tell<T: Real>(link: &mut Link, outside: &mut impl Surroundings<T>, message: &Message) {
-    if let Some(event) = Event::of(message) {
-        outside.record(event);
-    }
-    let mut buffer = [0; MAX_FRAME_BYTES];
-    let frame = link.tell(message, &mut buffer);
-    outside.tell(message, frame);
-    outside.transmit(link);
 }

@@ -21,6 +21,7 @@ mod motion_log;
 mod recording;
 mod startup;
 mod surroundings;
+mod tell;
 mod unit_memory;
 
 pub use main_loop::Instrument;

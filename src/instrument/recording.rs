@@ -1,7 +1,7 @@
 //! The main loop for a recording. The samples come from a log, not from an IMU. There is no motion and no store.
 
-use super::main_loop::tell;
 use super::surroundings::Surroundings;
+use super::tell::tell;
 use crate::base::linear::Real;
 use crate::estimator::{BASIC_STATES, FULL_STATES, MAX_SEGMENTS};
 use crate::link::{Hello, Link};
