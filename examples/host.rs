@@ -22,11 +22,13 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// Calibrates a log of the default site and noise. Returns the estimate, and whether the verdict accepts it.
+/// Calibrates a log of an unknown site and with the default noise and hardware. Returns the estimate, and whether the
+/// verdict accepts it.
 pub fn calibrate(log: &str) -> Result<(Estimate, bool)> {
     let (reader, unit) = (LogReader::open(log.as_ref())?, UnitConfig::default());
     let rate_hz = 1e6 / reader.interval_us().context("a single sample")? as f64;
-    let config = CalibratorConfig::new(Method::Joint, unit.site(), unit.noise.psd(), rate_hz);
+    let mut config = CalibratorConfig::new(Method::Joint, unit.site(), unit.noise.psd(), rate_hz);
+    (config.estimator.hardware, config.estimator.site_sigmas) = (unit.hardware(), unit.site_sigmas());
     let mut calibrator = Box::new(Calibrator::<f64>::new(&config));
     for row in reader {
         let _estimate_so_far = calibrator.step(&raw_sample(&row?.reading));

@@ -39,17 +39,17 @@
 //!
 //! # Conventions
 //!
-//! Frames: n local level (east, north, up); b vehicle, equal to r at gimbal angles (0, 0); r fixed to the inner gimbal, x
-//! along the outer axis and z along the inner axis; s IMU; a and g the own axes of the accelerometers and of the gyros.
-//! `rot_ab` takes b-components to a-components. All values are in SI units and radians. Rooms decide and return values; only
-//! drivers touch pins. No room has a clock of its own: the caller gives the time as an argument, or as a function that reads
-//! the clock of the board.
+//! Frames: n local level (east, north, up); b vehicle, equal to r at gimbal angles (0, 0); r fixed to the inner gimbal,
+//! x along the outer axis and z along the inner axis; s IMU; a and g the own axes of the accelerometers and of the
+//! gyros. `rot_ab` takes b-components to a-components. All values are in SI units and radians. Rooms decide and return
+//! values; only drivers touch pins. No room has a clock of its own: the caller gives the time as an argument, or as a
+//! function that reads the clock of the board.
 //!
 //! # Features
 //!
-//! The library has one feature, `defmt`: the public types that a firmware logs implement `defmt::Format`. All other features
-//! belong to the firmware binary: a board (`mps2-an500`, `mps2-an386`, `stm32h743`), the IMU (`kvh1750` in place of the
-//! ADIS16495), the scalar (`single-precision`: f32 in place of f64) and the size of the filter (`optional-states`).
+//! The library has one feature, `defmt`: the public types that a firmware logs implement `defmt::Format`. All other
+//! features belong to the firmware binary: a board (`mps2-an500`, `mps2-an386`, `stm32h743`), the IMU (`kvh1750` in
+//! place of the ADIS16495) and the scalar (`single-precision`: f32 in place of f64).
 //!
 //! Source of the method: Bai et al., "A System-Level Self-Calibration Method for Installation Errors in a Dual-Axis
 //! Rotational Inertial Navigation System", Sensors 2019, 19(18), 4005.

@@ -11,7 +11,7 @@ use host_tests::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::acquisition::queue::{SampleQueue, SampleWithGimbal};
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::units::{ARCSEC, DEG};
-use rins_selfcal::estimator::{BASIC_STATES, Solution};
+use rins_selfcal::estimator::Solution;
 use rins_selfcal::gimbal::servo::PERIOD_S;
 use rins_selfcal::gimbal::{BridgeFault, EncoderFault, Fault, FaultKind, Gimbal, MotionCommand};
 use rins_selfcal::model::error_model::{PARAMETER_INFO, PARAMETERS};
@@ -139,7 +139,7 @@ fn run_as(
     let assignment = Assignment::SelfCalibrate(config);
     let mut messages = Vec::new();
     let note = |message: &Message| messages.push(message.clone());
-    let saved = in_process::<f64, BASIC_STATES, _>(&assignment, stored, &bench, note).expect("a good configuration");
+    let saved = in_process::<f64, _>(&assignment, stored, &bench, note).expect("a good configuration");
     let rins = std::rc::Rc::into_inner(bench).map(|bench| Bench::into_plant(bench.into_inner()).rins);
     Run { messages, saved, rins: rins.expect("the run is over") }
 }
@@ -316,7 +316,7 @@ fn axes_whose_bridge_finds_an_overcurrent_are_let_go() {
     let mut messages = Vec::new();
     let note = |message: &Message| messages.push(message.clone());
     let config = SelfCalibrationConfig { policy: PowerUpPolicy::Always, ..usual(Scheme::bai(10.0, 1)) };
-    in_process::<f64, BASIC_STATES, _>(&Assignment::SelfCalibrate(config), None, &bench, note).expect("it runs");
+    in_process::<f64, _>(&Assignment::SelfCalibrate(config), None, &bench, note).expect("it runs");
     let kind = FaultKind::Bridge(BridgeFault::Overcurrent);
     let told = |reason| matches!(reason, AbortReason::Gimbal(fault) if fault.axis == 1 && fault.kind == kind);
     let aborted = |message: &Message| matches!(message, Message::Aborted(abort) if told(abort.reason));
@@ -344,7 +344,7 @@ fn configured(unit: &VirtualUnit, change: impl FnOnce(&mut SelfCalibrationConfig
     let bench = shared(Faulty::new(rins, 2.0 * RUN_S, sound));
     let mut messages = Vec::new();
     let note = |message: &Message| messages.push(message.clone());
-    in_process::<f64, BASIC_STATES, _>(&Assignment::SelfCalibrate(config), None, &bench, note).expect("it runs");
+    in_process::<f64, _>(&Assignment::SelfCalibrate(config), None, &bench, note).expect("it runs");
     messages
 }
 

@@ -16,7 +16,7 @@ use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::site::EARTH_RATE_RAD_S;
 use rins_selfcal::drivers::kvh1750::{HEADER, MESSAGE_BYTES};
-use rins_selfcal::estimator::{BASIC_STATES, Estimate};
+use rins_selfcal::estimator::Estimate;
 use rins_selfcal::gimbal::{Travel, TurnSource};
 use rins_selfcal::model::error_model::{PARAMETER_INFO, PARAMETERS};
 use rins_selfcal::run::assignment::Assignment;
@@ -228,10 +228,8 @@ fn booted_in_process(board: Board, scheme: &Scheme, put: Put) -> Vec<Message> {
     };
     let (assignment, bench) = (assignment(&unit, scheme), share(put(plant)));
     let ended = match board {
-        Board::Mps2An500 | Board::Stm32h743 => {
-            in_process::<f64, BASIC_STATES, _>(&assignment, None, &bench, on_message)
-        }
-        Board::Mps2An386 => in_process::<f32, BASIC_STATES, _>(&assignment, None, &bench, on_message),
+        Board::Mps2An500 | Board::Stm32h743 => in_process::<f64, _>(&assignment, None, &bench, on_message),
+        Board::Mps2An386 => in_process::<f32, _>(&assignment, None, &bench, on_message),
     };
     ended.unwrap_or_else(|error| panic!("{error:#}"));
     messages
@@ -404,8 +402,8 @@ fn recorded_in_process(board: Board, method: Method) -> u64 {
     let add = |message: &Message| digest.add(message);
     let bench = shared(player);
     let outcome = match board {
-        Board::Mps2An500 | Board::Stm32h743 => in_process::<f64, BASIC_STATES, _>(&assignment, None, &bench, add),
-        Board::Mps2An386 => in_process::<f32, BASIC_STATES, _>(&assignment, None, &bench, add),
+        Board::Mps2An500 | Board::Stm32h743 => in_process::<f64, _>(&assignment, None, &bench, add),
+        Board::Mps2An386 => in_process::<f32, _>(&assignment, None, &bench, add),
     };
     outcome.unwrap_or_else(|error| panic!("{error:#}"));
     digest.finish()

@@ -14,11 +14,10 @@ use rins_selfcal::base::method::Method;
 use rins_selfcal::base::units::{ARCSEC, MICRO_G, PPM};
 use rins_selfcal::estimator::constancy::{Change, Suspicion};
 use rins_selfcal::model::error_model::{PARAMETERS, block};
-use rins_selfcal::model::options::Options;
 use rins_selfcal::scheme::Scheme;
 
 fn run(runs: u64, faults: Faults, precision: Precision) -> Vec<DisturbedRun> {
-    Campaign { runs, seed: 2, faults, precision }.run(|| ())
+    Campaign { runs, seed: 2, faults, typical: false, precision }.run(|| ())
 }
 
 #[test]
@@ -50,13 +49,12 @@ fn clean_runs_are_accepted() {
 
 #[test]
 fn near_a_pole_only_the_heading_suffers() {
-    let mut unit = UnitConfig::default();
-    unit.site.latitude_deg = 89.9;
+    let mut unit = UnitConfig::ideal();
+    unit.site.latitude_deg = Some(89.9);
     let campaign = MonteCarlo {
         runs: 48,
         methods: vec![Method::Joint],
         precision: Precision::F64,
-        options: Options::default(),
         scheme: Scheme::named("fast-60").expect("a scheme of the library"),
         axes: Default::default(),
         refuse_unobserved: true,
@@ -79,7 +77,7 @@ fn near_a_pole_only_the_heading_suffers() {
 
 /// The most significant change in a run with one fault from 124 s on, in a move.
 fn suspicion(kind: FaultKind, channel: usize, size: f64, axis_b: [f64; 3]) -> Suspicion {
-    let config = UnitConfig::default();
+    let config = UnitConfig::ideal();
     let unit = VirtualUnit { errors: presets::real(3), ..VirtualUnit::default() };
     let run = VirtualRun { unit, scheme: Scheme::bai(10.0, 1), seed: 3 };
     let span = 24_800..70_000;

@@ -101,7 +101,7 @@ fn the_mapping_that_is_proposed_for_a_foreign_log_works() {
     let [stdout, stderr] =
         run(0, &["inspect", &log, "--write-mapping", &map, "--write-config", &unit, "--json", &seen]);
     // The log does not show where it was recorded.
-    let warning = "default site: latitude_deg and height_m of [site] must be edited";
+    let warning = "no site: latitude_deg and height_m of [site] should be given";
     assert!(stderr.contains(warning) && fs::read_to_string(&unit).unwrap().contains(warning), "{stderr}");
     assert!(stdout.contains("A        outer encoder, deg, reversed, zero at 90\n"), "{stdout}");
     let seen = read(&seen);
@@ -121,8 +121,11 @@ fn the_mapping_that_is_proposed_for_a_foreign_log_works() {
     assert_eq!(mapping["outer"], json!({"column": "A", "unit": "deg", "zero": 90.0, "reversed": true}));
     assert_eq!(mapping["inner"], json!({"column": "B", "unit": "counts", "counts_per_turn": 16_777_216.0}));
     assert_eq!(seen["nearest_scheme"]["name"], "fast-90");
-    let [_, stderr] = run(0, &["inspect", &log, "--config", &unit, "--write-config", &scratch("edited.toml")]);
-    assert!(!stderr.contains("default site"), "{stderr}");
+    let edited = scratch("edited.toml");
+    let text = fs::read_to_string(&unit).unwrap();
+    fs::write(&edited, text.replacen("[site]\n", "[site]\nlatitude_deg = 30.93041\nheight_m = 20.0\n", 1)).unwrap();
+    let [_, stderr] = run(0, &["inspect", &log, "--config", &edited, "--write-config", &scratch("again.toml")]);
+    assert!(!stderr.contains("no site"), "{stderr}");
     // The calibration by it is right: 4.5 sigma.
     let truth = scratch("truth.json");
     let parameters = host_tests::files::truth::Truth::new(&run_of.unit.errors);

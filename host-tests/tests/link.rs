@@ -9,7 +9,6 @@ use host_tests::virtual_unit::unit::VirtualUnit;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use rins_selfcal::base::method::Method;
-use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::link::{
     Answer, Command, Decoder, Item, MAX_FRAME_BYTES, Payload, Refusal, Setting, SettingName, Status, UNLOCK_WORD,
     UNLOCKED_US, encode,
@@ -27,7 +26,6 @@ use std::collections::VecDeque;
 
 /// What the instrument told.
 #[derive(Clone, Debug, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "a test")]
 enum Told {
     Message(Message),
     Answer(u16, Answer),
@@ -104,7 +102,7 @@ fn power_up(
     };
     let to_instrument = first.iter().copied().collect();
     let mut partner = Partner { to_instrument, decoder: Decoder::new(), on_told };
-    self_calibrate::<f64, BASIC_STATES, _>(&config, memory, &shared(plant), &mut partner, &mut |_: &Message| ())
+    self_calibrate::<f64, _>(&config, memory, &shared(plant), &mut partner, &mut |_: &Message| ())
         .expect("a good configuration");
     all
 }

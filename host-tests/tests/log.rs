@@ -219,8 +219,9 @@ fn truth_round_trips() {
 fn a_unit_says_where_its_numbers_come_from() {
     assert_eq!(
         UnitConfig::default().described(&Default::default()),
-        "site: latitude 30.93041 deg, height 20 m, gravity 9.793920 m/s^2 WGS-84 (default)\n\
-         noise: accelerometers 10.0 ug/sqrt(Hz), gyros 0.00100 deg/sqrt(h), encoders 0.500 arcsec (default)\n"
+        "site: latitude unknown, the gyros find it and gravity; height 0 m, known to 630 ppm (default)\n\
+         noise: accelerometers 10.0 ug/sqrt(Hz), gyros 0.00100 deg/sqrt(h), encoders 0.500 arcsec (default)\n\
+         hardware: navigation\n"
     );
     let path = written("origin.toml", b"[site]\nlatitude_deg = 45\ngravity_m_s2 = 9.81\n[initial]\nheading_deg = 7\n");
     let (config, origin) = UnitConfig::read_with_origin(&path).unwrap();
@@ -228,10 +229,10 @@ fn a_unit_says_where_its_numbers_come_from() {
     let lines: Vec<_> = text.lines().collect();
     assert_eq!(
         lines[0],
-        "site: latitude 45 deg, height 20 m, gravity 9.810000 m/s^2 measured (origin.toml, height_m by default)"
+        "site: latitude 45 deg, height 0 m, gravity 9.810000 m/s^2 measured, known to 1.02 ppm (origin.toml, height_m by default)"
     );
     assert!(lines[1].ends_with("(default)"), "{text}");
-    assert_eq!(lines[2], "heading: 7 +- 1 deg (origin.toml, heading_sigma_deg by default)");
+    assert_eq!(lines[3], "heading: 7 +- 1 deg (origin.toml, heading_sigma_deg by default)");
 }
 
 fn config_refused(name: &str, text: &str) -> String {

@@ -20,7 +20,6 @@ use nix::unistd::{Pid, ttyname};
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::sample::RawSample;
 use rins_selfcal::base::units::ARCSEC;
-use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::keep::medium::Eeprom;
 use rins_selfcal::keep::store::CalibrationStore;
 use rins_selfcal::link::PROTOCOL_VERSION;
@@ -83,8 +82,7 @@ fn instrument(line: File, off: &Arc<AtomicBool>, mut memory: Memory) -> Memory {
     let (config, rins) = assignment();
     let bench = shared(Unit(rins, Arc::clone(off)));
     let mut line = Terminal::new(line);
-    self_calibrate::<f64, BASIC_STATES, _>(&config, &mut memory, &bench, &mut line, &mut |_: &Message| ())
-        .expect("it powers up");
+    self_calibrate::<f64, _>(&config, &mut memory, &bench, &mut line, &mut |_: &Message| ()).expect("it powers up");
     memory
 }
 
@@ -217,7 +215,7 @@ fn so_is_the_firmware_over_its_serial_port() {
 /// A unit with a stored travel at a scheme of a minute, as an operator commissions it.
 fn unit_file(directory: &Path) -> PathBuf {
     let path = directory.join("unit.toml");
-    let noise = "[noise]\naccel_vrw_ug_sqrt_hz = 10.0\n[run]\nscheme = \"fast-60\"\n";
+    let noise = "[noise]\naccel_vrw_ug_sqrt_hz = 10.0\n[hardware]\nprofile = \"ideal\"\n[run]\nscheme = \"fast-60\"\n";
     std::fs::write(&path, UNIT.replace("52.0", "30.93041") + noise).expect("written");
     path
 }
@@ -375,7 +373,7 @@ fn recorded_samples_of_the_firmware_are_those_that_the_host_corrects() {
     let mut raw = Raw { samples: Vec::new(), until_us, off: Arc::clone(&off) };
     let (config, rins) = assignment();
     let mut memory = Memory { stored: Some(record()), ..Memory::default() };
-    self_calibrate::<f64, BASIC_STATES, _>(&config, &mut memory, &shared(Unit(rins, off)), &mut Unconnected, &mut raw)
+    self_calibrate::<f64, _>(&config, &mut memory, &shared(Unit(rins, off)), &mut Unconnected, &mut raw)
         .expect("it powers up");
     let calibration = Calibration::new(&record().errors);
     let first_us = (rows[0][0] * 1e6).round() as u64;

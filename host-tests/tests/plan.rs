@@ -40,7 +40,7 @@ fn refused(arguments: &[&str]) -> String {
 }
 
 fn predicted(scheme: &Scheme) -> Prediction {
-    let setup = Setup::new(&UnitConfig::default(), 200.0, Method::Joint, Precision::F64);
+    let setup = Setup::new(&UnitConfig::ideal(), 200.0, Method::Joint, Precision::F64);
     Prediction::new(&setup, scheme)
 }
 
@@ -175,7 +175,7 @@ fn is_about(one: &str, other: &str) -> bool {
 
 #[test]
 fn the_library_is_compared_in_one_table() {
-    let text = run(&["observability", "--all"]);
+    let text = run(&["observability", "--all", "--hardware", "ideal"]);
     let guide = rins_selfcal::guide::CHAPTERS.iter().find(|chapter| chapter.name == "schemes").expect("a chapter").text;
     for entry in &LIBRARY {
         let name = entry.name;

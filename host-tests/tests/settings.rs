@@ -15,7 +15,7 @@ use rins_selfcal::verdict::{Reason, Verdict, WrongSetting};
 fn verdict(told: impl FnOnce(&mut UnitConfig), fault: Option<&Fault>, precision: Precision) -> Verdict {
     let unit = VirtualUnit { errors: presets::real(5), ..VirtualUnit::default() };
     let run = VirtualRun { unit, scheme: Scheme::named("fast-180").expect("a scheme of the library"), seed: 5 };
-    let mut config = UnitConfig::default();
+    let mut config = UnitConfig::ideal();
     told(&mut config);
     let mut chain = Setup::new(&config, 200.0, Method::Joint, precision).on_scheme(&run.scheme).chain();
     for reading in readings(&run, fault) {
@@ -40,7 +40,7 @@ fn a_wrong_latitude_is_named() {
         (0.0, Precision::F64),
         (-30.93041, Precision::F64),
     ] {
-        let verdict = verdict(|config| config.site.latitude_deg = latitude_deg, None, precision);
+        let verdict = verdict(|config| config.site.latitude_deg = Some(latitude_deg), None, precision);
         let [WrongSetting::Latitude { felt_rad, sigma_rad, configured_rad }] = settings(&verdict)[..] else {
             panic!("{latitude_deg}: {:?}", verdict.reasons)
         };

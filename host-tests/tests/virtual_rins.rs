@@ -6,7 +6,7 @@ use host_tests::files::truth::Truth;
 use host_tests::files::unit_file::{Noise, UnitConfig};
 use host_tests::log::{LogReader, LogRow};
 use host_tests::virtual_unit::drive::{SchemeDrive, move_durations_s};
-use host_tests::virtual_unit::encoder::Harmonic;
+use host_tests::virtual_unit::imperfections::Imperfections;
 use host_tests::virtual_unit::kinematics::{Motion, RigidTruth};
 use host_tests::virtual_unit::plant::Reading;
 use host_tests::virtual_unit::presets::{RandomErrors, real};
@@ -22,12 +22,7 @@ use rins_selfcal::scheme::Scheme;
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::path::Path;
 
-const SILENT: Noise = Noise {
-    accel_vrw_ug_sqrt_hz: 0.0,
-    gyro_arw_deg_sqrt_h: 0.0,
-    encoder_repeatability_arcsec: 0.0,
-    rate_reference_arcsec_sqrt_s: 0.0,
-};
+const SILENT: Noise = Noise::NONE;
 
 fn silent_unit(errors: InstrumentErrors<f64>) -> VirtualUnit {
     VirtualUnit { errors, noise: SILENT, ..VirtualUnit::default() }
@@ -311,8 +306,14 @@ fn drifts_and_harmonics_do_what_they_say() {
         accel_bias_ramp_ug_h: [10.0, 0.0, 0.0],
         gyro_bias_ramp_deg_h_h: [0.0, 0.0, 0.02],
         base_tilt_drift_arcsec_h: [3600.0, -1800.0],
-        encoder_eccentricity: [Harmonic { amplitude_arcsec: 2.0, phase_deg: 30.0 }, Harmonic::default()],
-        encoder_second_harmonic: [Harmonic::default(), Harmonic { amplitude_arcsec: 3.0, phase_deg: -90.0 }],
+        // The first harmonic of the outer encoder is 2 (sin(angle + 30 deg) - sin 30 deg).
+        hardware: Imperfections {
+            encoder_harmonics_arcsec: [
+                [[1.0, 3.0_f64.sqrt()], [0.0; 2], [0.0; 2], [0.0; 2]],
+                [[0.0; 2], [-3.0, 0.0], [0.0; 2], [0.0; 2]],
+            ],
+            ..Imperfections::default()
+        },
         temperature_c: Some(20.0),
         temperature_ramp_c_h: 6.0,
         ..Effects::default()
@@ -432,8 +433,8 @@ fn sample_log_agrees_over_every_move() {
     let truth = RigidTruth::new(&unit);
     let stops = stops_of(&readings);
     let mut sum_of_squares = 0.0;
-    // White noise over 5.5 s: 0.14 arcsec. 0.5 arcsec at both ends of the turning axis: 0.71 arcsec. The mean error of the
-    // other axis, 0.35 arcsec, over a quarter turn: 0.55 arcsec. Together 0.91 arcsec at most.
+    // White noise over 5.5 s: 0.14 arcsec. 0.5 arcsec at both ends of the turning axis: 0.71 arcsec. The mean error of
+    // the other axis, 0.35 arcsec, over a quarter turn: 0.55 arcsec. Together 0.91 arcsec at most.
     let sigma = 0.91 * ARCSEC;
     for pair in stops.windows(2) {
         let mut difference = [0.0; 3];

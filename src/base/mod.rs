@@ -4,6 +4,7 @@ pub mod angle;
 pub mod bounds;
 #[cfg(test)]
 pub(crate) mod golden;
+pub mod hardware;
 pub mod imu_identity;
 pub mod linear;
 pub mod loss;

@@ -39,6 +39,14 @@ impl Site {
     }
 }
 
+/// Derivative of normal gravity by the latitude, m/s^2/rad. The accuracy of some parts in a thousand is that of a
+/// derivative in an iteration.
+pub fn gravity_by_latitude(latitude_rad: f64) -> f64 {
+    const STEP_RAD: f64 = 1e-4;
+    let at = |latitude_rad: f64| normal_gravity_m_s2(latitude_rad, 0.0);
+    (at(latitude_rad + STEP_RAD) - at(latitude_rad - STEP_RAD)) / (2.0 * STEP_RAD)
+}
+
 /// Normal gravity of WGS-84, m/s^2: Somigliana's closed formula on the ellipsoid, continued in height by the
 /// second-order series (NIMA TR8350.2, 3rd ed., equations 4-1 and 4-3).
 pub fn normal_gravity_m_s2(latitude_rad: f64, height_m: f64) -> f64 {

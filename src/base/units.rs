@@ -13,6 +13,8 @@ pub const DEG_H: f64 = DEG / 3600.0;
 pub const DEG_SQRT_H: f64 = DEG / 60.0;
 /// One micro-g of standard gravity, m/s^2. One micro-g per square root of a hertz is the unit of velocity random walk.
 pub const MICRO_G: f64 = 9.806_65e-6;
+/// Standard gravity, m/s^2.
+pub const STANDARD_GRAVITY_M_S2: f64 = 1e6 * MICRO_G;
 /// One part per million.
 pub const PPM: f64 = 1e-6;
 

@@ -1,22 +1,44 @@
 //! Configuration of the estimator, and prior sigmas before the first segment.
 
-use super::two_stage::{ACCEL_SCALE, COMMON_SCALE_SIGMA};
-use crate::base::linear::{Real, Vector, real};
+use crate::base::hardware::Hardware;
+use crate::base::linear::{ComplexField, Real, Vector, real};
 use crate::base::method::Method;
 use crate::base::site::Site;
 use crate::base::units::{DEG, DEG_H};
+use crate::model::effects::{self, EFFECT_STATES, EFFECTS, FLICKER_STATES, SiteSigmas};
 use crate::model::error_model::{PARAMETERS, block};
 use crate::model::measurement::ENCODER_ERRORS;
-use crate::model::options::{OPTIONAL_STATES, Options};
 use crate::segment::white_noise::Noise;
 use core::ops::Range;
 use serde::{Deserialize, Serialize};
 
-/// States of the filter without options.
-pub const BASIC_STATES: usize = ENCODER_ERRORS + PARAMETERS;
+/// States of the filter before the parameters: encoder errors, the gyros' errors at the ends of a segment, and flicker.
+/// They are driven by noise, which costs least in the first places.
+pub const BEFORE_PARAMETERS: usize = BEFORE_FLICKER + FLICKER_STATES;
 
-/// States of the filter with room for all options.
-pub const FULL_STATES: usize = BASIC_STATES + OPTIONAL_STATES;
+/// States of the filter before the flicker.
+pub(super) const BEFORE_FLICKER: usize = ENCODER_ERRORS + GYRO_ENDS;
+
+/// Errors of the three gyros' angles at both ends of a segment: rocking of the base, and what does not fill a pulse.
+/// The error at the end of a segment is that at the start of the next one.
+pub(super) const GYRO_ENDS: usize = 6;
+
+/// States of the filter before the effects of real hardware.
+pub const BEFORE_EFFECTS: usize = BEFORE_PARAMETERS + PARAMETERS;
+
+/// States of the filter, `[encoder errors (4), gyro errors at the ends (6), flicker (6), parameters (28), effects
+/// (59)]`. Only effects with a size are in use, without gaps.
+pub const STATES: usize = BEFORE_EFFECTS + EFFECT_STATES;
+
+/// The states of the accelerometers' scale errors.
+pub(super) const ACCEL_SCALE: Range<usize> =
+    BEFORE_PARAMETERS + block::ACCEL_SCALE..BEFORE_PARAMETERS + block::ACCEL_SCALE + 3;
+
+/// Prior sigma of the scale error that the two-stage method takes as common to the three accelerometers.
+pub(super) const COMMON_SCALE_SIGMA: f64 = 0.02;
+
+/// With a larger sigma, the latitude counts as unknown, rad: the gyros find it.
+pub const KNOWN_LATITUDE_RAD: f64 = 0.1;
 
 /// Where the heading comes from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -51,20 +73,30 @@ pub struct EstimatorConfig {
     pub period_moves: Option<u16>,
     /// Gate: a measurement with a larger normalized innovation is not used, but counted. `None` uses all measurements.
     pub gate_sigma: Option<f64>,
-    /// Optional effects, for the joint method.
-    pub options: Options,
+    /// Imperfections of the hardware, for the joint method.
+    pub hardware: Hardware,
+    /// How well the site is known, for the joint method.
+    pub site_sigmas: SiteSigmas,
 }
 
 impl EstimatorConfig {
     /// Prior sigmas of the parameters, SI; 0 for a parameter that the method takes as known.
     pub fn prior_sigmas(&self) -> [f64; PARAMETERS] {
         let common = |state: &usize| self.method == Method::TwoStage && ACCEL_SCALE.contains(state);
-        let prior = prior_sigmas::<f64, BASIC_STATES>(self);
+        let prior = prior_sigmas::<f64>(self);
         let mut sigmas = [0.0; PARAMETERS];
-        for ((state, prior), sigma) in prior.iter().enumerate().skip(ENCODER_ERRORS).zip(&mut sigmas) {
+        for ((state, prior), sigma) in prior.iter().enumerate().skip(BEFORE_PARAMETERS).zip(&mut sigmas) {
             *sigma = if common(&state) { COMMON_SCALE_SIGMA } else { *prior };
         }
         sigmas
+    }
+
+    /// Prior sigmas of the effects, SI; 0 for an effect that is absent. The two-stage method knows no effects.
+    pub fn effect_sigmas(&self) -> [f64; EFFECTS] {
+        match self.method {
+            Method::Joint => effects::prior_sigmas(&self.hardware, &self.site_sigmas),
+            Method::TwoStage => [0.0; EFFECTS],
+        }
     }
 
     /// Used until a configuration arrives.
@@ -75,8 +107,16 @@ impl EstimatorConfig {
         heading: HeadingSource::Gyrocompass,
         period_moves: None,
         gate_sigma: None,
-        options: Options::NONE,
+        hardware: Hardware::IDEAL,
+        site_sigmas: SiteSigmas::EXACT,
     };
+}
+
+/// Variance of the error of an encoder at a stop, rad^2.
+pub(super) fn encoder_variance(config: &EstimatorConfig) -> f64 {
+    let sigma = config.noise.encoder_sigma_rad;
+    let subdivision = if config.method == Method::Joint { effects::encoder_noise(&config.hardware) } else { 0.0 };
+    sigma * sigma + subdivision
 }
 
 /// Prior sigma of a block of parameters. It is so wide that it adds almost no information.
@@ -87,7 +127,7 @@ struct Prior {
 }
 
 const fn prior(first: usize, count: usize, sigma: f64, two_stage: bool) -> Prior {
-    let first = ENCODER_ERRORS + first;
+    let first = BEFORE_PARAMETERS + first;
     Prior { states: first..first + count, sigma, two_stage }
 }
 
@@ -104,22 +144,28 @@ const PRIORS: [Prior; 10] = [
     prior(block::HEADING, 1, 2.0, true),
 ];
 
-/// Prior sigmas of all states, (STATES). A sigma is wide for a parameter that the method estimates, and zero for a
-/// parameter that the method takes as known. The common scale error of the two-stage method is not included.
-pub(super) fn prior_sigmas<T: Real, const STATES: usize>(config: &EstimatorConfig) -> Vector<T, STATES> {
+/// Prior sigmas of all states, (103), with those of the effects in use behind the parameters. A sigma is wide for a
+/// parameter that the method estimates, and zero for a parameter that the method takes as known. The common scale error
+/// of the two-stage method is not included.
+pub(super) fn prior_sigmas<T: Real>(config: &EstimatorConfig) -> Vector<T, STATES> {
     let mut sigmas = Vector::<T, STATES>::zeros();
-    sigmas.fixed_rows_mut::<ENCODER_ERRORS>(0).fill(real(config.noise.encoder_sigma_rad));
+    sigmas.fixed_rows_mut::<ENCODER_ERRORS>(0).fill(real(ComplexField::sqrt(encoder_variance(config))));
     for prior in PRIORS.iter().filter(|prior| prior.two_stage || config.method == Method::Joint) {
         for sigma in sigmas.iter_mut().take(prior.states.end).skip(prior.states.start) {
             *sigma = real(prior.sigma);
         }
     }
     if config.method == Method::Joint {
-        for (sigma, prior) in sigmas.iter_mut().skip(BASIC_STATES).zip(config.options.prior_sigmas()) {
+        let flicker = effects::flicker_sigmas(&config.hardware);
+        for (sigma, prior) in sigmas.iter_mut().skip(BEFORE_FLICKER).zip(flicker) {
+            *sigma = real(prior);
+        }
+        let in_use = config.effect_sigmas().into_iter().take(EFFECT_STATES).filter(|prior| *prior > 0.0);
+        for (sigma, prior) in sigmas.iter_mut().skip(BEFORE_EFFECTS).zip(in_use) {
             *sigma = real(prior);
         }
     }
-    let heading = sigmas.iter_mut().nth(BASIC_STATES - 1);
+    let heading = sigmas.iter_mut().nth(BEFORE_EFFECTS - 1);
     if let (HeadingSource::Configured { sigma_rad, .. }, Some(heading)) = (config.heading, heading) {
         *heading = real(sigma_rad);
     }

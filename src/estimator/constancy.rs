@@ -16,10 +16,13 @@
 //!
 //! A change begins with a move, or with the run. The tests are for steps and ramps of parameters, slips and scale
 //! changes of encoders, and outliers of single measurements. The configured Earth rate of the site and the configured
-//! heading may be wrong from the first segment to the last. They are tested in the same way.
+//! heading may be wrong from the first segment to the last, and each effect of the hardware may be larger than its
+//! configured size. They are tested in the same way.
 
-use crate::base::linear::{ComplexField, Real, Vector, zeros};
+use super::configuration::{BEFORE_PARAMETERS, STATES};
+use crate::base::linear::{ComplexField, Real, Vector, real, zeros};
 use crate::base::units::ARCSEC;
+use crate::model::effects::{EFFECTS, EffectColumns, by_noise_effect, is_of_site, is_possible};
 use crate::model::error_model::{INSTALLATION_STATES, PARAMETERS, block};
 use crate::model::measurement::ENCODER_ERRORS;
 use crate::segment::{Segment, SegmentKind};
@@ -37,6 +40,9 @@ const RESERVE_SIGMAS: f64 = 0.5;
 /// onsets are nearly the same test, and the probability of a false alarm is 2e-4 for all of them. This permits a lower
 /// limit.
 const LOWEST_SCALE_LIMIT: f64 = 3.7;
+/// Lowest limit for an effect of the hardware. The probability of a false alarm is 7e-6 for each test, and 5e-4 for all
+/// effects.
+const LOWEST_EFFECT_LIMIT: f64 = 4.5;
 /// A change of the scale of an encoder is found when it uses up this fraction of the tolerance.
 const TOLERATED_SCALE_PART: f64 = 0.45;
 /// Tolerance of an installation error, in sigmas. The larger of the two tolerances applies.
@@ -64,6 +70,8 @@ pub enum Change {
     EarthRate(EarthRateAxis),
     /// The configured heading is wrong, rad.
     Heading,
+    /// An effect of the hardware, by index, is larger than its configured size permits.
+    Effect(u8),
 }
 
 impl Change {
@@ -166,7 +174,7 @@ impl Default for Suspicion {
 }
 
 /// One scalar measurement as the filter saw it.
-pub struct Seen<'a, T: Real, const STATES: usize> {
+pub struct Seen<'a, T: Real> {
     /// Row of the measurement matrix.
     pub h: &'a Vector<T, STATES>,
     /// Gain.
@@ -183,12 +191,18 @@ pub struct Seen<'a, T: Real, const STATES: usize> {
     pub by_attitude_rate: [T; 3],
     /// Derivative of the channel by the Earth rate, north and up, s.
     pub by_earth_rate: [T; 2],
+    /// Derivatives of the triad by the effects, and the row of the channel in them.
+    pub by_effects: &'a EffectColumns<T>,
+    /// Row of the channel in its triad.
+    pub row: usize,
+    /// Specific force along the sensors' axes, in g; for gyros, its integral over the segment, s.
+    pub in_g: [f64; 3],
 }
 
 /// A change under test. Its vector is `f32` even if the filter computes in `f64`, because a significance needs only two
 /// digits.
 #[derive(Clone, Debug)]
-struct Suspect<const STATES: usize> {
+struct Suspect {
     change: Change,
     segment: u16,
     not_absorbed: Vector<f32, STATES>,
@@ -197,20 +211,21 @@ struct Suspect<const STATES: usize> {
 }
 
 /// Largest number of changes under test in one sweep. There are 37 changes for each onset. To save memory, they are
-/// tested in two sweeps. The four configured settings are in the very first sweep.
+/// tested in two sweeps. The first onset has the four configured settings before them, in the very first sweep, and the
+/// effects of the hardware behind them.
 const SUSPECTS: usize = 19;
 
 /// Changes that begin with one segment, under test in one sweep of the filter.
 #[derive(Clone, Debug)]
-pub struct Suspects<const STATES: usize> {
+pub struct Suspects {
     onset: u16,
     duration_s: f32,
     /// Angles by which the axes have turned since the onset, rad.
     turned: [f32; 2],
-    suspects: heapless::Vec<Suspect<STATES>, SUSPECTS>,
+    suspects: heapless::Vec<Suspect, SUSPECTS>,
 }
 
-impl<const STATES: usize> Suspects<STATES> {
+impl Suspects {
     /// No change under test.
     pub const NONE: Self = Self { onset: 0, duration_s: 0.0, turned: [0.0; 2], suspects: heapless::Vec::new() };
 
@@ -239,7 +254,10 @@ impl<const STATES: usize> Suspects<STATES> {
             .chain((3..6).map(|channel| (Change::Outlier(channel), turn)));
         let settings = [EarthRateAxis::North, EarthRateAxis::Up, EarthRateAxis::Both].map(Change::EarthRate);
         let settings = settings.into_iter().chain([Change::Heading]).filter(|_| onset_is_stop);
-        let changes = settings.map(|setting| (setting, onset)).chain(changes);
+        let effects = (0..EFFECTS as u8)
+            .filter(|effect| onset_is_stop && !is_of_site((*effect).into()))
+            .map(|effect| (Change::Effect(effect), onset));
+        let changes = settings.map(|setting| (setting, onset)).chain(changes).chain(effects);
         let suspect =
             |(change, segment)| Suspect { change, segment, not_absorbed: zeros(), score: 0.0, information: 0.0 };
         (self.onset, self.duration_s, self.turned) = (onset, 0.0, [0.0; 2]);
@@ -267,14 +285,14 @@ impl<const STATES: usize> Suspects<STATES> {
         }
         let turned = |axis: u8| self.turned.get(usize::from(axis)).copied();
         for suspect in &mut self.suspects {
-            let parameter = |parameter: u8| ENCODER_ERRORS + usize::from(parameter);
+            let parameter = |parameter: u8| BEFORE_PARAMETERS + usize::from(parameter);
             let encoder = |axis: u8| ENCODER_ERRORS / 2 + usize::from(axis);
             if is_move {
                 suspect.renew();
             }
             let changed = match suspect.change {
                 Change::Step(of) if first => Some((parameter(of), 1.0)),
-                Change::Heading if first => Some((ENCODER_ERRORS + block::HEADING, 1.0)),
+                Change::Heading if first => Some((BEFORE_PARAMETERS + block::HEADING, 1.0)),
                 Change::Ramp(of) => Some((parameter(of), passed_s)),
                 Change::Slip(axis) if is_move => Some((encoder(axis), 1.0)),
                 Change::EncoderScale(axis) if is_move => turned(axis).map(|turned| (encoder(axis), turned)),
@@ -288,23 +306,34 @@ impl<const STATES: usize> Suspects<STATES> {
         }
     }
 
+    /// Multiplies a state by a factor in the same way as the filter.
+    pub fn scale_state(&mut self, state: usize, factor: f32) {
+        for suspect in &mut self.suspects {
+            if let Some(y) = suspect.not_absorbed.get_mut(state) {
+                *y *= factor;
+            }
+        }
+    }
+
     /// Processes a measurement that the filter has used.
-    pub fn see<T: Real>(&mut self, seen: &Seen<'_, T, STATES>) {
+    pub fn see<T: Real>(&mut self, seen: &Seen<'_, T>) {
         if seen.segment < self.onset {
             return;
         }
+        // In the precision of the filter: a processor without a double-precision FPU takes long for so many products.
+        let single = |value: f32| real::<T>(value.into());
         for suspect in &mut self.suspects {
             let absorbed = seen.h.as_slice().iter().zip(suspect.not_absorbed.as_slice());
-            let through_states = absorbed.fold(0.0, |sum, (h, y)| sum + h.widened() * f64::from(*y));
-            let g = suspect.direct(seen, self.onset, self.duration_s) + through_states;
-            if g == 0.0 {
+            let through_states = absorbed.fold(T::zero(), |sum, (h, y)| sum + *h * single(*y));
+            let g = real::<T>(suspect.direct(seen, self.onset, self.duration_s)) + through_states;
+            if g == T::zero() {
                 continue;
             }
-            let weighted = g / seen.variance.widened();
+            let weighted = g.widened() / seen.variance.widened();
             suspect.score += weighted * seen.innovation.widened();
-            suspect.information += weighted * g;
+            suspect.information += weighted * g.widened();
             for (y, gain) in suspect.not_absorbed.as_mut_slice().iter_mut().zip(seen.gain.as_slice()) {
-                *y -= (g * gain.widened()) as f32;
+                *y -= (g * *gain).widened() as f32;
             }
         }
     }
@@ -332,7 +361,7 @@ impl<const STATES: usize> Suspects<STATES> {
     }
 }
 
-impl<const STATES: usize> Suspect<STATES> {
+impl Suspect {
     /// Renews the encoder errors in the same way as the filter.
     fn renew(&mut self) {
         let mut moved = self.not_absorbed.iter().copied().skip(ENCODER_ERRORS / 2).take(ENCODER_ERRORS / 2);
@@ -346,7 +375,7 @@ impl<const STATES: usize> Suspect<STATES> {
     fn suspicion(&self, sigmas: &[f64; PARAMETERS]) -> Suspicion {
         let sigma = ComplexField::sqrt(self.information.max(f64::MIN_POSITIVE)).recip();
         // Installation errors do not change. So their entries in `not_absorbed` are the errors that the change causes.
-        let wrong = self.not_absorbed.iter().skip(ENCODER_ERRORS).take(INSTALLATION_STATES).zip(sigmas);
+        let wrong = self.not_absorbed.iter().skip(BEFORE_PARAMETERS).take(INSTALLATION_STATES).zip(sigmas);
         let harm = wrong.fold(0.0_f64, |harm, (wrong, parameter_sigma)| {
             let tolerance = (TOLERANCE_SIGMAS * parameter_sigma).max(TOLERANCE_RAD);
             harm.max(f64::from(*wrong).abs() * sigma / tolerance)
@@ -354,15 +383,20 @@ impl<const STATES: usize> Suspect<STATES> {
         let without_harm = harm.max(f64::MIN_POSITIVE).recip();
         let limit = match self.change {
             Change::EncoderScale(_) => (TOLERATED_SCALE_PART * without_harm).max(LOWEST_SCALE_LIMIT),
+            Change::Effect(_) => (without_harm - RESERVE_SIGMAS).max(LOWEST_EFFECT_LIMIT),
             _ => (without_harm - RESERVE_SIGMAS).max(LOWEST_LIMIT),
         };
-        let limit = limit.min(HIGHEST_LIMIT);
         let size = self.score * sigma * sigma;
+        let limit = match self.change {
+            // Such a value has another cause, which other tests name.
+            Change::Effect(effect) if !is_possible(effect.into(), size) => f64::INFINITY,
+            _ => limit.min(HIGHEST_LIMIT),
+        };
         Suspicion { change: self.change, segment: self.segment, size, sigmas: self.score * sigma, limit }
     }
 
     /// Direct effect of the change on a measurement, `c_k`. The effect through the states is not included.
-    fn direct<T: Real>(&self, seen: &Seen<'_, T, STATES>, onset: u16, duration_s: f32) -> f64 {
+    fn direct<T: Real>(&self, seen: &Seen<'_, T>, onset: u16, duration_s: f32) -> f64 {
         let by_rate = |parameter: u8| {
             let axis = usize::from(parameter).checked_sub(block::ATTITUDE);
             axis.and_then(|axis| seen.by_attitude_rate.get(axis)).map_or(0.0, |by| by.widened())
@@ -371,6 +405,10 @@ impl<const STATES: usize> Suspect<STATES> {
             Change::Outlier(channel) if channel == seen.channel && self.segment == seen.segment => 1.0,
             Change::Step(parameter) if seen.segment == onset => by_rate(parameter) / f64::from(duration_s),
             Change::Ramp(parameter) => by_rate(parameter),
+            Change::Effect(effect) => match seen.by_effects.get((seen.row, usize::from(effect))) {
+                Some(by) => by.widened(),
+                None => by_noise_effect(effect.into(), seen.channel, &seen.in_g),
+            },
             Change::EarthRate(axis) => {
                 let [north, up] = seen.by_earth_rate.map(Real::widened);
                 match axis {
@@ -391,8 +429,8 @@ mod tests {
     /// Limit of a change. For each sigma of the change, an installation error of sigma `sigma_rad` is wrong by
     /// `wrong_rad`.
     fn limit(change: Change, wrong_rad: f64, sigma_rad: f64) -> f64 {
-        let mut not_absorbed: Vector<f32, { ENCODER_ERRORS + PARAMETERS }> = zeros();
-        not_absorbed[ENCODER_ERRORS] = wrong_rad as f32;
+        let mut not_absorbed: Vector<f32, STATES> = zeros();
+        not_absorbed[BEFORE_PARAMETERS] = wrong_rad as f32;
         let suspect = Suspect { change, segment: 0, not_absorbed, score: 0.0, information: 1.0 };
         let limit = suspect.suspicion(&[sigma_rad; PARAMETERS]).limit;
         (100.0 * limit).round() / 100.0

@@ -9,9 +9,10 @@
 //! III.3 (rank-one modification, after Agee and Turner); Gelb, Applied Optimal Estimation, 1974, (4.2-12), for the
 //! covariance of any gain.
 //!
-//! The state is the deviation from the linearization point of the caller.
+//! The state is the deviation from the linearization point of the caller. The memory is for `N` states, of which the
+//! first ones are in use: a state that is absent costs no time.
 
-use crate::base::linear::{Matrix, Real, Vector, columns, columns_mut, zeros};
+use crate::base::linear::{Real, Vector, zeros};
 
 /// Difference between a measurement and its prediction.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,20 +56,29 @@ pub struct Measurement<T: Real, const N: usize> {
     pub r: T,
 }
 
-/// States and their covariance, `P = U D U^T`.
+/// Number of entries of U above the diagonal for `states` states: the third parameter of [`UdFilter`].
+pub const fn entries_above_diagonal(states: usize) -> usize {
+    states * (states - 1) / 2
+}
+
+/// States and their covariance, `P = U D U^T`. `ABOVE` is [`entries_above_diagonal`] of `N`.
 #[derive(Clone, Debug, PartialEq)]
-pub struct UdFilter<T: Real, const N: usize> {
+pub struct UdFilter<T: Real, const N: usize, const ABOVE: usize> {
+    /// Number of states in use.
+    count: usize,
     x: Vector<T, N>,
-    u: Matrix<T, N, N>,
+    /// The entries of U above its diagonal, column by column.
+    u: [T; ABOVE],
     d: Vector<T, N>,
     gate_sigma: Option<T>,
     gated: u32,
     refused: u32,
 }
 
-impl<T: Real, const N: usize> UdFilter<T, N> {
+impl<T: Real, const N: usize, const ABOVE: usize> UdFilter<T, N, ABOVE> {
     /// A filter whose states have zero variance.
-    pub const CERTAIN: Self = Self { x: zeros(), u: zeros(), d: zeros(), gate_sigma: None, gated: 0, refused: 0 };
+    pub const CERTAIN: Self =
+        Self { count: N, x: zeros(), u: [T::ZERO; ABOVE], d: zeros(), gate_sigma: None, gated: 0, refused: 0 };
 
     /// A filter of independent states with zero deviation and these sigmas, (N). A state with sigma zero is known and
     /// stays known.
@@ -76,14 +86,15 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
     /// A measurement with a normalized innovation above `gate_sigma` is not used, but counted.
     pub fn new(sigmas: &Vector<T, N>, gate_sigma: Option<T>) -> Self {
         let mut filter = Self::CERTAIN;
-        filter.restart(sigmas, gate_sigma);
+        filter.restart(sigmas, N, gate_sigma);
         filter
     }
 
-    /// Resets the filter in place to the state of [`UdFilter::new`].
-    pub fn restart(&mut self, sigmas: &Vector<T, N>, gate_sigma: Option<T>) {
+    /// Resets the filter in place to the state of [`UdFilter::new`]. Only the first `count` states are in use.
+    pub fn restart(&mut self, sigmas: &Vector<T, N>, count: usize, gate_sigma: Option<T>) {
+        self.count = count.min(N);
         self.x.fill(T::zero());
-        self.u.fill_with_identity();
+        self.u.fill(T::zero());
         self.d.copy_from(sigmas);
         self.d.component_mul_assign(sigmas);
         (self.gate_sigma, self.gated, self.refused) = (gate_sigma, 0, 0);
@@ -109,117 +120,197 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
         self.refused
     }
 
+    /// The columns of U above the diagonal, with the diagonal of D, for the states in use.
+    fn columns(&self) -> impl Iterator<Item = (&[T], &T)> {
+        let mut rest: &[T] = &self.u;
+        self.d.as_slice().iter().take(self.count).enumerate().map_while(move |(j, d)| {
+            let (column, after) = rest.split_at_checked(j)?;
+            rest = after;
+            Some((column, d))
+        })
+    }
+
     /// Variances of the states, (N).
     pub fn variances(&self) -> Vector<T, N> {
         let mut variances = Vector::<T, N>::zeros();
-        for (column, d) in self.u.column_iter().zip(self.d.iter()) {
-            for (variance, u) in variances.iter_mut().zip(column.iter()) {
+        for (j, (column, d)) in self.columns().enumerate() {
+            for (variance, u) in variances.iter_mut().zip(column) {
                 *variance += *u * *u * *d;
+            }
+            if let Some(variance) = variances.iter_mut().nth(j) {
+                *variance += *d;
             }
         }
         variances
     }
 
-    /// The covariance, (N x N).
-    pub fn covariance(&self) -> Matrix<T, N, N> {
-        let mut scaled = self.u;
-        for (mut column, d) in scaled.column_iter_mut().zip(self.d.iter()) {
-            column *= *d;
-        }
-        scaled * self.u.transpose()
-    }
-
     /// Row `i` of the covariance, (N).
     pub fn covariance_row(&self, i: usize) -> Vector<T, N> {
         let mut row = Vector::<T, N>::zeros();
-        for (column, d) in self.u.column_iter().zip(self.d.iter()) {
-            let Some(of_i) = column.iter().nth(i) else { continue };
-            let scaled = *of_i * *d;
-            for (entry, u) in row.iter_mut().zip(column.iter()) {
+        for (j, (column, d)) in self.columns().enumerate() {
+            let of_i = if i == j { T::one() } else { column.get(i).copied().unwrap_or(T::zero()) };
+            let scaled = of_i * *d;
+            for (entry, u) in row.iter_mut().zip(column.iter().chain([&T::one()])) {
                 *entry += scaled * *u;
             }
         }
         row
     }
 
+    /// Updates the filter with one scalar measurement, with the optimal gain. Returns the outcome and the gain, (N),
+    /// which is zero if the measurement was not used.
+    pub fn update(&mut self, measurement: &Measurement<T, N>) -> (Update<T>, Vector<T, N>) {
+        self.update_factors(measurement, |_| ())
+    }
+
     /// Updates the filter with one scalar measurement. `choose` receives the optimal gain and may change it. State and
     /// covariance are updated with the resulting gain. Returns the outcome and the resulting gain, (N), which is zero
     /// if the measurement was not used.
-    pub fn update(
+    // Not inlined, so that the optimal gain does not need its stack.
+    #[inline(never)]
+    pub fn update_with(
         &mut self,
         measurement: &Measurement<T, N>,
         choose: impl FnOnce(&mut Vector<T, N>),
     ) -> (Update<T>, Vector<T, N>) {
-        let Measurement { z, h, r } = measurement;
-        let f = self.factor_row(h);
-        let variance = f.iter().zip(self.d.iter()).fold(*r, |sum, (f, d)| sum + *f * *f * *d);
-        let innovation = Innovation { value: *z - h.dot(&self.x), variance };
+        let mut optimal = Vector::<T, N>::zeros();
+        let (update, mut gain) = self.update_factors(measurement, |gain| {
+            optimal.copy_from(gain);
+            choose(gain);
+        });
+        if let Update::Applied(innovation) = &update {
+            // A gain that differs from the optimal gain by k~ adds k~ S k~^T to the covariance.
+            optimal -= &gain;
+            self.inflate(&optimal, innovation.variance);
+        } else {
+            gain.fill(T::zero());
+        }
+        (update, gain)
+    }
+
+    /// Bierman's update of U and D, and the update of the state with the gain that `choose` leaves.
+    fn update_factors(
+        &mut self,
+        Measurement { z, h, r }: &Measurement<T, N>,
+        choose: impl FnOnce(&mut Vector<T, N>),
+    ) -> (Update<T>, Vector<T, N>) {
+        // First `U^T h`, then the gain times the variance of the innovation, then the gain.
+        let mut gain = self.factor_row(h);
+        let variance = gain.iter().zip(self.d.iter()).fold(*r, |sum, (f, d)| sum + *f * *f * *d);
+        let predicted = h.iter().zip(self.x.iter()).take(self.count).fold(T::zero(), |sum, (h, x)| sum + *h * *x);
+        let innovation = Innovation { value: *z - predicted, variance };
         if !(innovation.value.is_finite() && variance.is_finite() && *r > T::zero()) {
             self.refused += 1;
-            return (Update::Refused, Vector::zeros());
+            gain.fill(T::zero());
+            return (Update::Refused, gain);
         }
         if self.gate_sigma.is_some_and(|gate| innovation.normalized().abs() > gate) {
             self.gated += 1;
-            return (Update::Gated(innovation), Vector::zeros());
+            gain.fill(T::zero());
+            return (Update::Gated(innovation), gain);
         }
-        let optimal = self.update_factors(&f, *r) / variance;
-        let mut gain = optimal;
+        let mut alpha = *r;
+        let mut rest: &mut [T] = &mut self.u;
+        for (j, d) in self.d.as_mut_slice().iter_mut().enumerate().take(self.count) {
+            let Some((column, after)) = rest.split_at_mut_checked(j) else { break };
+            rest = after;
+            let Some((before, [place, ..])) = gain.as_mut_slice().split_at_mut_checked(j) else { break };
+            let f = *place;
+            let g = *d * f;
+            let alpha_before = alpha;
+            alpha += f * g;
+            *d *= alpha_before / alpha;
+            let lambda = -f / alpha_before;
+            for (u, k) in column.iter_mut().zip(before) {
+                let old = *u;
+                *u += lambda * *k;
+                *k += g * old;
+            }
+            *place = g;
+        }
+        gain /= variance;
         choose(&mut gain);
-        self.x += gain * innovation.value;
-        // A gain that differs from the optimal gain by k~ adds k~ S k~^T to the covariance.
-        self.inflate(&(optimal - gain), variance);
+        for (x, gain) in self.x.iter_mut().zip(gain.iter()) {
+            *x += *gain * innovation.value;
+        }
         (Update::Applied(innovation), gain)
     }
 
     /// `U^T h`
     fn factor_row(&self, h: &Vector<T, N>) -> Vector<T, N> {
         let mut f = Vector::<T, N>::zeros();
-        for ((j, f), column) in f.iter_mut().enumerate().zip(columns(&self.u)) {
-            *f = column.iter().zip(h.as_slice()).take(j + 1).fold(T::zero(), |sum, (u, h)| sum + *u * *h);
+        let h = h.as_slice();
+        for ((f, diagonal), (column, _)) in f.iter_mut().zip(h).zip(self.columns()) {
+            *f = column.iter().zip(h).fold(T::zero(), |sum, (u, h)| sum + *u * *h) + *diagonal;
         }
         f
-    }
-
-    /// Bierman's update of U and D. Returns the gain times the variance of the innovation.
-    fn update_factors(&mut self, f: &Vector<T, N>, r: T) -> Vector<T, N> {
-        let mut gain = [T::zero(); N];
-        let mut alpha = r;
-        let factors = columns_mut(&mut self.u).iter_mut().zip(self.d.as_mut_slice());
-        for ((j, f), (column, d)) in f.iter().enumerate().zip(factors) {
-            let g = *d * *f;
-            let before = alpha;
-            alpha += *f * g;
-            *d *= before / alpha;
-            let lambda = -*f / before;
-            for (u, k) in column.iter_mut().zip(gain.iter_mut()).take(j) {
-                let old = *u;
-                *u += lambda * *k;
-                *k += g * old;
-            }
-            if let Some(k) = gain.get_mut(j) {
-                *k = g;
-            }
-        }
-        Vector::from(gain)
     }
 
     /// Adds `variance` along `direction`: `P + variance * direction direction^T`.
     pub fn inflate(&mut self, direction: &Vector<T, N>, variance: T) {
         let [mut v] = direction.data.0;
         let mut c = variance;
-        for ((j, column), d) in columns_mut(&mut self.u).iter_mut().enumerate().zip(self.d.as_mut_slice()).rev() {
+        let used = entries_above_diagonal(self.count.max(1));
+        let mut rest: &mut [T] = self.u.get_mut(..used).unwrap_or_default();
+        for (j, d) in self.d.as_mut_slice().iter_mut().enumerate().take(self.count).rev() {
+            let length = rest.len();
+            let Some((before, column)) = rest.split_at_mut_checked(length.saturating_sub(j)) else { break };
+            rest = before;
             let Some(&p) = v.get(j) else { continue };
             let inflated = *d + c * p * p;
             if p == T::zero() || inflated <= T::zero() {
                 continue;
             }
             let beta = c * p / inflated;
-            for (u, v) in column.iter_mut().zip(v.iter_mut()).take(j) {
+            for (u, v) in column.iter_mut().zip(v.iter_mut()) {
                 *v -= p * *u;
                 *u += beta * *v;
             }
             c *= *d / inflated;
             *d = inflated;
+        }
+    }
+
+    /// Adds `variance` to one state. The cost grows with the square of the number of the state.
+    pub fn inflate_state(&mut self, state: usize, variance: T) {
+        let direction = Vector::from_fn(|i, _| if i == state { T::one() } else { T::zero() });
+        self.inflate(&direction, variance);
+    }
+
+    /// Puts a new independent state with zero deviation and this variance in the place of a state. The cost grows with
+    /// the square of the number of the state.
+    pub fn renew_state(&mut self, state: usize, variance: T) {
+        let mut direction = Vector::<T, N>::zeros();
+        let mut freed = T::zero();
+        let mut rest: &mut [T] = &mut self.u;
+        for ((j, d), x) in self.d.as_mut_slice().iter_mut().enumerate().take(self.count).zip(self.x.iter_mut()) {
+            let Some((column, after)) = rest.split_at_mut_checked(j) else { break };
+            rest = after;
+            if j == state {
+                // The states before it keep what they share with it.
+                direction.iter_mut().zip(column.iter_mut()).for_each(|(to, u)| *to = core::mem::take(u));
+                freed = core::mem::replace(d, variance);
+                *x = T::zero();
+            } else if let Some(u) = column.get_mut(state) {
+                *u = T::zero();
+            }
+        }
+        self.inflate(&direction, freed);
+    }
+
+    /// Multiplies a state and its deviation by a positive `factor`.
+    pub fn scale_state(&mut self, state: usize, factor: T) {
+        let mut rest: &mut [T] = &mut self.u;
+        for ((j, d), x) in self.d.as_mut_slice().iter_mut().enumerate().take(self.count).zip(self.x.iter_mut()) {
+            let Some((column, after)) = rest.split_at_mut_checked(j) else { break };
+            rest = after;
+            if j == state {
+                *x *= factor;
+                *d *= factor * factor;
+                column.iter_mut().for_each(|u| *u /= factor);
+            } else if let Some(u) = column.get_mut(state) {
+                *u *= factor;
+            }
         }
     }
 
@@ -229,15 +320,16 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
     /// The operation is exact and needs no arithmetic, because leading states can be dropped from U D U^T without a
     /// change of the other factors.
     pub fn renew_leading<const W: usize>(&mut self, variances: &[T; W]) {
-        for j in 0..N {
-            for i in 0..2 * W {
-                let unit = if i == j { T::one() } else { T::zero() };
-                let value = match (i < W, j < W, j < 2 * W) {
-                    (true, true, _) => self.u.get((i + W, j + W)).copied(),
-                    (true, false, false) => self.u.get((i + W, j)).copied(),
-                    _ => Some(unit),
+        let index = |i: usize, j: usize| entries_above_diagonal(j.max(1)) + i;
+        for j in 0..self.count {
+            for i in 0..j.min(2 * W) {
+                let from = match (i < W, j < W, j < 2 * W) {
+                    (true, true, _) => self.u.get(index(i + W, j + W)),
+                    (true, false, false) => self.u.get(index(i + W, j)),
+                    _ => None,
                 };
-                if let (Some(entry), Some(value)) = (self.u.get_mut((i, j)), value) {
+                let value = from.copied().unwrap_or(T::zero());
+                if let Some(entry) = self.u.get_mut(index(i, j)) {
                     *entry = value;
                 }
             }
@@ -256,14 +348,17 @@ impl<T: Real, const N: usize> UdFilter<T, N> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::linear::real;
+    use crate::base::linear::{Matrix, real};
 
     const N: usize = 6;
+    type Filter<T> = UdFilter<T, N, { entries_above_diagonal(N) }>;
+
+    fn covariance(filter: &Filter<f64>) -> Matrix<f64, N, N> {
+        Matrix::from_fn(|row, column| filter.covariance_row(row)[column])
+    }
 
     /// A function that changes the gain. The second argument is a random seed.
     type Change = fn(&mut Vector<f64, N>, &mut u64);
-
-    fn leave<const N: usize, T: Real>(_: &mut Vector<T, N>) {}
 
     /// Reproducible pseudo-random numbers in (-1, 1).
     fn scatter(seed: &mut u64) -> f64 {
@@ -295,16 +390,16 @@ mod tests {
         let optimal: Change = |_, _| ();
         for change in [optimal, considered, other] {
             let (mut seed, mut gains) = (7, 8);
-            let mut filter = UdFilter::<f64, N>::new(&sigmas(), None);
-            let (mut x, mut p) = (Vector::zeros(), filter.covariance());
+            let mut filter = Filter::<f64>::new(&sigmas(), None);
+            let (mut x, mut p) = (Vector::zeros(), covariance(&filter));
             for _ in 0..40 {
                 let m = measurement(&mut seed);
                 let choose = |gain: &mut Vector<f64, N>| change(gain, &mut gains);
-                let (update, gain) = filter.update(&m, choose);
+                let (update, gain) = filter.update_with(&m, choose);
                 assert!(matches!(update, Update::Applied(_)));
                 joseph(&mut x, &mut p, &m, &gain);
             }
-            assert!((filter.covariance() - p).norm() < 1e-13 && (filter.state() - x).norm() < 1e-13);
+            assert!((covariance(&filter) - p).norm() < 1e-13 && (filter.state() - x).norm() < 1e-13);
             assert!((filter.variances() - p.diagonal()).norm() < 1e-13);
             assert!((filter.covariance_row(2) - p.row(2).transpose()).norm() < 1e-13);
             assert_eq!(filter.variances()[3], 0.0, "a known state stays known");
@@ -314,15 +409,15 @@ mod tests {
     #[test]
     fn f32_covariance_stays_positive_and_close_over_twelve_decades() {
         let wide = |t: f64| Vector::<f64, N>::from_fn(|row, _| t * 10_f64.powi(-(row as i32)));
-        let mut double = UdFilter::<f64, N>::new(&wide(1e3), None);
-        let mut single = UdFilter::<f32, N>::new(&wide(1e3).map(|s| s as f32), None);
+        let mut double = Filter::<f64>::new(&wide(1e3), None);
+        let mut single = Filter::<f32>::new(&wide(1e3).map(|s| s as f32), None);
         let mut seed = 3;
         for _ in 0..200 {
             let mut m = measurement::<f64>(&mut seed);
             m.r = 1e-6;
             let narrow = Measurement { z: m.z as f32, h: m.h.map(|h| h as f32), r: m.r as f32 };
-            assert!(matches!(double.update(&m, leave).0, Update::Applied(_)));
-            assert!(matches!(single.update(&narrow, leave).0, Update::Applied(_)));
+            assert!(matches!(double.update(&m).0, Update::Applied(_)));
+            assert!(matches!(single.update(&narrow).0, Update::Applied(_)));
         }
         for (double, single) in double.variances().iter().zip(single.variances().iter()) {
             assert!((f64::from(*single) / double - 1.0).abs() < 1e-3, "{single} for {double}");
@@ -332,22 +427,22 @@ mod tests {
     #[test]
     fn inflation_adds_an_outer_product() {
         let mut seed = 5;
-        let mut filter = UdFilter::<f64, N>::new(&sigmas(), None);
-        let _ = filter.update(&measurement(&mut seed), leave);
+        let mut filter = Filter::<f64>::new(&sigmas(), None);
+        let _ = filter.update(&measurement(&mut seed));
         let direction = Vector::<f64, N>::from_fn(|_, _| scatter(&mut seed));
-        let expected = filter.covariance() + direction * direction.transpose() * 2.5;
+        let expected = covariance(&filter) + direction * direction.transpose() * 2.5;
         filter.inflate(&direction, 2.5);
-        assert!((filter.covariance() - expected).norm() < 1e-13);
+        assert!((covariance(&filter) - expected).norm() < 1e-13);
     }
 
     #[test]
     fn renewal_forgets_shifts_and_adds() {
         let mut seed = 9;
-        let mut filter = UdFilter::<f64, N>::new(&sigmas(), None);
+        let mut filter = Filter::<f64>::new(&sigmas(), None);
         for _ in 0..3 {
-            let _ = filter.update(&measurement(&mut seed), leave);
+            let _ = filter.update(&measurement(&mut seed));
         }
-        let (x, p) = (*filter.state(), filter.covariance());
+        let (x, p) = (*filter.state(), covariance(&filter));
         filter.renew_leading::<2>(&[0.25, 0.5]);
         let from = |i: usize| match i {
             0 | 1 => Some(i + 2),
@@ -359,19 +454,67 @@ mod tests {
             _ if i == j => [0.25, 0.5][i - 2],
             _ => 0.0,
         });
-        assert!((filter.covariance() - expected).norm() < 1e-14);
+        assert!((covariance(&filter) - expected).norm() < 1e-14);
         assert_eq!(*filter.state(), Vector::<f64, N>::from([x[2], x[3], 0.0, 0.0, x[4], x[5]]));
     }
 
     #[test]
     fn gate_and_bad_numbers_leave_the_filter_as_it_was() {
-        let mut filter = UdFilter::<f64, N>::new(&sigmas(), Some(5.0));
+        let mut filter = Filter::<f64>::new(&sigmas(), Some(5.0));
         let mut m = Measurement { z: 1e6, h: Vector::from_fn(|row, _| row as f64), r: 1.0 };
-        let before = filter.covariance();
-        assert!(matches!(filter.update(&m, leave).0, Update::Gated(i) if i.normalized() > 5.0));
+        let before = covariance(&filter);
+        assert!(matches!(filter.update(&m).0, Update::Gated(i) if i.normalized() > 5.0));
         m.z = f64::NAN;
-        assert_eq!(filter.update(&m, leave).0, Update::Refused);
+        assert_eq!(filter.update(&m).0, Update::Refused);
         assert_eq!((filter.gated(), filter.refused()), (1, 1));
-        assert_eq!(filter.covariance(), before);
+        assert_eq!(covariance(&filter), before);
+    }
+    #[test]
+    fn a_scaled_state_has_a_scaled_covariance() {
+        let mut seed = 11;
+        let mut filter = Filter::<f64>::new(&sigmas(), None);
+        for _ in 0..3 {
+            let _ = filter.update(&measurement(&mut seed));
+        }
+        let (mut x, mut p) = (*filter.state(), covariance(&filter));
+        x[2] *= 0.3;
+        p.row_mut(2).iter_mut().for_each(|entry| *entry *= 0.3);
+        p.column_mut(2).iter_mut().for_each(|entry| *entry *= 0.3);
+        p[(4, 4)] += 0.7;
+        filter.scale_state(2, 0.3);
+        filter.inflate_state(4, 0.7);
+        assert!((covariance(&filter) - p).norm() < 1e-13 && (filter.state() - x).norm() < 1e-15);
+    }
+
+    #[test]
+    fn a_renewed_state_is_independent_and_the_others_are_as_before() {
+        let mut seed = 12;
+        let mut filter = Filter::<f64>::new(&sigmas(), None);
+        for _ in 0..3 {
+            let _ = filter.update(&measurement(&mut seed));
+        }
+        let (mut x, mut p) = (*filter.state(), covariance(&filter));
+        p.row_mut(2).fill(0.0);
+        p.column_mut(2).fill(0.0);
+        (x[2], p[(2, 2)]) = (0.0, 0.3);
+        filter.renew_state(2, 0.3);
+        assert!((covariance(&filter) - p).norm() < 1e-13 && (filter.state() - x).norm() < 1e-15);
+    }
+
+    #[test]
+    fn states_that_are_not_in_use_are_left_alone() {
+        let mut seed = 13;
+        let mut filter = Filter::<f64>::CERTAIN;
+        filter.restart(&sigmas(), 4, None);
+        let mut small =
+            UdFilter::<f64, 4, { entries_above_diagonal(4) }>::new(&sigmas().fixed_rows::<4>(0).into_owned(), None);
+        for _ in 0..5 {
+            let Measurement { z, h, r } = measurement(&mut seed);
+            let _ = filter.update(&Measurement { z, h, r });
+            let _ = small.update(&Measurement { z, h: h.fixed_rows::<4>(0).into_owned(), r });
+        }
+        assert_eq!(filter.state().fixed_rows::<4>(0), *small.state());
+        assert_eq!(filter.variances().fixed_rows::<4>(0), small.variances());
+        assert_eq!((filter.state()[5], filter.variances()[5]), (0.0, 0.0));
     }
 }

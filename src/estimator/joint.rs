@@ -1,28 +1,38 @@
 //! The estimator processes segments one by one and keeps a live estimate of all parameters.
 //!
-//! State: `[encoder errors of the stop before (2), of this stop (2), parameters (28), optional states]`. The encoder
-//! error of a stop acts on the accelerometers at this stop and on the two moves that meet at this stop. Because the
-//! encoder errors are states, the filter correlates these three measurements as they are correlated in the instrument.
-//! The encoder errors are renewed at every move. Each segment updates the filter when the segment ends, so estimate
-//! and covariance are live. [`super::passes`] has the final pass over all segments.
+//! State: `[encoder errors of the stop before (2), of this stop (2), gyro errors at both ends of the segment (6),
+//! flicker of the accelerometers (6), parameters (28), effects of the hardware]`. The encoder error of a stop acts on
+//! the accelerometers at this stop and on the two moves that meet at this stop. Because the encoder errors are states,
+//! the filter correlates these three measurements as they are correlated in the instrument. The encoder errors are
+//! renewed at every move, and the flicker decays from segment to segment. Each segment updates the filter when the
+//! segment ends, so estimate and covariance are live. After a stop [`super::passes`] linearizes all segments anew, and
+//! it has the final pass over all segments.
 //!
 //! In the joint method, every stop gives specific force (M6) and angular rate (M7), and every move gives its rotation
 //! (M7). [`super::two_stage`] has the differences of the paper's method.
 
-use super::configuration::{BASIC_STATES, EstimatorConfig, HeadingSource, prior_sigmas};
+use super::configuration::{
+    BEFORE_EFFECTS, BEFORE_FLICKER, BEFORE_PARAMETERS, EstimatorConfig, GYRO_ENDS, HeadingSource, KNOWN_LATITUDE_RAD,
+    STATES, encoder_variance, prior_sigmas,
+};
 use super::constancy::{Seen, Suspects};
-use super::filter::{Innovation, Measurement, UdFilter, Update};
-use super::solution::{Estimate, Fit, SegmentInnovations, Solution, sigmas};
+use super::filter::{Innovation, Measurement, Update};
+use super::solution::{Estimate, Filter, Fit, SegmentInnovations, Solution, sigmas};
 use super::sweep::Pass;
 use super::two_stage::{STAGE_ONE, StageOneGains, Use, common_accel_scale};
-use crate::base::linear::{Real, Vector, Vector3, columns, exp_so3, real, zeros};
+use crate::base::hardware::Hardware;
+use crate::base::linear::{Matrix, Real, Vector, Vector3, columns, exp_so3, real, zeros};
 use crate::base::method::Method;
 use crate::base::sample::CHANNELS;
+use crate::base::site::{Site, gravity_by_latitude};
+use crate::model::effects::{
+    self, EFFECT_STATES, EffectColumns, SiteSigmas, Situation, effect, force_columns, rotation_columns,
+};
 use crate::model::error_model::{InstrumentErrors, PARAMETERS, block};
 use crate::model::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
-use crate::model::options::{OptionalColumns, force_columns, rotation_columns};
 use crate::segment::readings::Readings;
 use crate::segment::{Segment, SegmentKind, Standing};
+use core::f64::consts::FRAC_PI_2;
 
 /// Largest number of segments. Scheme "bai" with two periods has 73 segments.
 pub const MAX_SEGMENTS: usize = 76;
@@ -30,13 +40,15 @@ pub const MAX_SEGMENTS: usize = 76;
 /// Number of encoder errors of one stop: outer and inner.
 const ENCODER_ERRORS_PER_STOP: usize = 2;
 
-/// Number of segments that one piece of the final pass processes. A piece takes 0.4 million instructions with changes
-/// under test, and 0.7 million with the optional states. A sample interval of 5 ms has 2.5 million instructions on a
+/// Number of segments that one piece of a sweep processes. A sample interval of 5 ms has 2.5 million instructions on a
 /// Cortex-M7 at 500 MHz.
-pub(super) const SEGMENTS_PER_PIECE: usize = 4;
+pub(super) const SEGMENTS_PER_PIECE: usize = 1;
 
 /// Standard deviation of the rounding error of a sum and of its prediction, in units of the spacing of numbers.
 const ROUNDING_EPSILONS: f64 = 0.5;
+
+/// Turn over which an axis arrives from a side, rad. Hunting turns it less.
+const LEAST_TURN_RAD: f64 = 1e-2;
 
 /// An encoder step may change at the start or at the end of a move instead of half way. The error is then half of the
 /// step, and this is the square of one half.
@@ -44,7 +56,7 @@ const PASSING_PART: f64 = 0.25;
 
 /// Estimates the parameters from segments.
 #[derive(Clone, Debug)]
-pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATES: usize = BASIC_STATES> {
+pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS> {
     pub(super) config: EstimatorConfig,
     pub(super) segments: heapless::Vec<Segment<T>, SEGMENTS>,
     pub(super) left_out: u16,
@@ -52,32 +64,45 @@ pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATES
     pub(super) start: Vector<T, PARAMETERS>,
     /// Linearization point. The state of the filter is the deviation from this point.
     pub(super) nominal: Vector<T, PARAMETERS>,
-    pub(super) filter: UdFilter<T, STATES>,
+    pub(super) filter: Filter<T>,
+    /// The effects in use, in the order of their states.
+    pub(super) effects: heapless::Vec<u8, EFFECT_STATES>,
+    /// The site about which the measurements are linearized.
+    pub(super) site: Site,
+    /// Latitude from the configuration or from the coarse alignment, rad, and its sigma: the prior.
+    pub(super) start_latitude_rad: f64,
+    pub(super) latitude_sigma_rad: f64,
+    /// Latitude from the coarse alignment, rad.
+    pub(super) coarse_latitude_rad: f64,
     /// Gains of stage 1 of the two-stage method.
     pub(super) stage_one_gains: StageOneGains<T>,
     pub(super) fit: Fit,
-    /// Reference time of biases, attitude and optional rates, us.
+    /// Reference time of biases and attitude, us.
     pub(super) reference_us: u64,
     /// Factor on the configured noise variance for each channel, from the last stop.
     pub(super) allowances: [f64; CHANNELS],
     /// Readings of the encoders at the last stop.
     pub(super) readings: [Readings; 2],
+    /// Middle of the last segment, us; 0 before the first one.
+    pub(super) last_middle_us: u64,
+    /// Senses in which the axes last turned.
+    pub(super) arrivals: [i8; 2],
     pub(super) pass: Pass<T>,
     /// Solution of the final pass. It is complete when the pass is done.
     pub(super) solution: Option<Solution>,
     /// Changes under test. They are tested in the last part of the final pass only.
-    pub(super) suspects: Suspects<STATES>,
+    pub(super) suspects: Suspects,
     /// Innovations of the segments that the last piece has processed.
     pub(super) innovations: heapless::Vec<SegmentInnovations, SEGMENTS_PER_PIECE>,
 }
 
-impl<T: Real, const SEGMENTS: usize, const STATES: usize> Default for Estimator<T, SEGMENTS, STATES> {
+impl<T: Real, const SEGMENTS: usize> Default for Estimator<T, SEGMENTS> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS, STATES> {
+impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
     /// An estimator without configuration or data.
     pub const fn new() -> Self {
         Self {
@@ -86,12 +111,19 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             left_out: 0,
             start: zeros(),
             nominal: zeros(),
-            filter: UdFilter::CERTAIN,
+            filter: Filter::CERTAIN,
+            effects: heapless::Vec::new(),
+            site: EstimatorConfig::UNKNOWN.site,
+            start_latitude_rad: 0.0,
+            latitude_sigma_rad: 0.0,
+            coarse_latitude_rad: 0.0,
             stage_one_gains: StageOneGains::NONE,
             fit: Fit::NONE,
             reference_us: 0,
             allowances: [1.0; CHANNELS],
             readings: [Readings::NONE; 2],
+            last_middle_us: 0,
+            arrivals: [0; 2],
             pass: Pass::Idle,
             solution: None,
             suspects: Suspects::NONE,
@@ -101,7 +133,10 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
 
     /// Discards all data and starts again with this configuration.
     pub fn restart(&mut self, config: &EstimatorConfig) {
-        self.config = *config;
+        self.configure(config);
+        self.site = config.site;
+        self.start_latitude_rad = config.site.latitude_rad;
+        self.latitude_sigma_rad = config.site_sigmas.latitude_rad;
         self.segments.clear();
         self.left_out = 0;
         self.start.fill(T::zero());
@@ -111,6 +146,24 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.forget_last_stop();
         (self.pass, self.solution) = (Pass::Idle, None);
         self.suspects.clear();
+    }
+
+    /// Takes hardware of other sizes. The next final pass solves the same segments with them; until then, the estimate
+    /// is that of the sizes before.
+    pub fn take_hardware(&mut self, hardware: &Hardware) {
+        self.configure(&EstimatorConfig { hardware: *hardware, ..self.config });
+        (self.pass, self.solution) = (Pass::Idle, None);
+    }
+
+    fn configure(&mut self, config: &EstimatorConfig) {
+        self.config = *config;
+        self.effects.clear();
+        for (effect, sigma) in (0_u8..).zip(config.effect_sigmas()).take(EFFECT_STATES) {
+            if sigma > 0.0 {
+                // The vector has room for all effects that have a state.
+                let _ = self.effects.push(effect);
+            }
+        }
     }
 
     /// Processes a finished segment and updates the live estimate. Returns whether the segment is used. A move before
@@ -128,14 +181,23 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             // The resolution of an encoder becomes better known with every stop, so it is set for the earlier stops
             // too.
             let resolution_ticks = standing.readings.map(|readings| readings.resolution_ticks);
-            self.segments.iter_mut().for_each(|earlier| earlier.know_resolution(resolution_ticks));
+            let increments = standing.increments;
+            for earlier in &mut self.segments {
+                earlier.know_resolution(resolution_ticks);
+                earlier.know_increments(increments);
+            }
             if self.segments.len() == 1 {
                 self.start = self.coarse_alignment(segment, &standing.force_a);
+                self.site.latitude_rad = self.start_latitude_rad;
                 self.nominal = self.start;
                 self.reference_us = segment.start_us;
             }
         }
         let number = self.segments.len() - 1;
+        if self.is_refreshing() {
+            // The sweep under way processes this segment too.
+            return !segment.is_broken();
+        }
         let moves_before = self.moves_before(number);
         let used = self.process(number, segment, self.use_of(segment.kind(), moves_before, self.config.period_moves));
         self.absorb();
@@ -146,18 +208,31 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     pub fn estimate(&self) -> Estimate {
         Estimate {
             errors: InstrumentErrors::from_vector(&self.nominal.map(Real::widened)),
-            sigmas: sigmas(&self.filter, ENCODER_ERRORS),
+            sigmas: sigmas(&self.filter, BEFORE_PARAMETERS),
         }
     }
 
     /// Row `parameter` of the covariance of the parameters, (28), SI.
     pub fn covariance_row(&self, parameter: usize) -> Vector<T, PARAMETERS> {
-        self.filter.covariance_row(ENCODER_ERRORS + parameter).fixed_rows::<PARAMETERS>(ENCODER_ERRORS).into_owned()
+        self.filter
+            .covariance_row(BEFORE_PARAMETERS + parameter)
+            .fixed_rows::<PARAMETERS>(BEFORE_PARAMETERS)
+            .into_owned()
     }
 
-    /// The filter. Its states are encoder errors, parameters and optional states.
-    pub fn filter(&self) -> &UdFilter<T, STATES> {
+    /// The filter. Its states are [`STATES`].
+    pub fn filter(&self) -> &Filter<T> {
         &self.filter
+    }
+
+    /// The effects that have a state in the filter, in the order of their states behind the parameters.
+    pub fn effects(&self) -> &[u8] {
+        &self.effects
+    }
+
+    /// The state of an effect; `None` if the effect is absent.
+    pub(super) fn state_of(&self, effect: usize) -> Option<usize> {
+        self.effects.iter().position(|used| usize::from(*used) == effect).map(|place| BEFORE_EFFECTS + place)
     }
 
     /// The configuration of the last restart.
@@ -172,6 +247,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
 
     pub(super) fn forget_last_stop(&mut self) {
         (self.allowances, self.readings) = ([1.0; CHANNELS], [Readings::NONE; 2]);
+        (self.last_middle_us, self.arrivals) = (0, [0; 2]);
     }
 
     /// Encoder readings at the stop after segment `number`. If this stop has not ended yet, the readings at the last
@@ -183,8 +259,9 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
 
     /// Sets the filters to the prior.
     pub(super) fn restart_filters(&mut self, gate_sigma: Option<f64>) {
-        let prior = prior_sigmas(&self.config);
-        self.filter.restart(&prior, gate_sigma.map(real));
+        let site_sigmas = SiteSigmas { latitude_rad: self.latitude_sigma_rad, ..self.config.site_sigmas };
+        let prior = prior_sigmas(&EstimatorConfig { site_sigmas, ..self.config });
+        self.filter.restart(&prior, BEFORE_EFFECTS + self.effects.len(), gate_sigma.map(real));
         if self.config.method == Method::TwoStage {
             let scale = common_accel_scale();
             self.filter.inflate(&scale, T::one());
@@ -194,9 +271,16 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
 
     /// Moves the linearization point to the estimate.
     pub(super) fn absorb(&mut self) {
-        let mut deviation = self.filter.state_mut().fixed_rows_mut::<PARAMETERS>(ENCODER_ERRORS);
+        let mut deviation = self.filter.state_mut().fixed_rows_mut::<PARAMETERS>(BEFORE_PARAMETERS);
         self.nominal += &deviation;
         deviation.fill(T::zero());
+        let latitude = self.state_of(effect::LATITUDE);
+        if let Some(deviation) = latitude.and_then(|state| self.filter.state_mut().get_mut(state)) {
+            // A poor early estimate must not leave the Earth.
+            let latitude_rad = self.site.latitude_rad + deviation.widened();
+            self.site.latitude_rad = latitude_rad.clamp(-FRAC_PI_2, FRAC_PI_2);
+            *deviation = T::zero();
+        }
     }
 
     /// The measurements that are used of a segment of this kind after `moves_before` moves.
@@ -212,29 +296,37 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     /// Processes segment `number`, counted from 0. Returns whether the segment is used.
     pub(super) fn process(&mut self, number: usize, segment: &Segment<T>, usage: Use) -> bool {
         if segment.kind() == SegmentKind::Move {
-            let sigma = self.config.noise.encoder_sigma_rad;
-            let variance = |readings: Readings| real(sigma * sigma + readings.mean_variance());
+            let encoder = encoder_variance(&self.config);
+            let variance = |readings: Readings| real(encoder + readings.mean_variance());
             let variances = self.readings_after(number).map(variance);
             self.filter.renew_leading::<ENCODER_ERRORS_PER_STOP>(&variances);
         }
         self.suspects.begin(number as u16, segment);
-        if self.config.method == Method::Joint {
-            self.walk(segment);
+        let arrived = self.arrivals;
+        for (arrival, turned) in self.arrivals.iter_mut().zip([segment.turned.outer, segment.turned.inner]) {
+            let turned = turned.widened();
+            if turned.abs() > LEAST_TURN_RAD {
+                *arrival = if turned > 0.0 { 1 } else { -1 };
+            }
         }
-        let since_s = self.since_reference_s(segment);
+        if self.config.method == Method::Joint {
+            self.renew_gyro_ends(number);
+            self.pass_time(segment);
+        }
+        let now = self.situation(segment, arrived);
         if let Some(standing) = segment.standing() {
-            self.allowances = self.config.noise.allowances(segment);
+            self.allowances = self.config.noise.allowances(&self.config.hardware, segment);
             self.readings = standing.readings;
         }
         if segment.is_broken() {
             return false;
         }
-        let model = MeasurementModel::new(&InstrumentErrors::from_vector(&self.nominal), &self.config.site);
+        let model = MeasurementModel::new(&InstrumentErrors::from_vector(&self.nominal), &self.site);
         if let Some(standing) = segment.standing().filter(|_| usage.force) {
-            self.process_force(number, (segment, standing), &model, since_s, usage);
+            self.process_force(number, (segment, standing), &model, &now, usage);
         }
         if usage.rotation {
-            self.process_rotation(number, segment, &model, since_s, usage);
+            self.process_rotation(number, segment, &model, &now, usage);
         }
         usage.force || usage.rotation
     }
@@ -246,15 +338,26 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         number: usize,
         (segment, standing): (&Segment<T>, &Standing<T>),
         model: &MeasurementModel<T>,
-        since_s: T,
+        now: &Situation<T>,
         usage: Use,
     ) {
         let psd_sqrt: T = real(self.config.noise.accel_psd_sqrt);
         let [x, y, z, ..] = self.allowances.map(real::<T>);
-        let variance = Vector3::new(x, y, z) * (psd_sqrt * psd_sqrt / segment.duration_s());
+        let white = Vector3::new(x, y, z) * (psd_sqrt * psd_sqrt / segment.duration_s());
         let prediction = model.force_at_stop(segment);
-        let optional = force_columns(&prediction, since_s);
-        self.take_in(&standing.force_a, (&prediction, &optional), variance, usage, (number, 0));
+        let in_g = prediction.in_g.map(Real::widened).into();
+        let duration_s = segment.duration_s().widened();
+        let [x, y, z, ..] = self.pulses(segment, standing);
+        let noise = if self.config.method == Method::Joint {
+            let gravity = self.site.gravity_m_s2();
+            effects::force_noise(&self.config.hardware, &in_g, duration_s, &[x, y, z], gravity)
+        } else {
+            [0.0; 3]
+        };
+        let variance = white + Vector3::from(noise.map(real::<T>));
+        let columns = force_columns(&prediction, now);
+        let flicker = effects::by_flicker(duration_s);
+        self.take_in(&standing.force_a, (&prediction, &columns, flicker), variance, usage, (number, 0));
     }
 
     #[inline(never)]
@@ -263,21 +366,28 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         number: usize,
         segment: &Segment<T>,
         model: &MeasurementModel<T>,
-        since_s: T,
+        now: &Situation<T>,
         usage: Use,
     ) {
         let psd_sqrt: T = real(self.config.noise.gyro_psd_sqrt);
         let [.., x, y, z] = self.allowances.map(real::<T>);
         let white = Vector3::new(x, y, z) * (psd_sqrt * psd_sqrt * segment.duration_s());
         let mut prediction = model.rotation(segment);
-        let variance = white + self.ends_variance(number, segment, model, &prediction);
-        if segment.kind() == SegmentKind::Stop {
+        let mut variance = white + self.ends_variance(number, segment, model, &prediction);
+        let is_move = segment.kind() == SegmentKind::Move;
+        if !is_move {
             // The encoder error is the same at both ends of a stop, so it does not act on the rotation.
             prediction.by_encoder_errors.fill(T::zero());
-            prediction.by_harmonics.fill(T::zero());
+            prediction.by_geometry.fill(T::zero());
         }
-        let optional = rotation_columns(&prediction, since_s);
-        self.take_in(&segment.rotation_g, (&prediction, &optional), variance, usage, (number, 3));
+        if self.config.method == Method::Joint {
+            let duration_s = segment.duration_s().widened();
+            let noise = effects::rotation_noise(&self.config.hardware, is_move, duration_s);
+            variance += Vector3::repeat(real(noise));
+        }
+        let columns = rotation_columns(&prediction, segment, now);
+        let ends = if number.is_multiple_of(2) { [1.0, -1.0] } else { [-1.0, 1.0] };
+        self.take_in(&segment.rotation_g, (&prediction, &columns, ends), variance, usage, (number, 3));
     }
 
     /// Variance that the encoder readings at the ends of a segment add to its rotation, for each channel. Single
@@ -303,22 +413,69 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         variance + squares(Vector3::from(before) + Vector3::from(after)) * real::<T>(PASSING_PART * steps)
     }
 
-    /// Time from the reference time of biases and attitude to the middle of a segment, s.
-    fn since_reference_s(&self, segment: &Segment<T>) -> T {
-        let middle_us = segment.start_us + segment.duration_us / 2;
-        real(middle_us.wrapping_sub(self.reference_us).cast_signed() as f64 * 1e-6)
+    /// Increments of the pulse outputs per channel at a stop, m/s and rad.
+    fn pulses(&self, stop: &Segment<T>, standing: &Standing<T>) -> [f64; CHANNELS] {
+        let interval_s = stop.duration_s().widened() as f32 / stop.samples.max(1) as f32;
+        effects::pulses(&self.config.hardware, &standing.increments.map(|increment| increment * interval_s))
     }
 
-    /// Adds the random walk of the biases over a segment to the covariance.
-    fn walk(&mut self, segment: &Segment<T>) {
-        let options = &self.config.options;
-        let walks = [(block::ACCEL_BIAS, options.accel_bias_walk), (block::GYRO_BIAS, options.gyro_bias_walk)];
-        for (first, walk) in walks.into_iter().filter(|(_, walk)| *walk > 0.0) {
-            let variance = real::<T>(walk * walk) * segment.duration_s();
-            let first = ENCODER_ERRORS + first;
-            for bias in first..first + 3 {
-                let direction = Vector::from_fn(|state, _| if state == bias { T::one() } else { T::zero() });
-                self.filter.inflate(&direction, variance);
+    /// When a segment was. The axes arrived at the stop before it in these senses.
+    fn situation(&self, segment: &Segment<T>, arrived: [i8; 2]) -> Situation<T> {
+        let begun_us = self.segments.first().map_or(segment.start_us, |first| first.start_us);
+        let since_s = |time_us: u64| real(time_us.wrapping_sub(begun_us).cast_signed() as f64 * 1e-6);
+        let measured = self.site.measured_gravity_m_s2.is_some();
+        Situation {
+            from_s: since_s(segment.start_us),
+            duration_s: segment.duration_s(),
+            reference_s: since_s(self.reference_us),
+            arrivals: [arrived, self.arrivals].map(|both| both.map(|sense| real(f64::from(sense)))),
+            latitude_rad: self.site.latitude_rad,
+            gravity_by_latitude: if measured { 0.0 } else { gravity_by_latitude(self.site.latitude_rad) },
+        }
+    }
+
+    /// The end of the last segment is the start of segment `number`, whose end has a new error. The two ends change
+    /// places from segment to segment.
+    fn renew_gyro_ends(&mut self, number: usize) {
+        let stops = || self.segments.iter().take(number + 1).rev();
+        let last = stops().find_map(|stop| Some((stop, stop.standing()?)));
+        let [.., x, y, z] = last.map_or([0.0; CHANNELS], |(stop, standing)| self.pulses(stop, standing));
+        let variances = effects::gyro_end_variances(&self.config.hardware, &[x, y, z]);
+        let new = number % 2 * (GYRO_ENDS / 2);
+        let ends = if number == 0 { 0..GYRO_ENDS } else { new..new + GYRO_ENDS / 2 };
+        for (end, variance) in ends.zip(variances.into_iter().cycle()) {
+            if variance > 0.0 {
+                self.filter.renew_state(ENCODER_ERRORS + end, real(variance));
+                self.suspects.scale_state(ENCODER_ERRORS + end, 0.0);
+            }
+        }
+    }
+
+    /// Lets the flicker decay from the middle of the last segment to the middle of this one, and adds the random walk
+    /// of the biases over this segment.
+    // Not inlined, so that its stack is free again when the segment is processed.
+    #[inline(never)]
+    fn pass_time(&mut self, segment: &Segment<T>) {
+        let hardware = self.config.hardware;
+        let middle_us = segment.start_us + segment.duration_us / 2;
+        let before_us = core::mem::replace(&mut self.last_middle_us, middle_us);
+        if hardware.accel_floor > 0.0 && before_us > 0 {
+            let decays = effects::flicker_decay(middle_us.saturating_sub(before_us) as f64 * 1e-6);
+            let each = decays.into_iter().flat_map(|decay| [decay; 3]);
+            let sigmas = effects::flicker_sigmas(&hardware);
+            for ((state, decay), sigma) in (BEFORE_FLICKER..).zip(each).zip(sigmas) {
+                self.filter.scale_state(state, real(decay));
+                self.filter.inflate_state(state, real(sigma * sigma * (1.0 - decay * decay)));
+                self.suspects.scale_state(state, decay as f32);
+            }
+        }
+        let walks = effects::walk_variances(&hardware);
+        for (first, walk) in
+            [block::ACCEL_BIAS, block::GYRO_BIAS].into_iter().zip(walks).filter(|(_, walk)| *walk > 0.0)
+        {
+            let variance = real::<T>(walk) * segment.duration_s();
+            for bias in BEFORE_PARAMETERS + first..BEFORE_PARAMETERS + first + 3 {
+                self.filter.inflate_state(bias, variance);
             }
         }
     }
@@ -328,17 +485,18 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     fn take_in(
         &mut self,
         measured: &Vector3<T>,
-        (prediction, optional): (&Prediction<T>, &OptionalColumns<T>),
+        // The last two are those of each sensor by its own noise: its flicker, or its errors at the two ends.
+        derivatives: (&Prediction<T>, &EffectColumns<T>, [f64; 2]),
         variance: Vector3<T>,
         usage: Use,
         (segment, first_channel): (usize, u8),
     ) {
-        let residual = measured - prediction.value;
+        let residual = measured - derivatives.0.value;
         let rounding = measured.norm() * real(ROUNDING_EPSILONS * T::EPSILON);
         let floor = measured.norm() * real(self.config.noise.encoder_sigma_rad);
         for ((z, channel), (row, variance)) in residual.iter().zip(first_channel..).zip((0..3).zip(variance.iter())) {
             let r = *variance + rounding * rounding;
-            self.take_in_channel((*z, r, floor), (prediction, optional), row, usage, (segment, channel));
+            self.take_in_channel((*z, r, floor), derivatives, row, usage, (segment, channel));
         }
     }
 
@@ -346,7 +504,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     fn take_in_channel(
         &mut self,
         (z, r, floor): (T, T, T),
-        (prediction, optional): (&Prediction<T>, &OptionalColumns<T>),
+        (prediction, effects, by_noise): (&Prediction<T>, &EffectColumns<T>, [f64; 2]),
         row: usize,
         usage: Use,
         (segment, channel): (usize, u8),
@@ -357,17 +515,26 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         let h = &mut measurement.h;
         let of_row = |column: &[T; 3]| column.get(row).copied().unwrap_or(T::zero());
         let encoders = columns(&prediction.by_encoder_errors).iter().map(of_row);
-        let others = columns(&prediction.by_parameters).iter().chain(columns(optional)).map(of_row);
-        let (by_encoders, by_others) = h.as_mut_slice().split_at_mut(ENCODER_ERRORS);
-        by_encoders.iter_mut().zip(encoders).for_each(|(h, column)| *h = column);
-        by_others.iter_mut().zip(others).for_each(|(h, column)| *h = column);
-        let chosen = weighted.then(|| self.stage_one_gains.gain(h, r + floor * floor));
-        let choose = |gain: &mut Vector<T, STATES>| match &chosen {
-            Some(chosen) => gain.copy_from(chosen),
-            None if usage.considered => gain.iter_mut().take(STAGE_ONE.end).skip(STAGE_ONE.start).for_each(zero),
-            None => {}
+        let of_sensor =
+            by_noise.into_iter().flat_map(|by| [0, 1, 2].map(|axis| if axis == row { real(by) } else { T::zero() }));
+        let (ends, flicker) = if channel < 3 { (T::zero(), T::one()) } else { (T::one(), T::zero()) };
+        let of_ends = of_sensor.clone().map(|by| by * ends);
+        let of_flicker = of_sensor.map(|by| by * flicker);
+        let parameters = columns(&prediction.by_parameters).iter().map(of_row);
+        let in_use =
+            self.effects.iter().map(|effect| columns(effects).get(usize::from(*effect)).map_or(T::zero(), of_row));
+        let all = encoders.chain(of_ends).chain(of_flicker).chain(parameters).chain(in_use);
+        h.iter_mut().zip(all).for_each(|(h, value)| *h = value);
+        let (update, gain) = match (weighted, usage.considered) {
+            (false, false) => self.filter.update(&measurement),
+            (true, _) => {
+                let chosen = self.stage_one_gains.gain(h, r + floor * floor);
+                self.filter.update_with(&measurement, |gain| gain.copy_from(&chosen))
+            }
+            (false, true) => self.filter.update_with(&measurement, |gain: &mut Vector<T, STATES>| {
+                gain.iter_mut().take(STAGE_ONE.end).skip(STAGE_ONE.start).for_each(zero);
+            }),
         };
-        let (update, gain) = self.filter.update(&measurement, choose);
         self.fit.note(&update, segment, channel);
         self.note_innovation(&update, channel);
         if let Update::Applied(Innovation { value: innovation, variance }) = update {
@@ -378,8 +545,11 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
                 variance,
                 segment: segment as u16,
                 channel,
-                by_attitude_rate: prediction.by_attitude_rate.row(row).transpose().into(),
-                by_earth_rate: prediction.by_earth_rate.row(row).transpose().into(),
+                by_attitude_rate: row_of(&prediction.by_attitude_rate, row),
+                by_earth_rate: row_of(&prediction.by_earth_rate, row),
+                by_effects: effects,
+                row,
+                in_g: prediction.in_g.map(Real::widened).into(),
             });
         }
     }
@@ -395,8 +565,9 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         }
     }
 
-    /// Attitude from the first stop, computed as for perfect sensors: levelling, then gyrocompassing.
-    fn coarse_alignment(&self, stop: &Segment<T>, force_a: &Vector3<T>) -> Vector<T, PARAMETERS> {
+    /// Attitude from the first stop, computed as for perfect sensors: levelling, then gyrocompassing. If the latitude
+    /// is not known, it follows from the direction of the Earth rate.
+    fn coarse_alignment(&mut self, stop: &Segment<T>, force_a: &Vector3<T>) -> Vector<T, PARAMETERS> {
         let rot_rr0 = InstrumentErrors::<T>::default().rot_rr0(stop.outer, stop.inner);
         let force_b = rot_rr0.transpose() * force_a;
         let rotation_b = rot_rr0.transpose() * stop.rotation_g;
@@ -409,6 +580,11 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             HeadingSource::Gyrocompass => (-levelled.x).atan2(levelled.y),
             HeadingSource::Configured { heading_rad, .. } => real(heading_rad),
         };
+        let latitude_rad = levelled.z.atan2(levelled.x.hypot(levelled.y)).widened();
+        self.coarse_latitude_rad = if latitude_rad.is_finite() { latitude_rad } else { 0.0 };
+        if self.latitude_sigma_rad > KNOWN_LATITUDE_RAD {
+            self.start_latitude_rad = self.coarse_latitude_rad;
+        }
         let attitude = InstrumentErrors { base_roll: roll, base_pitch: pitch, heading, ..InstrumentErrors::default() };
         attitude.to_vector()
     }
@@ -417,6 +593,12 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         let is_move = |segment: &&Segment<T>| segment.kind() == SegmentKind::Move;
         self.segments.iter().take(number).filter(is_move).count() as u16
     }
+}
+
+/// A row of a matrix.
+fn row_of<T: Real, const C: usize>(matrix: &Matrix<T, 3, C>, row: usize) -> [T; C] {
+    let columns = columns(matrix);
+    core::array::from_fn(|column| columns.get(column).and_then(|column| column.get(row)).copied().unwrap_or(T::zero()))
 }
 
 #[cfg(test)]

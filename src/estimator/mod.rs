@@ -10,6 +10,8 @@ mod solution;
 mod sweep;
 mod two_stage;
 
-pub use configuration::{BASIC_STATES, EstimatorConfig, FULL_STATES, HeadingSource};
+pub use configuration::{
+    BEFORE_EFFECTS, BEFORE_PARAMETERS, EstimatorConfig, HeadingSource, KNOWN_LATITUDE_RAD, STATES,
+};
 pub use joint::{Estimator, MAX_SEGMENTS};
-pub use solution::{Estimate, Fit, LargestInnovation, OBSERVED_RATIO, SegmentInnovations, Solution};
+pub use solution::{EffectEstimates, Estimate, Fit, LargestInnovation, OBSERVED_RATIO, SegmentInnovations, Solution};

@@ -3,22 +3,28 @@
 //! ([`super::constancy`]). The pass is done in pieces of a few segments for each call, so that samples are processed
 //! between two pieces.
 
-use super::configuration::BASIC_STATES;
+use super::configuration::{BEFORE_EFFECTS, BEFORE_PARAMETERS, KNOWN_LATITUDE_RAD};
 use super::constancy::{SettingEvidence, Suspicion};
 use super::joint::{Estimator, SEGMENTS_PER_PIECE};
-use super::solution::{Estimate, Fit, SegmentInnovations, Solution, sigmas};
+use super::solution::{EffectEstimates, Estimate, Fit, SegmentInnovations, Solution, sigmas};
 use super::sweep::{HeadingSteps, Pass, Sweep};
 use super::two_stage::find_period;
 use crate::base::linear::{ComplexField, Real, Vector, real};
 use crate::base::method::Method;
 use crate::base::sample::CHANNELS;
+use crate::model::effects::{EFFECT_STATES, effect};
 use crate::model::error_model::{InstrumentErrors, PARAMETERS};
-use crate::model::measurement::ENCODER_ERRORS;
-use crate::model::options::{OPTIONAL_STATES, OptionalEstimate};
 use crate::segment::SegmentKind;
 
 /// Largest number of sweeps over the segments. An estimate that has not converged after these sweeps is rejected.
 const MAX_SWEEPS: u8 = 24;
+
+/// An estimate of the latitude that leaves the configured one by this many of its prior sigmas shows that it is wrong.
+/// The probability of chance is 6e-5 at most, since the estimate scatters less than the prior.
+const LATITUDE_DOUBT_SIGMAS: f64 = 4.0;
+
+/// Prior sigma of a latitude that is not known, rad.
+const UNKNOWN_LATITUDE_RAD: f64 = 1.0;
 
 /// Converged when no step exceeds this fraction of sigma plus rounding noise.
 const CONVERGED_PART: f64 = 0.01;
@@ -26,7 +32,7 @@ const CONVERGED_PART: f64 = 0.01;
 /// Rounding noise of an estimate as a fraction of its sigma, in units of the spacing of numbers.
 const ROUNDING_NOISE_EPSILONS: f64 = 2.5e6;
 
-impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS, STATES> {
+impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
     /// Does one piece of the final pass. The pass processes all segments repeatedly until the estimate has converged,
     /// and then tests for changes. Returns whether the pass is done and [`Estimator::solution`] is available. A
     /// further call begins a new pass.
@@ -96,6 +102,12 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         // The pass does not start from the live estimate, because updates about poor early estimates may have spoiled
         // it.
         self.nominal = self.start;
+        self.start_latitude_rad = self.config.site.latitude_rad;
+        self.latitude_sigma_rad = self.config.site_sigmas.latitude_rad;
+        if self.latitude_sigma_rad > KNOWN_LATITUDE_RAD {
+            self.start_latitude_rad = self.coarse_latitude_rad;
+        }
+        self.site.latitude_rad = self.start_latitude_rad;
         self.solution = None;
         self.suspects.clear();
         let sweep = self.begin_sweep(period_moves);
@@ -123,11 +135,28 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             self.pass = Pass::Iterating { sweep, made, before: self.nominal, heading };
             return;
         }
+        if self.doubts_latitude() {
+            // The pass begins again without the configured latitude, so that the gyros say what it is.
+            self.latitude_sigma_rad = UNKNOWN_LATITUDE_RAD;
+            self.start_latitude_rad = self.coarse_latitude_rad;
+            self.site.latitude_rad = self.start_latitude_rad;
+            self.nominal = self.start;
+            let sweep = self.begin_sweep(period_moves);
+            self.pass = Pass::Iterating { sweep, made: 0, before: self.nominal, heading: HeadingSteps::NONE };
+            return;
+        }
         self.solution = Some(self.solved(made, converged));
         match self.config.method {
             Method::TwoStage => self.close(period_moves),
             Method::Joint => self.test_next(0, 0),
         }
+    }
+
+    /// Whether the estimate has left the configured latitude by more than its sigma permits.
+    fn doubts_latitude(&self) -> bool {
+        let known = self.latitude_sigma_rad > 0.0 && self.latitude_sigma_rad <= KNOWN_LATITUDE_RAD;
+        let off_rad = self.site.latitude_rad - self.config.site.latitude_rad;
+        known && off_rad.abs() > LATITUDE_DOUBT_SIGMAS * self.latitude_sigma_rad
     }
 
     fn close(&mut self, period_moves: Option<u16>) {
@@ -138,9 +167,8 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
     /// Ends a sweep with changes under test. The estimate is set back to the solution.
     #[inline(never)]
     fn tested(&mut self, onset: usize, part: usize) {
-        let found = self.suspects.most_significant(&sigmas(&self.filter, ENCODER_ERRORS));
+        let found = self.suspects.most_significant(&sigmas(&self.filter, BEFORE_PARAMETERS));
         if let Some(solution) = &mut self.solution {
-            self.nominal = solution.estimate.errors.to_vector().map(real);
             solution.suspicion = solution.suspicion.more_significant(found);
             solution.settings = self.suspects.settings().unwrap_or(solution.settings);
         }
@@ -172,7 +200,12 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.fit = Fit::NONE;
         self.forget_last_stop();
         let deviation = self.start - self.nominal;
-        self.filter.state_mut().fixed_rows_mut::<PARAMETERS>(ENCODER_ERRORS).copy_from(&deviation);
+        self.filter.state_mut().fixed_rows_mut::<PARAMETERS>(BEFORE_PARAMETERS).copy_from(&deviation);
+        let latitude = real(self.start_latitude_rad - self.site.latitude_rad);
+        let state = self.state_of(effect::LATITUDE);
+        if let Some(deviation) = state.and_then(|state| self.filter.state_mut().get_mut(state)) {
+            *deviation = latitude;
+        }
         Sweep { next: 0, moves: 0, period_moves }
     }
 
@@ -190,7 +223,8 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             sweep.next += 1;
         }
         let ended = sweep.next >= self.segments.len();
-        if ended {
+        // The tests for changes are about the solution, which stays as it is.
+        if ended && self.suspects.is_empty() {
             self.absorb();
         }
         ended
@@ -203,7 +237,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         let part = CONVERGED_PART + ROUNDING_NOISE_EPSILONS * T::EPSILON;
         let limit = real::<T>(part * part);
         let moved = |(step, variance): (&T, &T)| *step * *step > limit * *variance;
-        !step.iter().zip(variances.iter().skip(ENCODER_ERRORS)).any(moved)
+        !step.iter().zip(variances.iter().skip(BEFORE_PARAMETERS)).any(moved)
     }
 
     fn solved(&self, sweeps: u8, converged: bool) -> Solution {
@@ -222,7 +256,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
             duration_s: ends.map_or(0.0, |(first, last)| {
                 (last.start_us + last.duration_us).saturating_sub(first.start_us) as f64 * 1e-6
             }),
-            optional: self.optional(),
+            effects: self.effect_estimates(),
             suspicion: Suspicion::default(),
             settings: SettingEvidence::default(),
             temperature_c: self.segments.iter().map(|segment| segment.temperature_c).sum::<f32>() / count,
@@ -233,24 +267,32 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Estimator<T, SEGMENTS,
         self.fit.measurements.saturating_sub(self.determined(estimate))
     }
 
-    /// Number of parameters that are determined by the measurements and not by the prior.
+    /// Number of parameters that are determined by the measurements and not by the prior. Effects of the hardware do
+    /// not count: their priors are the sizes that they have, so that they add to the innovations what they take away.
     fn determined(&self, estimate: &Estimate) -> u32 {
         let gained = |(sigma, prior): (&f64, &f64)| {
             if *prior > 0.0 { 1.0 - sigma * sigma / (prior * prior) } else { 0.0 }
         };
         let total: f64 = estimate.sigmas.iter().zip(&self.config.prior_sigmas()).map(gained).sum();
-        let optional = self.optional().sigmas;
-        let optional: f64 = optional.iter().zip(&self.config.options.prior_sigmas()).map(gained).sum();
+        let latitude = if self.latitude_sigma_rad > KNOWN_LATITUDE_RAD { 1.0 } else { 0.0 };
         // The two-stage method has only one scale error, which is common to the three accelerometers.
         let common = if self.config.method == Method::TwoStage { 2.0 } else { 0.0 };
-        ComplexField::round(total + optional - common) as u32
+        ComplexField::round(total + latitude - common) as u32
     }
 
-    fn optional(&self) -> OptionalEstimate {
-        let mut values = [0.0; OPTIONAL_STATES];
-        for (value, state) in values.iter_mut().zip(self.filter.state().iter().skip(BASIC_STATES)) {
-            *value = state.widened();
+    fn effect_estimates(&self) -> EffectEstimates {
+        let mut estimates = EffectEstimates::NONE;
+        let sigmas: [f64; EFFECT_STATES] = sigmas(&self.filter, BEFORE_EFFECTS);
+        let states = self.filter.state().iter().skip(BEFORE_EFFECTS).zip(sigmas);
+        for (effect, (value, sigma)) in self.effects.iter().map(|effect| usize::from(*effect)).zip(states) {
+            // The latitude is moved into the linearization point.
+            let linearized =
+                if effect == effect::LATITUDE { self.site.latitude_rad - self.config.site.latitude_rad } else { 0.0 };
+            let places = estimates.values.get_mut(effect).zip(estimates.sigmas.get_mut(effect));
+            if let Some((of_value, of_sigma)) = places {
+                (*of_value, *of_sigma) = ((value.widened() + linearized) as f32, sigma as f32);
+            }
         }
-        OptionalEstimate { values, sigmas: sigmas(&self.filter, BASIC_STATES) }
+        estimates
     }
 }

@@ -5,10 +5,14 @@
 //! perfect unit that is level and points north. It is done at power-up, before an axis turns. The windows are those of
 //! the segmenter. Only the time that a stop loses because of the segmenter's blocks of 0.1 s is replaced by its mean.
 
+use super::configuration::EstimatorConfig;
 use super::joint::Estimator;
 use super::solution::OBSERVED_RATIO;
 use crate::base::angle::Angle;
+use crate::base::hardware::Hardware;
 use crate::base::linear::{ComplexField, Real, Vector3, real};
+use crate::base::sample::CHANNELS;
+use crate::model::effects::SiteSigmas;
 use crate::model::error_model::{InstrumentErrors, PARAMETERS, block};
 use crate::model::measurement::MeasurementModel;
 use crate::scheme::{Leg, SETTLING_S, Scheme, Turning};
@@ -39,7 +43,8 @@ pub fn stop_segment<T: Real>(leg: &Leg, usable_s: f64) -> Segment<T> {
 }
 
 fn standing<T: Real>(force_a: Vector3<T>) -> Course<T> {
-    Course::Stop(Standing { force_a, scatter: Scatter::default(), readings: [Readings::NONE; 2] })
+    let increments = [0.0; CHANNELS];
+    Course::Stop(Standing { force_a, scatter: Scatter::default(), readings: [Readings::NONE; 2], increments })
 }
 
 /// A move with guard and settling at its ends. The sensor outputs are zero.
@@ -51,7 +56,7 @@ pub fn move_segment<T: Real>(from: &Leg, to: &Leg, turning: &Turning) -> Segment
     let mut turned = Turned { outer: ways[0], inner: ways[1], ..Turned::default() };
     let mut integrals = AngleIntegrals::<f64>::default();
     let mut since_s = 0.0;
-    let mut add = |[outer, inner]: [f64; 2], time_s: f64, outer_way: f64| {
+    let mut add = |[outer, inner]: [f64; 2], time_s: f64, [outer_way, inner_way]: [f64; 2]| {
         let (so, co) = ComplexField::sin_cos(from.outer_rad + outer);
         let (si, ci) = ComplexField::sin_cos(from.inner_rad + inner);
         for (row, inner) in integrals.attitude_s.iter_mut().zip([1.0, ci, si]) {
@@ -63,18 +68,20 @@ pub fn move_segment<T: Real>(from: &Leg, to: &Leg, turning: &Turning) -> Segment
         integrals.late_cos_inner_s += ci * outer_way * middle_s;
         integrals.late_sin_inner_s += si * outer_way * middle_s;
         integrals.harmonics.add((so as f32, co as f32), (si as f32, ci as f32), outer_way as f32);
+        let way_r = [ci * outer_way, -si * outer_way, inner_way];
+        integrals.gyro_path.add(way_r.map(|way| (way / time_s) as f32), time_s as f32);
         since_s += time_s;
     };
-    add([0.0; 2], guard_s, 0.0);
+    add([0.0; 2], guard_s, [0.0; 2]);
     let step_s = move_s / f64::from(STEPS);
-    let mut outer_before = 0.0;
+    let mut before = [0.0; 2];
     for step in 0..STEPS {
         let middle = profiles.map(|profile| profile.at((f64::from(step) + 0.5) * step_s).angle_rad);
-        let outer_after = profiles[0].at(f64::from(step + 1) * step_s).angle_rad;
-        add(middle, step_s, outer_after - outer_before);
-        outer_before = outer_after;
+        let after = profiles.map(|profile| profile.at(f64::from(step + 1) * step_s).angle_rad);
+        add(middle, step_s, [after[0] - before[0], after[1] - before[1]]);
+        before = after;
     }
-    add(ways, guard_s, 0.0);
+    add(ways, guard_s, [0.0; 2]);
     let turned = Turned {
         outer: real(turned.outer),
         inner: real(turned.inner),
@@ -86,6 +93,7 @@ pub fn move_segment<T: Real>(from: &Leg, to: &Leg, turning: &Turning) -> Segment
         late_cos_inner_s: real(integrals.late_cos_inner_s),
         late_sin_inner_s: real(integrals.late_sin_inner_s),
         harmonics: integrals.harmonics,
+        gyro_path: integrals.gyro_path,
     };
     segment(to, move_s + 2.0 * guard_s, turned, Course::Move(integrals))
 }
@@ -108,12 +116,14 @@ fn segment<T: Real>(leg: &Leg, duration_s: f64, turned: Turned<T>, course: Cours
 
 /// The first parameter, by index, that a run of the scheme would leave unobserved. `None` if all parameters are
 /// observed. The criterion is that of the verdict, and the heading is excepted. The configuration of the estimator is
-/// used; its data are discarded.
-pub fn unobserved<T: Real, const SEGMENTS: usize, const STATES: usize>(
-    estimator: &mut Estimator<T, SEGMENTS, STATES>,
+/// used, without the imperfections of the hardware: they take accuracy, but leave nothing unobserved, and the rehearsal is
+/// one long computation. The data of the estimator are discarded, and its configuration must be set again.
+pub fn unobserved<T: Real, const SEGMENTS: usize>(
+    estimator: &mut Estimator<T, SEGMENTS>,
     scheme: &Scheme,
 ) -> Option<u8> {
-    let config = *estimator.config();
+    let ideal = (Hardware::IDEAL, SiteSigmas::EXACT);
+    let config = EstimatorConfig { hardware: ideal.0, site_sigmas: ideal.1, ..*estimator.config() };
     estimator.restart(&config);
     let model = MeasurementModel::<T>::new(&InstrumentErrors::default(), &config.site);
     let turning = scheme.turning();
@@ -149,7 +159,6 @@ pub fn unobserved<T: Real, const SEGMENTS: usize, const STATES: usize>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::configuration::EstimatorConfig;
     use super::*;
     use crate::base::method::Method;
     use crate::run::assignment::Assignment;

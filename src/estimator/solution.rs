@@ -1,12 +1,16 @@
 //! Results of the estimator: parameters, their uncertainty, and the agreement of the segments with the model.
 
+use super::configuration::{EstimatorConfig, KNOWN_LATITUDE_RAD, STATES};
 use super::constancy::{SettingEvidence, Suspicion};
+use super::filter::entries_above_diagonal;
 use super::filter::{UdFilter, Update};
 use crate::base::linear::Real;
 use crate::base::sample::CHANNELS;
+use crate::base::site::Site;
+use crate::model::effects::{EFFECT_STATES, effect};
 use crate::model::error_model::{InstrumentErrors, PARAMETERS};
-use crate::model::options::OptionalEstimate;
 use serde::{Deserialize, Serialize};
+use serde_big_array::BigArray;
 
 /// A parameter is observed if its sigma is at most this fraction of its prior sigma.
 pub const OBSERVED_RATIO: f64 = 0.1;
@@ -88,6 +92,26 @@ pub struct Estimate {
     pub sigmas: [f64; PARAMETERS],
 }
 
+/// Effects of the hardware that have a state, with their standard deviations.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct EffectEstimates {
+    /// Estimated values, SI.
+    #[serde(with = "BigArray")]
+    pub values: [f32; EFFECT_STATES],
+    /// Standard deviations, SI; 0 for an effect that is absent.
+    #[serde(with = "BigArray")]
+    pub sigmas: [f32; EFFECT_STATES],
+}
+
+impl EffectEstimates {
+    /// No effects.
+    pub const NONE: Self = Self { values: [0.0; EFFECT_STATES], sigmas: [0.0; EFFECT_STATES] };
+}
+
+/// The filter of the estimator.
+pub(super) type Filter<T> = UdFilter<T, STATES, { entries_above_diagonal(STATES) }>;
+
 /// The result of the final pass.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -110,19 +134,27 @@ pub struct Solution {
     pub duration_s: f64,
     /// Mean temperature, deg C; NaN if the temperature is unknown.
     pub temperature_c: f32,
-    /// Optional states. The values of biases, attitude and optional rates are those at the end of the last segment.
-    pub optional: OptionalEstimate,
+    /// Effects of the hardware. The values of biases and attitude are those at the end of the last segment.
+    pub effects: EffectEstimates,
     /// The most significant change of a quantity that should be constant. Joint method only.
     pub suspicion: Suspicion,
     /// Evidence of the segments about the configured site and heading. Joint method only.
     pub settings: SettingEvidence,
 }
 
+impl Solution {
+    /// The site of the calibration: the configured one, with the latitude that the gyros have found if it was not
+    /// known.
+    pub fn site(&self, config: &EstimatorConfig) -> Site {
+        let found = self.effects.values.get(effect::LATITUDE).copied().unwrap_or(0.0);
+        let unknown = config.site_sigmas.latitude_rad > KNOWN_LATITUDE_RAD;
+        let found_rad = if unknown { f64::from(found) } else { 0.0 };
+        Site { latitude_rad: config.site.latitude_rad + found_rad, ..config.site }
+    }
+}
+
 /// Standard deviations of `COUNT` states from `first` on, SI; 0 for a state that the filter does not have.
-pub(super) fn sigmas<T: Real, const STATES: usize, const COUNT: usize>(
-    filter: &UdFilter<T, STATES>,
-    first: usize,
-) -> [f64; COUNT] {
+pub(super) fn sigmas<T: Real, const COUNT: usize>(filter: &Filter<T>, first: usize) -> [f64; COUNT] {
     let mut sigmas = [0.0; COUNT];
     for (sigma, variance) in sigmas.iter_mut().zip(filter.variances().iter().skip(first)) {
         *sigma = variance.sqrt().widened();

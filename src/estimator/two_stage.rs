@@ -22,12 +22,12 @@
 //! A filter with the states of (B11) gives these gains. Its covariance is not used. The covariance of the estimate
 //! under the true noise follows from the gains.
 
-use super::filter::{Measurement, UdFilter};
+use super::configuration::{ACCEL_SCALE, BEFORE_PARAMETERS, COMMON_SCALE_SIGMA, STATES};
+use super::filter::{Measurement, UdFilter, entries_above_diagonal};
 use crate::base::angle::ticks_to_rad;
 use crate::base::linear::{Real, Vector, real};
 use crate::base::units::DEG;
 use crate::model::error_model::block;
-use crate::model::measurement::ENCODER_ERRORS;
 use crate::segment::{Segment, SegmentKind};
 use core::ops::Range;
 
@@ -64,18 +64,11 @@ impl Use {
 /// The states of stage 1 that stage 2 only considers. The heading is not one of them, because the gyros give the
 /// heading.
 pub(super) const STAGE_ONE: Range<usize> =
-    ENCODER_ERRORS + block::ACCEL_NON_ORTHOGONALITY..ENCODER_ERRORS + block::HEADING;
-
-/// The states of the accelerometers' scale errors.
-pub(super) const ACCEL_SCALE: Range<usize> =
-    ENCODER_ERRORS + block::ACCEL_SCALE..ENCODER_ERRORS + block::ACCEL_SCALE + 3;
-
-/// Prior sigma of the scale error that is common to the three accelerometers.
-pub(super) const COMMON_SCALE_SIGMA: f64 = 0.02;
+    BEFORE_PARAMETERS + block::ACCEL_NON_ORTHOGONALITY..BEFORE_PARAMETERS + block::HEADING;
 
 /// Direction of the scale error common to the three accelerometers, times its prior sigma. This scale error represents
 /// the unknown magnitude of the specific force, which (B11) does not use.
-pub(super) fn common_accel_scale<T: Real, const STATES: usize>() -> Vector<T, STATES> {
+pub(super) fn common_accel_scale<T: Real>() -> Vector<T, STATES> {
     Vector::from_fn(|state, _| if ACCEL_SCALE.contains(&state) { real(COMMON_SCALE_SIGMA) } else { T::zero() })
 }
 
@@ -97,7 +90,7 @@ pub(super) fn find_period<T: Real>(segments: &[Segment<T>]) -> Option<u16> {
 const STATES_SEEN: usize = 9;
 
 const fn states(first: usize, count: usize) -> Range<usize> {
-    ENCODER_ERRORS + first..ENCODER_ERRORS + first + count
+    BEFORE_PARAMETERS + first..BEFORE_PARAMETERS + first + count
 }
 
 /// Indices of these states among all states. The scale errors of the three accelerometers are one state.
@@ -115,26 +108,27 @@ const SEEN: [Range<usize>; STATES_SEEN] = [
 
 /// Filter that computes the gains of stage 1.
 #[derive(Clone, Debug)]
-pub(super) struct StageOneGains<T: Real>(UdFilter<T, STATES_SEEN>);
+pub(super) struct StageOneGains<T: Real>(UdFilter<T, STATES_SEEN, { entries_above_diagonal(STATES_SEEN) }>);
 
 impl<T: Real> StageOneGains<T> {
     /// A filter without a prior. It must be restarted before use.
     pub(super) const NONE: Self = Self(UdFilter::CERTAIN);
 
     /// Restarts the filter with these sigmas of all states.
-    pub(super) fn restart<const STATES: usize>(&mut self, sigmas: &Vector<T, STATES>) {
+    pub(super) fn restart(&mut self, sigmas: &Vector<T, STATES>) {
         let mut seen = SEEN.iter().map(|range| sigmas.iter().nth(range.start).copied().unwrap_or(T::zero()));
-        self.0.restart(&Vector::from_fn(|_, _| seen.next().unwrap_or(T::zero())), None);
+        let sigmas = Vector::from_fn(|_, _| seen.next().unwrap_or(T::zero()));
+        self.0.restart(&sigmas, STATES_SEEN, None);
     }
 
     /// Gain of a measurement with row `h` and noise variance `r`. The noise is the same in all directions.
     // Not inlined, so that the joint method does not need its stack.
     #[inline(never)]
-    pub(super) fn gain<const STATES: usize>(&mut self, h: &Vector<T, STATES>, r: T) -> Vector<T, STATES> {
+    pub(super) fn gain(&mut self, h: &Vector<T, STATES>, r: T) -> Vector<T, STATES> {
         let mut rows =
             SEEN.iter().map(|range| h.iter().take(range.end).skip(range.start).fold(T::zero(), |sum, h| sum + *h));
         let h = Vector::from_fn(|_, _| rows.next().unwrap_or(T::zero()));
-        let (_, gain) = self.0.update(&Measurement { z: T::zero(), h, r }, |_| ());
+        let (_, gain) = self.0.update(&Measurement { z: T::zero(), h, r });
         let mut chosen = Vector::<T, STATES>::zeros();
         for (range, gain) in SEEN.iter().zip(gain.iter()) {
             chosen.iter_mut().take(range.end).skip(range.start).for_each(|chosen| *chosen = *gain);

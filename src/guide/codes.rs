@@ -66,6 +66,9 @@ fn of_reasons() -> Vec<Row<Reason>> {
         Reason::Gap { .. } => Reason::Gap { segment: 9, longest_us: 250_000 }, "gap";
         Reason::LeftOut(_) => Reason::LeftOut(1), "left-out";
         Reason::Changed { .. } => Reason::Changed { parameter: 0, sigmas: 11.5 }, "changed";
+        Reason::Hardware { .. } | Reason::Changing(Suspicion { change: Change::Effect(_), .. }) =>
+            Reason::Hardware { effect: 0, size: 2e-4, sigma: 3e-5, configured: 6e-5 }, "hardware-effect";
+        Reason::UnknownLatitude { .. } => Reason::UnknownLatitude { sigma_rad: 0.1 }, "unknown-latitude";
     }
 }
 
@@ -140,8 +143,7 @@ fn of_refusals() -> Vec<Row<Refusal>> {
         Refusal::Config(ConfigError::Pace) => config(ConfigError::Pace), "config-pace";
         Refusal::Config(ConfigError::Policy) => config(ConfigError::Policy), "config-policy";
         Refusal::Config(ConfigError::Limits) => config(ConfigError::Limits), "config-limits";
-        Refusal::Config(ConfigError::Options) => config(ConfigError::Options), "config-options";
-        Refusal::Config(ConfigError::States) => config(ConfigError::States), "config-states";
+        Refusal::Config(ConfigError::Hardware(_)) => config(ConfigError::Hardware(3)), "config-hardware";
         Refusal::Config(ConfigError::Site) => config(ConfigError::Site), "config-site";
         Refusal::Config(ConfigError::Segments) => config(ConfigError::Segments), "scheme-segments";
         Refusal::Config(ConfigError::TooFast(_)) => config(ConfigError::TooFast(1)), "scheme-fast";

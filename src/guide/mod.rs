@@ -60,8 +60,8 @@ mod codes;
 #[cfg(test)]
 mod tests {
     use super::CHAPTERS;
+    use crate::model::effects::EFFECT_INFO;
     use crate::model::error_model::PARAMETER_INFO;
-    use crate::model::options::OPTIONAL_INFO;
     use std::format;
     use std::vec::Vec;
 
@@ -73,7 +73,7 @@ mod tests {
 
     #[test]
     fn every_state_is_explained() {
-        for info in PARAMETER_INFO.iter().chain(&OPTIONAL_INFO) {
+        for info in PARAMETER_INFO.iter().chain(&EFFECT_INFO) {
             let name = format!("`{}`", info.name);
             let rows = chapter("theory").lines().filter(|line| line.starts_with("| `") && line.contains(&name)).count();
             assert_eq!(rows, 1, "{name}");

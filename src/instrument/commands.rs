@@ -12,23 +12,23 @@ use crate::run::self_calibration::SelfCalibration;
 use crate::run::state::State;
 use crate::run::unit::{UnitConfiguration, UnitName};
 
-type Run<'m, T, const STATES: usize> = SelfCalibration<'m, T, STATES>;
+type Run<'m, T> = SelfCalibration<'m, T>;
 
 /// Carries out one command. Not inlined, as the functions below, so that their stack is free for the other functions.
 ///
 /// # Errors
 /// Why the command is refused.
 #[inline(never)]
-pub(super) fn carry_out<T: Real, const STATES: usize>(
+pub(super) fn carry_out<T: Real>(
     command: &Command,
-    run: &mut Run<'_, T, STATES>,
+    run: &mut Run<'_, T>,
     motion_log: &mut MotionLog,
     link: &mut Link,
     outside: &mut impl Surroundings<T>,
 ) -> Result<Answer, Refusal> {
     let now_us = outside.now_us();
     match command {
-        Command::Hello => Ok(Answer::Hello(Hello::new::<T>(STATES))),
+        Command::Hello => Ok(Answer::Hello(Hello::new::<T>())),
         Command::Status => Ok(Answer::Status(status(run, link, outside))),
         Command::Stop => stop(run, link, outside),
         Command::Abort => abort(run),
@@ -66,11 +66,7 @@ pub(super) fn carry_out<T: Real, const STATES: usize>(
 }
 
 /// The state of the instrument now.
-pub(super) fn status<T: Real, const STATES: usize>(
-    run: &Run<'_, T, STATES>,
-    link: &Link,
-    outside: &mut impl Surroundings<T>,
-) -> Status {
+pub(super) fn status<T: Real>(run: &Run<'_, T>, link: &Link, outside: &mut impl Surroundings<T>) -> Status {
     let time_us = outside.now_us();
     Status {
         time_us,
@@ -92,7 +88,7 @@ fn idle(state: State) -> Result<(), Refusal> {
     if state.is_idle() { Ok(()) } else { Err(Refusal::NotNow(state)) }
 }
 
-fn start<T: Real, const STATES: usize>(run: &mut Run<'_, T, STATES>) -> Result<Answer, Refusal> {
+fn start<T: Real>(run: &mut Run<'_, T>) -> Result<Answer, Refusal> {
     idle(run.state())?;
     match run.start() {
         Ok(()) => Ok(Answer::Done),
@@ -103,11 +99,7 @@ fn start<T: Real, const STATES: usize>(run: &mut Run<'_, T, STATES>) -> Result<A
 
 /// Gives the command to the gimbal at once: no sample is needed.
 #[inline(never)]
-fn stop<T: Real, const STATES: usize>(
-    run: &mut Run<'_, T, STATES>,
-    link: &mut Link,
-    outside: &mut impl Surroundings<T>,
-) -> Result<Answer, Refusal> {
+fn stop<T: Real>(run: &mut Run<'_, T>, link: &mut Link, outside: &mut impl Surroundings<T>) -> Result<Answer, Refusal> {
     let gimbal = outside.status();
     let motion = run.stop(&gimbal, &mut |message| tell(link, outside, message));
     if let Some(motion) = motion {
@@ -116,7 +108,7 @@ fn stop<T: Real, const STATES: usize>(
     Ok(Answer::Done)
 }
 
-fn abort<T: Real, const STATES: usize>(run: &mut Run<'_, T, STATES>) -> Result<Answer, Refusal> {
+fn abort<T: Real>(run: &mut Run<'_, T>) -> Result<Answer, Refusal> {
     match run.state() {
         state if state.is_under_way() => run.abort(),
         // The run has already ended, and the axes return.
@@ -127,9 +119,9 @@ fn abort<T: Real, const STATES: usize>(run: &mut Run<'_, T, STATES>) -> Result<A
 }
 
 #[inline(never)]
-fn set<T: Real, const STATES: usize>(
+fn set<T: Real>(
     setting: &Setting,
-    run: &mut Run<'_, T, STATES>,
+    run: &mut Run<'_, T>,
     outside: &mut impl Surroundings<T>,
 ) -> Result<Answer, Refusal> {
     idle(run.state())?;
@@ -144,9 +136,9 @@ fn set<T: Real, const STATES: usize>(
 
 /// Stores the configuration in force for the next power-up. The time of this power-up is no part of it.
 #[inline(never)]
-fn commission<T: Real, const STATES: usize>(
+fn commission<T: Real>(
     unit: &UnitName,
-    run: &Run<'_, T, STATES>,
+    run: &Run<'_, T>,
     outside: &mut impl Surroundings<T>,
 ) -> Result<Answer, Refusal> {
     idle(run.state())?;
@@ -174,11 +166,7 @@ fn erase<T: Real>(state: State, outside: &mut impl Surroundings<T>) -> Result<An
 }
 
 #[inline(never)]
-fn read<T: Real, const STATES: usize>(
-    item: Item,
-    run: &Run<'_, T, STATES>,
-    outside: &mut impl Surroundings<T>,
-) -> Result<Answer, Refusal> {
+fn read<T: Real>(item: Item, run: &Run<'_, T>, outside: &mut impl Surroundings<T>) -> Result<Answer, Refusal> {
     let estimator = run.calibrator().estimator();
     let segments = estimator.segments().len() as u16;
     match item {
@@ -191,6 +179,8 @@ fn read<T: Real, const STATES: usize>(
         }
         Item::Setting(name) => Ok(Answer::Setting(Setting::of(run.config(), name))),
         Item::Estimate | Item::Covariance { .. } if segments == 0 => Err(Refusal::Nothing),
+        // Between two pieces of the pass after a stop the estimate is incomplete.
+        Item::Estimate | Item::Covariance { .. } if estimator.is_refreshing() => Err(Refusal::NotNow(run.state())),
         Item::Estimate => Ok(Answer::Estimate { segments, estimate: estimator.estimate() }),
         Item::Covariance { row } if usize::from(row) < PARAMETERS => {
             let values = estimator.covariance_row(row.into()).map(Real::widened).data.0[0];

@@ -3,12 +3,12 @@
 use super::commands::{carry_out, status};
 use super::motion_log::MotionLog;
 use super::startup::Startup;
-use super::surroundings::{Archive, FoundRecord, Surroundings};
+use super::surroundings::{Archive, Done, FoundRecord, Surroundings};
 use super::tell::tell;
 use crate::acquisition::queue::SampleWithGimbal;
 use crate::base::linear::Real;
 use crate::base::sample::SampleStatus;
-use crate::estimator::{BASIC_STATES, MAX_SEGMENTS};
+use crate::estimator::MAX_SEGMENTS;
 use crate::gimbal::{GimbalStatus, MotionCommand};
 use crate::link::{Answer, Hello, Link};
 use crate::run::abort::AbortReason;
@@ -119,8 +119,8 @@ const BYTES_PER_TURN: usize = 512;
 /// # Ok::<(), rins_selfcal::run::config::ConfigError>(())
 /// ```
 #[derive(Debug)]
-pub struct Instrument<'m, T: Real, const STATES: usize = BASIC_STATES> {
-    run: SelfCalibration<'m, T, STATES>,
+pub struct Instrument<'m, T: Real> {
+    run: SelfCalibration<'m, T>,
     link: &'m mut Link,
     samples: u64,
     motion_log: MotionLog,
@@ -128,7 +128,7 @@ pub struct Instrument<'m, T: Real, const STATES: usize = BASIC_STATES> {
     restarted: u32,
 }
 
-impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
+impl<'m, T: Real> Instrument<'m, T> {
     /// The sequence at power-up: the link reports what the instrument is, the archive is searched, the reason of the
     /// start is reported, and the configuration is checked. A stored configuration that is refused is replaced in
     /// `startup`, and the unit is then not commissioned. Nothing moves before the first [`Self::turn`].
@@ -139,10 +139,10 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
     pub fn power_up(
         startup: &mut Startup,
         link: &'m mut Link,
-        calibrator: &'m mut Calibrator<T, MAX_SEGMENTS, STATES>,
+        calibrator: &'m mut Calibrator<T, MAX_SEGMENTS>,
         outside: &mut impl Surroundings<T>,
     ) -> Result<Self, ConfigError> {
-        link.greet(Hello::new::<T>(STATES));
+        link.greet(Hello::new::<T>());
         let stored = load(link, outside);
         tell(link, outside, &Message::Restarted(startup.restart().clone()));
         while let Err(error) = prepare(startup.config(), calibrator) {
@@ -151,11 +151,22 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
                 return Err(error);
             }
         }
-        let mut run = SelfCalibration::prepared(startup.config(), stored.as_ref(), calibrator);
+        Ok(Self::ready(startup, stored.as_ref(), link, calibrator))
+    }
+
+    /// The instrument with a configuration that is checked. Not inlined, so that the check does not need its stack.
+    #[inline(never)]
+    fn ready(
+        startup: &Startup,
+        stored: Option<&StoredCalibration>,
+        link: &'m mut Link,
+        calibrator: &'m mut Calibrator<T, MAX_SEGMENTS>,
+    ) -> Self {
+        let mut run = SelfCalibration::prepared(startup.config(), stored, calibrator);
         if let Some(lock) = startup.motion_lock() {
             run.lock_motion(lock);
         }
-        Ok(Self { run, link, samples: 0, motion_log: MotionLog::default(), restarted: 0 })
+        Self { run, link, samples: 0, motion_log: MotionLog::default(), restarted: 0 }
     }
 
     /// One turn of the main loop: processes all waiting samples, then checks the clock, then answers the received
@@ -163,8 +174,11 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
     pub fn turn(&mut self, outside: &mut impl Surroundings<T>) {
         while let Some(observed) = outside.next_sample() {
             let during = self.run.state();
-            self.sample(&observed, outside);
-            outside.sample_done(during);
+            let ends_segment = self.sample(&observed, outside);
+            outside.done(Done::Sample { during, ends_segment });
+            if self.run.refine(&mut |message| tell(self.link, outside, message)) {
+                outside.done(Done::Refinement);
+            }
             // A backlog of samples gives more frames than the outbox holds.
             outside.transmit(self.link);
         }
@@ -186,15 +200,16 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
     }
 
     /// The calibration run.
-    pub fn run(&self) -> &SelfCalibration<'m, T, STATES> {
+    pub fn run(&self) -> &SelfCalibration<'m, T> {
         &self.run
     }
 
+    /// Processes a sample. Returns whether it has ended a segment.
     fn sample(
         &mut self,
         SampleWithGimbal { sample, gimbal }: &SampleWithGimbal<T>,
         outside: &mut impl Surroundings<T>,
-    ) {
+    ) -> bool {
         if self.samples == 0 {
             self.run.identify_imu(outside.imu());
         }
@@ -216,6 +231,7 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
         if step.save {
             self.save(outside);
         }
+        step.ends_segment
     }
 
     fn sample_status(&self, gimbal: &GimbalStatus, after_gap: bool) -> SampleStatus {
@@ -251,8 +267,8 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
         self.restarted = restarted;
     }
 
-    /// Gives the gimbal a command, if there is one. Before the first move the archive keeps that the axes have moved; if
-    /// it cannot, axes whose turn it must know do not move.
+    /// Gives the gimbal a command, if there is one. Before the first move the archive keeps that the axes have moved;
+    /// if it cannot, axes whose turn it must know do not move.
     fn command(&mut self, motion: Option<MotionCommand>, gimbal: &GimbalStatus, outside: &mut impl Surroundings<T>) {
         let Some(motion) = motion else { return };
         let moves = matches!(motion, MotionCommand::MoveTo { .. });
@@ -263,8 +279,8 @@ impl<'m, T: Real, const STATES: usize> Instrument<'m, T, STATES> {
         outside.command(motion, gimbal.time_us);
     }
 
-    /// Answers the received command, and reports the status when it is due. The work is bounded, whatever arrives: while
-    /// an answer waits to be sent, received bytes stay where they are.
+    /// Answers the received command, and reports the status when it is due. The work is bounded, whatever arrives:
+    /// while an answer waits to be sent, received bytes stay where they are.
     #[inline(never)]
     fn serve(&mut self, outside: &mut impl Surroundings<T>) {
         self.link.note_overrun(outside.overrun());

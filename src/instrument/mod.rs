@@ -28,6 +28,6 @@ pub use main_loop::Instrument;
 pub use recording::Recording;
 pub use startup::Startup;
 pub use surroundings::{
-    Archive, Axes, CorrectedSink, Events, FoundConfiguration, FoundRecord, SerialLine, Surroundings, Telemetry,
+    Archive, Axes, CorrectedSink, Done, Events, FoundConfiguration, FoundRecord, SerialLine, Surroundings, Telemetry,
 };
 pub use unit_memory::UnitMemory;

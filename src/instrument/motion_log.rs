@@ -1,8 +1,8 @@
 //! What the archive knows of the motion of axes whose turn it must know after the next power-up.
 //!
 //! Before the first move the archive keeps [`Mark::Moving`], and after the axes have come to rest [`Mark::AtRest`] with
-//! their angles. At power-up the axes stand where the last mark says, if it says that they are at rest and if the encoders
-//! agree. Otherwise somebody must say where they stand. Nothing is written for axes that need no mark.
+//! their angles. At power-up the axes stand where the last mark says, if it says that they are at rest and if the
+//! encoders agree. Otherwise somebody must say where they stand. Nothing is written for axes that need no mark.
 
 use super::surroundings::{Archive, Axes, Surroundings};
 use crate::base::linear::Real;
@@ -13,7 +13,8 @@ use crate::keep::mark::Mark;
 use crate::run::config::SelfCalibrationConfig;
 use crate::run::self_calibration::SelfCalibration;
 
-/// Greatest difference between the angles of a mark and the encoders, rad. An axis that was turned by hand differs more.
+/// Greatest difference between the angles of a mark and the encoders, rad. An axis that was turned by hand differs
+/// more.
 const AGREEMENT_RAD: f64 = DEG;
 
 /// The state of the marks.
@@ -37,11 +38,11 @@ impl MotionLog {
         self.moving = true;
     }
 
-    /// Looks up the mark of the last power-off when the encoders have been found, and keeps the angles of axes that have
-    /// come to rest after a run.
-    pub(super) fn follow<T: Real, const STATES: usize>(
+    /// Looks up the mark of the last power-off when the encoders have been found, and keeps the angles of axes that
+    /// have come to rest after a run.
+    pub(super) fn follow<T: Real>(
         &mut self,
-        run: &SelfCalibration<'_, T, STATES>,
+        run: &SelfCalibration<'_, T>,
         gimbal: &GimbalStatus,
         outside: &mut impl Surroundings<T>,
     ) {

@@ -1,55 +1,42 @@
 //! The main loop for a recording. The samples come from a log, not from an IMU. There is no motion and no store.
 
-use super::surroundings::Surroundings;
+use super::surroundings::{Done, Surroundings};
 use super::tell::tell;
 use crate::base::linear::Real;
-use crate::estimator::{BASIC_STATES, FULL_STATES, MAX_SEGMENTS};
+use crate::estimator::MAX_SEGMENTS;
 use crate::link::{Hello, Link};
 use crate::run::calibrator::Calibrator;
 use crate::run::config::CalibratorConfig;
-use crate::run::config::ConfigError;
 use crate::run::state::State;
 use crate::run::telemetry::Message;
 use crate::verdict::VerdictLimits;
 
 /// Takes the samples of a recording, and computes the solution when they end.
 #[derive(Debug)]
-pub struct Recording<'m, T: Real, const STATES: usize = BASIC_STATES> {
-    calibrator: &'m mut Calibrator<T, MAX_SEGMENTS, STATES>,
+pub struct Recording<'m, T: Real> {
+    calibrator: &'m mut Calibrator<T, MAX_SEGMENTS>,
     link: &'m mut Link,
     samples: u64,
 }
 
-impl<'m, T: Real, const STATES: usize> Recording<'m, T, STATES> {
+impl<'m, T: Real> Recording<'m, T> {
     /// The instrument before the first sample.
-    ///
-    /// # Errors
-    /// [`ConfigError::States`]: the configuration needs states that this build does not have. The refusal has already
-    /// been reported.
     #[inline(never)]
-    pub fn new(
-        config: &CalibratorConfig,
-        link: &'m mut Link,
-        calibrator: &'m mut Calibrator<T, MAX_SEGMENTS, STATES>,
-        outside: &mut impl Surroundings<T>,
-    ) -> Result<Self, ConfigError> {
-        link.greet(Hello::new::<T>(STATES));
-        if config.estimator.options.needs_states() && STATES < FULL_STATES {
-            tell(link, outside, &Message::Refused(ConfigError::States));
-            return Err(ConfigError::States);
-        }
+    pub fn new(config: &CalibratorConfig, link: &'m mut Link, calibrator: &'m mut Calibrator<T, MAX_SEGMENTS>) -> Self {
+        link.greet(Hello::new::<T>());
         calibrator.restart(config);
-        Ok(Self { calibrator, link, samples: 0 })
+        Self { calibrator, link, samples: 0 }
     }
 
     /// One turn of the main loop: processes all waiting samples.
     pub fn turn(&mut self, outside: &mut impl Surroundings<T>) {
         while let Some(observed) = outside.next_sample() {
             self.samples += 1;
-            if let Some(progress) = self.calibrator.step(&observed.sample) {
+            let progress = self.calibrator.step(&observed.sample);
+            if let Some(progress) = progress {
                 tell(self.link, outside, &Message::Segment(progress));
             }
-            outside.sample_done(State::PowerUp);
+            outside.done(Done::Sample { during: State::PowerUp, ends_segment: progress.is_some() });
         }
     }
 

@@ -40,8 +40,8 @@ pub trait Axes {
     /// The angles of the outer and the inner axis now, counted over whole turns, rad; `None` if the turn is not known.
     fn angles_rad(&mut self) -> [Option<f64>; 2];
 
-    /// Says at which angles, counted over whole turns, the outer and the inner axis stand, rad; `None` leaves an axis as
-    /// it is.
+    /// Says at which angles, counted over whole turns, the outer and the inner axis stand, rad; `None` leaves an axis
+    /// as it is.
     ///
     /// # Errors
     /// Why an axis cannot stand there.
@@ -112,11 +112,12 @@ pub trait Archive {
         FoundConfiguration::default()
     }
 
-    /// Stores the configuration of the unit. Call it only while the gimbal is at rest, because an erase may take seconds.
+    /// Stores the configuration of the unit. Call it only while the gimbal is at rest, because an erase may take
+    /// seconds.
     ///
     /// # Errors
-    /// [`Refusal::Memory`]: the memory does not work, and the earlier configuration stays. [`Refusal::Nothing`]: there is
-    /// no such memory.
+    /// [`Refusal::Memory`]: the memory does not work, and the earlier configuration stays. [`Refusal::Nothing`]: there
+    /// is no such memory.
     fn configure(&mut self, _configuration: &UnitConfiguration) -> Result<(), Refusal> {
         Err(Refusal::Nothing)
     }
@@ -129,14 +130,14 @@ pub trait Archive {
         Err(Refusal::Nothing)
     }
 
-    /// Stores a mark of motion. Returns whether it is stored. If not, [`Self::last_mark`] may still give the mark before:
-    /// [`Mark::Moving`] must be stored before anything moves.
+    /// Stores a mark of motion. Returns whether it is stored. If not, [`Self::last_mark`] may still give the mark
+    /// before: [`Mark::Moving`] must be stored before anything moves.
     fn mark(&mut self, _mark: Mark) -> bool {
         false
     }
 
-    /// The last mark of motion; `None` if nothing was ever marked, or if there is no such memory. If a newer mark may be
-    /// lost, the answer is [`Mark::Moving`].
+    /// The last mark of motion; `None` if nothing was ever marked, or if there is no such memory. If a newer mark may
+    /// be lost, the answer is [`Mark::Moving`].
     fn last_mark(&mut self) -> Option<Mark> {
         None
     }
@@ -207,6 +208,20 @@ pub trait SerialLine {
     }
 }
 
+/// Work that the main loop has done.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Done {
+    /// The work on a sample.
+    Sample {
+        /// State of the run before the sample.
+        during: State,
+        /// Whether the sample has ended a segment, which the filter has processed.
+        ends_segment: bool,
+    },
+    /// A piece of the linearization that follows a stop.
+    Refinement,
+}
+
 /// Everything around an instrument.
 pub trait Surroundings<T: Real>: Axes + CorrectedSink<T> + Events + SerialLine + Telemetry {
     /// Time since power-up, us.
@@ -215,9 +230,9 @@ pub trait Surroundings<T: Real>: Axes + CorrectedSink<T> + Events + SerialLine +
     /// The next sample that the IMU's interrupt has put into the queue.
     fn next_sample(&mut self) -> Option<SampleWithGimbal<T>>;
 
-    /// Reports that the work on a sample is done. `during` is the state of the run before the sample. For measurements
-    /// of processor time.
-    fn sample_done(&mut self, _during: State) {}
+    /// Reports what was done since the last sample was taken or since the report before. For measurements of processor
+    /// time.
+    fn done(&mut self, _work: Done) {}
 
     /// The counts of missing samples, since power-up.
     fn losses(&mut self) -> LossCounts;

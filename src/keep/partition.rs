@@ -70,6 +70,6 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// An EEPROM of 16 KiB: 10 calibrations, 3 configurations and 32 marks.
+    /// An EEPROM of 16 KiB: 10 calibrations, 2 configurations and 32 marks.
     pub const EEPROM_16_KIB: Self = Self { calibrations: 0..8192, configuration: 8192..14_336, marks: 14_336..16_384 };
 }

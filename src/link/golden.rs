@@ -9,6 +9,7 @@ use super::frame::{Dropped, PROTOCOL_VERSION};
 use super::protocol::{Answer, Command, Hello, Item, LinkCounts, Refusal, Setting, SettingName, Status};
 use crate::base::angle::Angle;
 use crate::base::golden::{check_bytes, table};
+use crate::base::hardware::{HARDWARE, Hardware};
 use crate::base::imu_identity::ImuIdentity;
 use crate::base::loss::LossCounts;
 use crate::base::method::Method;
@@ -18,15 +19,15 @@ use crate::base::site::Site;
 use crate::estimator::constancy::SettingEvidence;
 use crate::estimator::constancy::{Change, Suspicion};
 use crate::estimator::{
-    Estimate, EstimatorConfig, Fit, HeadingSource, LargestInnovation, SegmentInnovations, Solution,
+    EffectEstimates, Estimate, EstimatorConfig, Fit, HeadingSource, LargestInnovation, SegmentInnovations, Solution,
 };
 use crate::gimbal::axis::AxisLimits;
 use crate::gimbal::servo::MotorAndLoad;
 use crate::gimbal::travel::{LocateError, LocateRefusal};
 use crate::gimbal::{BridgeFault, EncoderFault, Fault, FaultKind, Travel, TurnFault, TurnSource};
 use crate::keep::black_box::{Entry, Event};
+use crate::model::effects::{EFFECT_STATES, SiteSigmas};
 use crate::model::error_model::{InstrumentErrors, PARAMETERS};
-use crate::model::options::{OPTIONAL_STATES, OptionalEstimate, Options};
 use crate::run::abort::{Abort, AbortReason};
 use crate::run::config::{BoundedNumber, CalibratorConfig, ConfigError};
 use crate::run::policy::{Cause, Decision, MotionLock, PowerUpPolicy};
@@ -83,9 +84,9 @@ fn solution() -> Solution {
         left_out: 4,
         duration_s: 292.5,
         temperature_c: 35.5,
-        optional: OptionalEstimate {
-            values: core::array::from_fn(|index| 200.0 + index as f64),
-            sigmas: [0.5; OPTIONAL_STATES],
+        effects: EffectEstimates {
+            values: core::array::from_fn(|index| 200.0 + index as f32),
+            sigmas: [0.5; EFFECT_STATES],
         },
         suspicion: Suspicion { change: Change::Slip(1), segment: 9, size: 0.5, sigmas: 2.5, limit: 5.0 },
         settings: SettingEvidence {
@@ -133,16 +134,18 @@ fn calibrator() -> CalibratorConfig {
             heading: HeadingSource::Configured { heading_rad: 1.0, sigma_rad: 0.25 },
             period_moves: Some(18),
             gate_sigma: Some(5.0),
-            options: Options {
-                bias_ramp: true,
-                gyro_bias_walk: 0.5,
-                accel_bias_walk: 0.25,
-                encoder_eccentricity: false,
-                encoder_second_harmonic: true,
-                base_tilt_drift: false,
-            },
+            hardware: hardware(),
+            site_sigmas: SiteSigmas { latitude_rad: 0.125, gravity_m_s2: 0.25 },
         },
     }
+}
+
+fn hardware() -> Hardware {
+    let mut hardware = Hardware::IDEAL;
+    for (number, size) in (1_u8..).zip(&HARDWARE) {
+        size.set(&mut hardware, number.into());
+    }
+    hardware
 }
 
 fn scheme() -> Scheme {
@@ -220,7 +223,7 @@ fn abort(reason: AbortReason) -> Abort {
 
 #[test]
 fn the_bytes_of_every_message_are_these() {
-    assert_eq!(PROTOCOL_VERSION, 5, "the rows of this file are of this version");
+    assert_eq!(PROTOCOL_VERSION, 6, "the rows of this file are of this version");
     let counts = IntakeCounts { admitted: 60_000, repeated: 1, out_of_order: 2, non_finite: 3, gaps: 4, missing: 5 };
     let losses = LossCounts { overrun: 1, bus: 2, crc: 3, status: 4, unread: 5, restarted: 6 };
     let innovations =
@@ -237,7 +240,7 @@ fn the_bytes_of_every_message_are_these() {
         Message::Segment(_) => Message::Segment(progress), "455 bytes, CRC 849c677b";
         Message::Innovations(_) => Message::Innovations(innovations),
             "06 ac 02 01 00 00 c0 3f 00 01 00 00 20 40 00 01 00 00 60 40 01 00 00 90 40";
-        Message::Solved { .. } => Message::Solved { solution: solution(), counts }, "837 bytes, CRC 78faebe9";
+        Message::Solved { .. } => Message::Solved { solution: solution(), counts }, "1053 bytes, CRC a26e83b3";
         Message::Covariance { .. } => Message::Covariance { row: 27, values: row() }, "226 bytes, CRC 8e399ceb";
         Message::Judged(_) => Message::Judged(verdict()), "09 02 07 03 04 02 01 01 17 1b 00 00 00 00 00 00 27 40";
         Message::Aborted(_) => Message::Aborted(abort(AbortReason::SampleLoss)), "0a 04 02 03";
@@ -294,7 +297,7 @@ fn the_bytes_of_every_command_are_these() {
         Command::Stream(_) => Command::Stream(true), "05 01";
         Command::Unlock(_) => Command::Unlock(300), "06 ac 02";
         Command::Set(Setting::Calibrator(_)) => Command::Set(Setting::Calibrator(calibrator())),
-            "124 bytes, CRC c87bafd1";
+            "224 bytes, CRC 02102127";
         Command::Set(Setting::Scheme(_)) => Command::Set(Setting::Scheme(scheme())), "57 bytes, CRC 54b35564";
         Command::Set(Setting::Axes(_)) => Command::Set(Setting::Axes([axis(1.0), axis(11.0)])), "134 bytes, CRC dfdda196";
         Command::Set(Setting::Limits(_)) => Command::Set(Setting::Limits(limits())), "275 bytes, CRC c65dad80";
@@ -338,7 +341,7 @@ fn the_bytes_of_every_answer_are_these() {
         Answer::Refused(Refusal::Locked) => Answer::Refused(Refusal::Locked), "01 03";
         Answer::Refused(Refusal::WrongWord) => Answer::Refused(Refusal::WrongWord), "01 04";
         Answer::Refused(Refusal::Config(_)) => Answer::Refused(Refusal::Config(ConfigError::Unobserved(27))),
-            "01 05 10 1b";
+            "01 05 0f 1b";
         Answer::Refused(Refusal::Nothing) => Answer::Refused(Refusal::Nothing), "01 06";
         Answer::Refused(Refusal::Memory) => Answer::Refused(Refusal::Memory), "01 07";
         Answer::Refused(Refusal::NotCommissioned) => Answer::Refused(Refusal::NotCommissioned), "01 08";
@@ -357,7 +360,7 @@ fn the_bytes_of_every_answer_are_these() {
         Answer::Estimate { .. } => Answer::Estimate { segments: 7, estimate: estimate() }, "450 bytes, CRC aabcb290";
         Answer::Covariance { .. } => Answer::Covariance { row: 27, values: row() }, "226 bytes, CRC f0950c12";
         Answer::Setting(Setting::Calibrator(_)) => Answer::Setting(Setting::Calibrator(calibrator())),
-            "124 bytes, CRC c87bafd1";
+            "224 bytes, CRC 02102127";
         Answer::Setting(Setting::Scheme(_)) => Answer::Setting(Setting::Scheme(scheme())), "57 bytes, CRC 54b35564";
         Answer::Setting(Setting::Axes(_)) => Answer::Setting(Setting::Axes([axis(1.0), axis(11.0)])),
             "134 bytes, CRC dfdda196";
@@ -435,20 +438,19 @@ fn the_bytes_of_every_error_of_a_configuration_are_these() {
         ConfigError::Pace => ConfigError::Pace, "05";
         ConfigError::Policy => ConfigError::Policy, "06";
         ConfigError::Limits => ConfigError::Limits, "07";
-        ConfigError::Options => ConfigError::Options, "08";
-        ConfigError::States => ConfigError::States, "09";
-        ConfigError::Segments => ConfigError::Segments, "0a";
-        ConfigError::Site => ConfigError::Site, "0b";
-        ConfigError::Scheme(SchemeError::Motion) => ConfigError::Scheme(SchemeError::Motion), "0c 00";
-        ConfigError::Scheme(SchemeError::Stop(_)) => ConfigError::Scheme(SchemeError::Stop(3)), "0c 01 03";
-        ConfigError::Scheme(SchemeError::Leg(_)) => ConfigError::Scheme(SchemeError::Leg(3)), "0c 02 03";
-        ConfigError::Scheme(SchemeError::Legs) => ConfigError::Scheme(SchemeError::Legs), "0c 03";
-        ConfigError::Scheme(SchemeError::OpenPeriod) => ConfigError::Scheme(SchemeError::OpenPeriod), "0c 04";
-        ConfigError::Scheme(SchemeError::Long) => ConfigError::Scheme(SchemeError::Long), "0c 05";
-        ConfigError::TooFast(_) => ConfigError::TooFast(1), "0d 01";
-        ConfigError::Travel { .. } => ConfigError::Travel { leg: 3, axis: 1 }, "0e 03 01";
-        ConfigError::ShortStop(_) => ConfigError::ShortStop(3), "0f 03";
-        ConfigError::Unobserved(_) => ConfigError::Unobserved(27), "10 1b";
+        ConfigError::Hardware(_) => ConfigError::Hardware(3), "08 03";
+        ConfigError::Segments => ConfigError::Segments, "09";
+        ConfigError::Site => ConfigError::Site, "0a";
+        ConfigError::Scheme(SchemeError::Motion) => ConfigError::Scheme(SchemeError::Motion), "0b 00";
+        ConfigError::Scheme(SchemeError::Stop(_)) => ConfigError::Scheme(SchemeError::Stop(3)), "0b 01 03";
+        ConfigError::Scheme(SchemeError::Leg(_)) => ConfigError::Scheme(SchemeError::Leg(3)), "0b 02 03";
+        ConfigError::Scheme(SchemeError::Legs) => ConfigError::Scheme(SchemeError::Legs), "0b 03";
+        ConfigError::Scheme(SchemeError::OpenPeriod) => ConfigError::Scheme(SchemeError::OpenPeriod), "0b 04";
+        ConfigError::Scheme(SchemeError::Long) => ConfigError::Scheme(SchemeError::Long), "0b 05";
+        ConfigError::TooFast(_) => ConfigError::TooFast(1), "0c 01";
+        ConfigError::Travel { .. } => ConfigError::Travel { leg: 3, axis: 1 }, "0d 03 01";
+        ConfigError::ShortStop(_) => ConfigError::ShortStop(3), "0e 03";
+        ConfigError::Unobserved(_) => ConfigError::Unobserved(27), "0f 1b";
     });
 }
 

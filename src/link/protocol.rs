@@ -2,7 +2,7 @@
 
 use super::frame::{Dropped, PROTOCOL_VERSION, Payload};
 use crate::base::units::DEG;
-use crate::estimator::Estimate;
+use crate::estimator::{Estimate, STATES};
 use crate::gimbal::axis::AxisLimits;
 use crate::gimbal::servo::MotorAndLoad;
 use crate::gimbal::travel::LocateError;
@@ -42,20 +42,20 @@ pub enum Command {
     Abort,
     /// Report this item.
     Read(Item),
-    /// Send every corrected sample as a [`super::CorrectedReport`], or stop doing so. A stream that is on already goes on
-    /// counting: to count from 0, switch the stream off first.
+    /// Send every corrected sample as a [`super::CorrectedReport`], or stop doing so. A stream that is on already goes
+    /// on counting: to count from 0, switch the stream off first.
     Stream(bool),
     /// Permit changes of settings and erasing for [`super::UNLOCKED_US`]. The number must be [`super::UNLOCK_WORD`].
     Unlock(u32),
-    /// Change the configuration until power-off. Permitted only when unlocked and while no run is under way. The time of
-    /// power-up may be set at any time.
+    /// Change the configuration until power-off. Permitted only when unlocked and while no run is under way. The time
+    /// of power-up may be set at any time.
     Set(Setting),
     /// Erase the stored calibrations. Samples are corrected with the calibration in use until power-off. Permitted only
     /// when unlocked and while no run is under way. Erasing takes seconds. Samples that do not fit into the queue
     /// meanwhile are not corrected, but counted.
     Erase,
-    /// Bring both axes to rest and hold them. Permitted in every state, locked or not. A run under way ends, and no move
-    /// follows.
+    /// Bring both axes to rest and hold them. Permitted in every state, locked or not. A run under way ends, and no
+    /// move follows.
     Stop,
     /// Keep the configuration in force as that of the unit with this name. The unit is then commissioned from the next
     /// power-up on. Permitted only when unlocked and while no run is under way.
@@ -63,8 +63,8 @@ pub enum Command {
     /// Erase the configuration of the unit. From the next power-up on nothing moves. Permitted only when unlocked and
     /// while no run is under way. Calibrations are kept.
     Decommission,
-    /// Say where axes of limited travel stand: the outer and the inner angle, counted over whole turns, rad, as exact as
-    /// [`CONFIRM_TOLERANCE_RAD`]. Permitted only when unlocked and while no run is under way.
+    /// Say where axes of limited travel stand: the outer and the inner angle, counted over whole turns, rad, as exact
+    /// as [`CONFIRM_TOLERANCE_RAD`]. Permitted only when unlocked and while no run is under way.
     ConfirmAngles([Option<f32>; 2]),
 }
 
@@ -317,13 +317,13 @@ pub struct Hello {
 
 impl Hello {
     /// The description of this build. Its floating-point numbers have the size of `T`.
-    pub fn new<T>(states: usize) -> Self {
+    pub fn new<T>() -> Self {
         Self {
             protocol: PROTOCOL_VERSION,
             software: String::try_from(env!("CARGO_PKG_VERSION")).unwrap_or_default(),
             store_format: FORMAT_VERSION,
             scalar_bits: (8 * size_of::<T>()) as u8,
-            states: states as u8,
+            states: STATES as u8,
         }
     }
 }

@@ -11,6 +11,12 @@
 //! Q is the tilt of the inner axis by d, and R_inner = Q R_z Q^T. So both integrals follow from the sums of the
 //! segment for any d.
 //!
+//! [`super::effects`] has the effects of real hardware. They act in small ways: through the attitude error phi of the
+//! rotation frame, in r. A force changes by f x phi, and V changes by
+//! ```text
+//! int (d phi / dt - phi x w) dt,   w the rate of r
+//! ```
+//!
 //! The encoder error of a stop is the reading minus the true angle. Over a move the encoder error goes linearly from
 //! that of one stop to that of the next stop. Harmonics e(angle) of the encoder error are known along the move and are
 //! integrated:
@@ -27,9 +33,16 @@ use crate::base::site::Site;
 /// stop. For a move, the two stops are those at its ends.
 pub const ENCODER_ERRORS: usize = 4;
 
-/// Harmonics of the encoder errors: cosine and sine of the outer angle, of the inner angle, of the double outer angle
-/// and of the double inner angle.
-pub const HARMONICS: usize = 8;
+/// Effects of encoders and axes: harmonics 1 to 4 of the encoder errors (cosine and sine of the outer angle, then of
+/// the inner angle, each), backlash (2), wobble of the outer axis about y and z and of the inner axis about x and y
+/// (cosine and sine each), and sag of the inner axis (cosine and sine).
+pub const GEOMETRY: usize = 28;
+
+/// The harmonics 1 and 2 of the encoder errors, the first of [`GEOMETRY`].
+pub(super) const HARMONICS: usize = 8;
+
+/// Place of the backlash of the outer encoder among the effects of encoders and axes.
+pub(super) const BACKLASH: usize = 16;
 
 /// A predicted measurement and its derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,8 +54,11 @@ pub struct Prediction<T: Real> {
     pub by_parameters: Matrix<T, 3, PARAMETERS>,
     /// Derivative by the encoder errors (3 x 4), per rad.
     pub by_encoder_errors: Matrix<T, 3, ENCODER_ERRORS>,
-    /// Derivative by the harmonics of the encoder errors (3 x 8), per rad.
-    pub by_harmonics: Matrix<T, 3, HARMONICS>,
+    /// Derivative by the effects of encoders and axes (3 x 28), per rad. The columns of the backlash are zero, because
+    /// it depends on the segments before.
+    pub by_geometry: Matrix<T, 3, GEOMETRY>,
+    /// Specific force in the sensors' axes, in g. For gyros, its integral over the segment, s.
+    pub in_g: Vector3<T>,
     /// Derivative by the rates of roll, pitch and heading of the base, s; zero for accelerometers.
     pub by_attitude_rate: Matrix3<T>,
     /// Derivative by the north and the up component of the Earth rate, s; zero for accelerometers.
@@ -110,7 +126,8 @@ impl<T: Real> MeasurementModel<T> {
             value,
             by_parameters,
             by_encoder_errors: self.rot_sr * motion.by_encoder_errors,
-            by_harmonics: self.rot_sr * motion.by_harmonics,
+            by_geometry: self.rot_sr * motion.by_geometry,
+            in_g: Vector3::zeros(),
             by_attitude_rate: Matrix3::zeros(),
             by_earth_rate: Matrix::zeros(),
         }
@@ -124,20 +141,33 @@ pub(super) struct Motion<T: Real> {
     pub(super) by_b: Matrix3<T>,
     pub(super) by_non_perpendicularity: Vector3<T>,
     pub(super) by_encoder_errors: Matrix<T, 3, ENCODER_ERRORS>,
-    pub(super) by_harmonics: Matrix<T, 3, HARMONICS>,
+    pub(super) by_geometry: Matrix<T, 3, GEOMETRY>,
 }
 
-/// cos - 1 and sin of the angle, then of the double angle. With cos - 1 the harmonics of an encoder vanish at its zero.
-pub(super) fn harmonics<T: Real>(angle: Angle) -> [T; HARMONICS / 2] {
+/// cos - 1 and sin of the angle and of its multiples 2, 3 and 4. With cos - 1 the harmonics of an encoder vanish at its
+/// zero.
+pub(super) fn harmonics<T: Real>(angle: Angle) -> [[T; 2]; 4] {
     let (sin, cos) = angle.sin_cos::<T>();
-    let two: T = real(2.0);
-    [cos - T::one(), sin, -(two * sin * sin), two * sin * cos]
+    multiples(sin, cos).map(|[cos, sin]| [cos - T::one(), sin])
 }
 
-/// Puts the derivatives by the harmonics of the outer and of the inner encoder into the order of [`HARMONICS`].
-pub(super) fn in_order<T: Real>(outer: [Vector3<T>; 4], inner: [Vector3<T>; 4]) -> Matrix<T, 3, HARMONICS> {
-    let [[a, b, c, d], [e, f, g, h]] = [outer, inner];
-    Matrix::from_columns(&[a, b, e, f, c, d, g, h])
+/// Cosine and sine of an angle and of its multiples 2, 3 and 4.
+pub(super) fn multiples<T: Real>(sin: T, cos: T) -> [[T; 2]; 4] {
+    let mut last = [T::one(), T::zero()];
+    [(); 4].map(|()| {
+        let [c, s] = last;
+        last = [c * cos - s * sin, s * cos + c * sin];
+        last
+    })
+}
+
+/// A matrix of these columns.
+pub(super) fn columns_of<T: Real>(columns: impl IntoIterator<Item = Vector3<T>>) -> Matrix<T, 3, GEOMETRY> {
+    let mut matrix = Matrix::<T, 3, GEOMETRY>::zeros();
+    for (mut to, column) in matrix.column_iter_mut().zip(columns) {
+        to.copy_from(&column);
+    }
+    matrix
 }
 
 pub(super) fn unit<T: Real>(axis: usize) -> Vector3<T> {
@@ -159,7 +189,7 @@ pub(super) fn sensed<T: Real, const S: usize>(
     prediction.value = scaled * along;
     prediction.by_parameters = to_output * prediction.by_parameters;
     prediction.by_encoder_errors = to_output * prediction.by_encoder_errors;
-    prediction.by_harmonics = to_output * prediction.by_harmonics;
+    prediction.by_geometry = to_output * prediction.by_geometry;
     prediction.by_parameters.fixed_columns_mut::<S>(first).copy_from(&(-to_output * matrix));
     prediction.by_parameters.fixed_columns_mut::<3>(scale_block).copy_from(&Matrix3::from_diagonal(&along));
 }

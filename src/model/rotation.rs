@@ -3,9 +3,10 @@
 
 use super::error_model::{block, frame_rotation_z};
 use super::measurement::{
-    ENCODER_ERRORS, HARMONICS, MeasurementModel, Motion, Prediction, add_bias, harmonics, in_order, sensed, unit,
+    BACKLASH, ENCODER_ERRORS, GEOMETRY, HARMONICS, MeasurementModel, Motion, Prediction, add_bias, columns_of,
+    harmonics, sensed, unit,
 };
-use crate::base::angle::Angle;
+use crate::base::angle::{Angle, rad_to_ticks};
 use crate::base::linear::{Matrix, Matrix3, Real, Vector3, real, skew};
 use crate::segment::{AngleIntegrals, GUARD_S, Segment, SegmentKind, Turned};
 
@@ -28,7 +29,7 @@ impl<T: Real> MeasurementModel<T> {
             by_b: attitude,
             by_non_perpendicularity: turned_by_tilt + attitude_by_tilt * self.earth_rate_b,
             by_encoder_errors: axes.by_encoder_errors(),
-            by_harmonics: axes.by_harmonics(tilt, segment, &integrals),
+            by_geometry: axes.by_geometry(tilt, segment, &integrals),
         };
         let mut prediction = self.felt(&motion, &self.earth_rate_b);
         sensed(&mut prediction, &self.rot_gs, &self.errors.gyro_scale, block::GYRO_SCALE, |omega_g| {
@@ -38,6 +39,7 @@ impl<T: Real> MeasurementModel<T> {
         // When the base turns, a vector fixed in n turns the opposite way in b.
         let scaled = Matrix3::from_diagonal(&Vector3::from(self.errors.gyro_scale.map(|k| T::one() + k)));
         let by_rate = scaled * self.rot_gs * self.rot_sr * attitude;
+        prediction.in_g = by_rate * self.force_b / self.force_b.norm();
         prediction.by_attitude_rate = by_rate * -self.attitude_axes_b;
         prediction.by_earth_rate = by_rate * self.earth_axes_b;
         prediction
@@ -105,24 +107,112 @@ impl<T: Real> GimbalAxes<T> {
         Matrix::from_columns(&[self.outer_mean, self.inner + early, -self.outer_mean, late - self.inner])
     }
 
-    /// Derivatives by the harmonics. They follow from the integrals of the harmonics. Along the inner axis they follow
-    /// from the inner angles at both ends.
-    fn by_harmonics(
+    /// Derivatives by the effects of encoders and axes. Those by the first two harmonics follow from the integrals of
+    /// the harmonics; along the inner axis they follow from the inner angles at both ends. The others follow from the
+    /// way of the axes.
+    fn by_geometry(
         &self,
         tilt: &Matrix3<T>,
         segment: &Segment<T>,
         integrals: &AngleIntegrals<T>,
-    ) -> Matrix<T, 3, HARMONICS> {
+    ) -> Matrix<T, 3, GEOMETRY> {
         let along_outer = |[cos, sin]: [f64; 2]| tilt * Vector3::new(real(cos), real(-sin), T::zero());
         let across = |[cos, sin]: [f64; 2]| tilt * Vector3::new(real(sin), real(cos), T::zero());
         let (before, after) = (harmonics::<T>(segment.inner_from()), harmonics::<T>(segment.inner));
-        let mut changes = before.into_iter().zip(after).map(|(before, after)| self.inner * (before - after));
+        let mut changes =
+            before.into_iter().flatten().zip(after.into_iter().flatten()).map(|(from, to)| self.inner * (from - to));
         let mut along_inner = || changes.next().unwrap_or_else(Vector3::zeros);
-        in_order(
-            outer_harmonics(integrals).map(along_outer),
-            inner_harmonics(&segment.turned, integrals).map(|along_way| across(along_way) + along_inner()),
-        )
+        let [a, b, e, f] = outer_harmonics(integrals).map(along_outer);
+        let [c, d, g, h] =
+            inner_harmonics(&segment.turned, integrals).map(|along_way| across(along_way) + along_inner());
+        columns_of([a, b, c, d, e, f, g, h].into_iter().chain(along_way(segment)))
     }
+}
+
+/// Number of steps along the way of a move. The error of the midpoint rule is 1 % over three quarters of a turn, of
+/// effects of some tenths of an arcsec.
+const STEPS: u32 = 12;
+
+/// Derivatives by the effects whose integrals are not measured, in r: harmonics 3 and 4, backlash, wobble and sag. Those by
+/// the backlash are for its step at the start of the move, where the teeth change sides: the axes at the start. While
+/// both axes turn, they are taken to turn equally far until the shorter way ends, as they do at one rate.
+fn along_way<T: Real>(segment: &Segment<T>) -> [Vector3<T>; GEOMETRY - HARMONICS] {
+    let mut sums = [Vector3::zeros(); GEOMETRY - HARMONICS];
+    let ways = [segment.turned.outer, segment.turned.inner];
+    if segment.kind() == SegmentKind::Stop {
+        return sums;
+    }
+    let longest = ways[0].abs().max(ways[1].abs());
+    let starts = [segment.outer_from(), segment.inner_from()];
+    let at = |part: T| {
+        let gone = |way: T| way.abs().min(longest * part) * way.signum();
+        [gone(ways[0]), gone(ways[1])]
+    };
+    let angles = |gone: [T; 2]| {
+        let mut both = starts.iter().zip(gone).map(|(from, gone)| from.turned(rad_to_ticks(gone.widened()) as i32));
+        [both.next().unwrap_or_default(), both.next().unwrap_or_default()]
+    };
+    let step = real::<T>(f64::from(STEPS)).recip();
+    let mut before = at(T::zero());
+    let mut harmonics_before = angles(before).map(harmonics::<T>);
+    for number in 0..STEPS {
+        let after = at(real::<T>(f64::from(number) + 1.0) * step);
+        let harmonics_after = angles(after).map(harmonics::<T>);
+        let [outer, inner] = angles(at(real::<T>(f64::from(number) + 0.5) * step));
+        let [turned_outer, turned_inner] = [after[0] - before[0], after[1] - before[1]];
+        let ((so, co), (si, ci)): ((T, T), (T, T)) = (outer.sin_cos(), inner.sin_cos());
+        let outer_axis = Vector3::new(ci, -si, T::zero());
+        let across = Vector3::new(si, ci, T::zero());
+        let along = Vector3::new(T::zero(), T::zero(), T::one());
+        // R_z (0, y, z), for vectors of the outer gimbal.
+        let rotated = |y: T, z: T| across * y + along * z;
+        let inner_now = harmonics::<T>(inner);
+        let [outer_before, inner_before] = &harmonics_before;
+        let [outer_after, inner_after] = &harmonics_after;
+        let mut places = sums.iter_mut();
+        let mut add = |value: Vector3<T>| {
+            if let Some(place) = places.next() {
+                *place += value;
+            }
+        };
+        for n in [2, 3] {
+            let change = |before: &[[T; 2]; 4], after: &[[T; 2]; 4]| {
+                let of = |all: &[[T; 2]; 4]| all.get(n).copied().unwrap_or([T::zero(); 2]);
+                let ([c, s], [to_c, to_s]) = (of(before), of(after));
+                [to_c - c, to_s - s]
+            };
+            change(outer_before, outer_after).into_iter().for_each(|change| add(outer_axis * -change));
+            let now = inner_now.get(n).copied().unwrap_or([T::zero(); 2]);
+            let along_inner = change(inner_before, inner_after);
+            for (now, change) in now.into_iter().zip(along_inner) {
+                add(across * (now * turned_outer) - along * change);
+            }
+        }
+        // The places of the backlash, which does not build up along the way.
+        add(Vector3::zeros());
+        add(Vector3::zeros());
+        let [by_cos, by_sin] = [-so * turned_outer, co * turned_outer];
+        // Wobble of the outer axis about y, then about z: R_x e is (0, cos, -sin), then (0, sin, cos).
+        [by_cos, by_sin].into_iter().for_each(|by| add(rotated(co, -so) * by));
+        [by_cos, by_sin].into_iter().for_each(|by| add(rotated(so, co) * by));
+        // Wobble of the inner axis about x, then about y, which also tilts the turning outer axis.
+        let changes = [-si * turned_inner, ci * turned_inner];
+        changes.into_iter().for_each(|by| add(outer_axis * by));
+        for (by, now) in changes.into_iter().zip([ci - T::one(), si]) {
+            add(across * by + along * (now * turned_outer));
+        }
+        // Sag of the inner axis about y, which also tilts it against the outer axis.
+        for (by, now) in [by_cos, by_sin].into_iter().zip([co - T::one(), so]) {
+            add(across * by + along * (now * turned_outer));
+        }
+        (before, harmonics_before) = (after, harmonics_after);
+    }
+    let (sin, cos): (T, T) = segment.inner_from().sin_cos();
+    let axes_at_start = [Vector3::new(cos, -sin, T::zero()), Vector3::new(T::zero(), T::zero(), T::one())];
+    for (place, axis) in sums.iter_mut().skip(BACKLASH - HARMONICS).zip(axes_at_start) {
+        *place = axis;
+    }
+    sums
 }
 
 /// Negative integrals of (cos, sin)(inner) over the error of each outer harmonic.
@@ -196,6 +286,7 @@ mod tests {
     use super::super::measurement::example::{angles, differences, errors, segments, segments_along, smooth};
     use super::*;
     use crate::base::linear::exp_so3;
+    use crate::base::profile::Profile;
     use crate::base::site::Site;
 
     #[test]
@@ -283,7 +374,7 @@ mod tests {
     fn harmonics_of_a_move_match_differences() {
         let [stop, turn, _] = segments_along(early, 1000);
         let (errors, site) = (errors(), Site::default());
-        let by = MeasurementModel::new(&errors, &site).rotation(&turn).by_harmonics;
+        let by = MeasurementModel::new(&errors, &site).rotation(&turn).by_geometry;
         let exact = rotation_by_steps(&errors, &site, &turn, early);
         assert_eq!((stop.outer, stop.inner), (Angle::default(), Angle::default()));
         for column in 0..HARMONICS {
@@ -300,5 +391,65 @@ mod tests {
             // changes twice as fast.
             assert!(found < 1e-2, "{column}: {found}");
         }
+    }
+
+    /// Attitude of the rotation frame at these angles with a small effect of encoders or axes, in the order of
+    /// [`GEOMETRY`]: built from rotations, not from the derivatives.
+    fn attitude_with(effect: usize, size: f64, [outer, inner]: [f64; 2]) -> Matrix3<f64> {
+        let wave =
+            |n: f64, is_sine: bool, angle: f64| if is_sine { (n * angle).sin() } else { (n * angle).cos() - 1.0 };
+        let is_sine = effect % 2 == 1;
+        let tilted = |axis: usize, by: f64| exp_so3(&(unit::<f64>(axis) * (-size * by)));
+        let (mut read, mut base, mut gimbal) = ([outer, inner], Matrix3::identity(), Matrix3::identity());
+        match effect {
+            0..16 => {
+                let axis = effect / 2 % 2;
+                read[axis] -= size * wave((effect / 4 + 1) as f64, is_sine, read[axis]);
+            }
+            18..22 => base = tilted(1 + (effect - 18) / 2, wave(1.0, is_sine, outer)),
+            22..26 => gimbal = tilted((effect - 22) / 2, wave(1.0, is_sine, inner)),
+            26.. => gimbal = tilted(1, wave(1.0, is_sine, outer)),
+            _ => {}
+        }
+        exp_so3(&(unit::<f64>(2) * -read[1])) * gimbal * exp_so3(&(unit::<f64>(0) * -read[0])) * base
+    }
+
+    #[test]
+    fn effects_of_encoders_and_axes_match_differences() {
+        let ways = [2.1, -1.3];
+        let path = |time_s: f64| {
+            let at = |way| Profile::trapezoid(way, 0.7, 1.4).at((time_s - 2.0).max(0.0)).angle_rad;
+            (0.4 + at(2.1), -0.7 + at(-1.3))
+        };
+        let segments = segments_along(path, 1000);
+        let [first, turn, last] = &segments;
+        let errors = InstrumentErrors::<f64> { base_roll: 0.1, base_pitch: -0.2, ..Default::default() };
+        let model = MeasurementModel::new(&errors, &Site::default());
+        let (by_rotation, by_force) = (model.rotation(turn).by_geometry, model.force_at_stop(last).by_geometry);
+        // The rotation of the frame against the base, summed up in r over many steps.
+        let turned = |effect, size| {
+            let at = |step: u32| {
+                let part = f64::from(step) / 40_000.0;
+                let longest = ways[0] * part;
+                let angles = [0.4 + longest, -0.7 - longest.min(-ways[1])];
+                attitude_with(effect, size, angles)
+            };
+            (0..40_000).fold(Vector3::<f64>::zeros(), |sum, step| {
+                let change = at(step + 1) * at(step).transpose();
+                let odd = (change - change.transpose()) * -0.5;
+                sum + Vector3::new(odd[(2, 1)], odd[(0, 2)], odd[(1, 0)])
+            })
+        };
+        let force = |effect, size| attitude_with(effect, size, [last.outer.rad(), last.inner.rad()]) * model.force_b;
+        const SIZE: f64 = 1e-4;
+        for effect in (0..GEOMETRY).filter(|effect| !(16..18).contains(effect)) {
+            let of_force = (force(effect, SIZE) - force(effect, -SIZE)) / (2.0 * SIZE);
+            let found = by_force.column(effect);
+            assert!((found - of_force).norm() < 1e-5, "force, {effect}: {found} for {of_force}");
+            let of_turn = (turned(effect, SIZE) - turned(effect, -SIZE)) / (2.0 * SIZE);
+            let found = by_rotation.column(effect);
+            assert!((found - of_turn).norm() < 0.02, "rotation, {effect}: {found} for {of_turn}");
+        }
+        assert_eq!(by_force.columns(16, 2).norm() + model.rotation(first).by_geometry.columns(8, 20).norm(), 0.0);
     }
 }

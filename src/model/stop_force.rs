@@ -1,7 +1,9 @@
 //! The accelerometers at a stop: the predicted mean output (M6), and its derivatives by all parameters.
 
 use super::error_model::{block, frame_rotation_x, frame_rotation_z};
-use super::measurement::{MeasurementModel, Motion, Prediction, add_bias, harmonics, in_order, sensed, unit};
+use super::measurement::{
+    GEOMETRY, MeasurementModel, Motion, Prediction, add_bias, columns_of, harmonics, sensed, unit,
+};
 use crate::base::linear::{Matrix, Matrix3, Real, Vector3};
 use crate::segment::Segment;
 
@@ -22,17 +24,55 @@ impl<T: Real> MeasurementModel<T> {
             by_b: rot_inner * rot_outer,
             by_non_perpendicularity: y.cross(&force_r) - rot_inner * y.cross(&after_outer),
             by_encoder_errors: Matrix::from_columns(&[Vector3::zeros(), Vector3::zeros(), by_outer, by_inner]),
-            by_harmonics: in_order(
-                harmonics::<T>(stop.outer).map(|harmonic| by_outer * harmonic),
-                harmonics::<T>(stop.inner).map(|harmonic| by_inner * harmonic),
-            ),
+            by_geometry: self.geometry_at_stop(stop, [&by_outer, &by_inner], [&rot_inner, &rot_outer]),
         };
         let mut prediction = self.felt(&motion, &self.force_b);
         sensed(&mut prediction, &self.rot_as, &self.errors.accel_scale, block::ACCEL_SCALE, |force_a| {
             (block::ACCEL_NON_ORTHOGONALITY, accel_non_orthogonality_matrix(force_a))
         });
+        prediction.in_g = prediction.value / self.force_b.norm();
         add_bias(&mut prediction, &self.errors.accel_bias_a, block::ACCEL_BIAS, T::one());
         prediction
+    }
+
+    /// Derivatives of the force in r by the effects of encoders and axes.
+    fn geometry_at_stop(
+        &self,
+        stop: &Segment<T>,
+        by_angles: [&Vector3<T>; 2],
+        [rot_inner, rot_outer]: [&Matrix3<T>; 2],
+    ) -> Matrix<T, 3, GEOMETRY> {
+        let both = [harmonics::<T>(stop.outer), harmonics::<T>(stop.inner)];
+        let force_r = rot_inner * rot_outer * self.force_b;
+        let tilts = |axis: Vector3<T>, [cos, sin]: [T; 2]| {
+            let by_tilt = force_r.cross(&axis);
+            [by_tilt * cos, by_tilt * sin]
+        };
+        let [[outer, ..], [inner, ..]] = both;
+        let rot = rot_inner * rot_outer;
+        let tilted = [
+            tilts(rot * unit::<T>(1), outer),
+            tilts(rot * unit::<T>(2), outer),
+            tilts(rot_inner * unit::<T>(0), inner),
+            tilts(rot_inner * unit::<T>(1), inner),
+            tilts(rot_inner * unit::<T>(1), outer),
+        ];
+        let [[o1, o2, o3, o4], [i1, i2, i3, i4]] = both;
+        let by_outer = |[cos, sin]: [T; 2]| [by_angles[0] * cos, by_angles[0] * sin];
+        let by_inner = |[cos, sin]: [T; 2]| [by_angles[1] * cos, by_angles[1] * sin];
+        let encoders = [
+            by_outer(o1),
+            by_inner(i1),
+            by_outer(o2),
+            by_inner(i2),
+            by_outer(o3),
+            by_inner(i3),
+            by_outer(o4),
+            by_inner(i4),
+            // The backlash.
+            [Vector3::zeros(); 2],
+        ];
+        columns_of(encoders.iter().chain(&tilted).flatten().copied())
     }
 }
 

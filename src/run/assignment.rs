@@ -1,13 +1,14 @@
 //! What the instrument does after power-up. A product keeps this configuration in non-volatile memory; in the emulator
 //! it is a file of the host.
 
+use crate::base::hardware::Hardware;
 use crate::base::method::Method;
 use crate::base::site::Site;
 use crate::base::units::{ARCSEC, DEG_SQRT_H, MICRO_G};
 use crate::estimator::{EstimatorConfig, HeadingSource};
 use crate::gimbal::axis::AxisLimits;
 use crate::gimbal::servo::MotorAndLoad;
-use crate::model::options::Options;
+use crate::model::effects::SiteSigmas;
 use crate::run::config::CalibratorConfig;
 use crate::run::config::SelfCalibrationConfig;
 use crate::run::policy::PowerUpPolicy;
@@ -34,7 +35,7 @@ pub enum Assignment {
 }
 
 impl Default for Assignment {
-    /// A navigation-grade unit at the default site, the joint method, and the scheme that was compiled in.
+    /// A navigation-grade unit at an unknown site, the joint method, and the scheme that was compiled in.
     fn default() -> Self {
         let noise = Noise {
             accel_psd_sqrt: 10.0 * MICRO_G,
@@ -42,14 +43,15 @@ impl Default for Assignment {
             encoder_sigma_rad: 0.5 * ARCSEC,
             margin: 1.0,
         };
-        let calibrator = CalibratorConfig::new(Method::Joint, Site::default(), noise, 200.0);
+        let mut calibrator = CalibratorConfig::new(Method::Joint, Site::default(), noise, 200.0);
+        calibrator.estimator.site_sigmas = SiteSigmas::UNKNOWN;
         let scheme = compiled_in().unwrap_or_else(|| Scheme::default_for(Method::Joint));
         Self::SelfCalibrate(SelfCalibrationConfig::new(calibrator, scheme))
     }
 }
 
 impl CalibratorConfig {
-    /// The usual configuration for a unit with this noise (SI) and this sample rate (Hz).
+    /// The usual configuration for a unit with this noise (SI) and this sample rate (Hz), at a site that is given.
     pub fn new(method: Method, site: Site, noise: Noise, rate_hz: f64) -> Self {
         let estimator = EstimatorConfig {
             method,
@@ -59,7 +61,8 @@ impl CalibratorConfig {
             period_moves: None,
             // The first linearization is poor, so a gate would keep out good measurements. The verdict finds bad ones.
             gate_sigma: None,
-            options: Options::default(),
+            hardware: Hardware::NAVIGATION,
+            site_sigmas: SiteSigmas::GIVEN,
         };
         Self { rate_hz, stillness: Stillness::default(), estimator }
     }

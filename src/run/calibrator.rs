@@ -1,16 +1,17 @@
 //! From samples to a solution: intake, segmenter and estimator in series. A live instrument and a recording use the
 //! same code.
 
+use crate::base::hardware::Hardware;
 use crate::base::linear::Real;
 use crate::base::sample::RawSample;
 use crate::estimator::rehearsal::unobserved;
-use crate::estimator::{BASIC_STATES, Estimate, Estimator, MAX_SEGMENTS, Solution};
+use crate::estimator::{Estimate, Estimator, MAX_SEGMENTS, Solution};
 use crate::model::error_model::PARAMETERS;
 use crate::run::config::CalibratorConfig;
 use crate::run::telemetry::{Message, Progress, tell};
 use crate::scheme::Scheme;
 use crate::segment::intake::{Admission, Intake, IntakeCounts};
-use crate::segment::{Segment, Segmenter};
+use crate::segment::{Segment, SegmentKind, Segmenter};
 use crate::verdict::{Assessment, Verdict, VerdictLimits, is_good_fit, judge};
 
 /// Turns samples into parameters. Use it directly for a recording; a live instrument uses
@@ -44,16 +45,26 @@ use crate::verdict::{Assessment, Verdict, VerdictLimits, is_good_fit, judge};
 /// // At the end of a log, `conclude` gives the solution and `judge` the verdict.
 /// ```
 #[derive(Clone, Debug)]
-pub struct Calibrator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS, const STATES: usize = BASIC_STATES> {
+pub struct Calibrator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS> {
     intake: Intake,
     segmenter: Segmenter<T>,
-    estimator: Estimator<T, SEGMENTS, STATES>,
+    estimator: Estimator<T, SEGMENTS>,
+    /// The last segment, until the estimate after it is linearized anew and told.
+    untold: Option<Untold>,
 }
 
-impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS, STATES> {
+/// A segment whose estimate is not told yet.
+#[derive(Clone, Copy, Debug)]
+struct Untold {
+    segments: u16,
+    kind: SegmentKind,
+    end_us: u64,
+}
+
+impl<T: Real, const SEGMENTS: usize> Calibrator<T, SEGMENTS> {
     /// Memory for a calibrator. Call [`Self::restart`] before use.
     pub const UNCONFIGURED: Self =
-        Self { intake: Intake::new(0.0), segmenter: Segmenter::new(), estimator: Estimator::new() };
+        Self { intake: Intake::new(0.0), segmenter: Segmenter::new(), estimator: Estimator::new(), untold: None };
 
     /// A calibrator before the first sample.
     pub fn new(config: &CalibratorConfig) -> Self {
@@ -67,12 +78,17 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
         self.intake = Intake::new(config.rate_hz);
         self.segmenter.restart(&config.stillness);
         self.estimator.restart(&config.estimator);
+        self.untold = None;
     }
 
-    /// Takes one sample. Returns the live estimate if this sample completes a segment.
+    /// Takes one sample. Returns the live estimate if this sample completes a segment. For use where no sample is
+    /// waiting: a live instrument calls [`Self::admit`], [`Self::measure`] and [`Self::refine_piece`].
     pub fn step(&mut self, sample: &RawSample<T>) -> Option<Progress> {
         match self.admit(sample) {
-            Admission::Admitted { .. } => self.measure(sample),
+            Admission::Admitted { .. } => {
+                self.measure(sample);
+                self.refine()
+            }
             Admission::Repeated | Admission::OutOfOrder | Admission::NonFinite => None,
         }
     }
@@ -82,9 +98,35 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
         self.intake.admit(sample)
     }
 
-    /// Takes an admitted sample. Otherwise the same as [`Self::step`].
-    pub fn measure(&mut self, sample: &RawSample<T>) -> Option<Progress> {
-        self.segmenter.step(sample).and_then(|segment| self.add(&segment))
+    /// Takes an admitted sample. Returns whether it completes a segment, whose estimate [`Self::refine_piece`] gives.
+    pub fn measure(&mut self, sample: &RawSample<T>) -> bool {
+        self.segmenter.step(sample).is_some_and(|segment| self.add(&segment))
+    }
+
+    /// Does one bounded piece of the linearization of all segments about the live estimate, which follows a stop.
+    /// Returns the live estimate after the last segment when it is ready, once.
+    pub fn refine_piece(&mut self) -> Option<Progress> {
+        let Untold { segments, kind, end_us } = self.untold?;
+        // A pass that a short move has overtaken takes in the move too.
+        if kind == SegmentKind::Stop || self.estimator.is_refreshing() {
+            self.estimator.refresh_piece()?;
+        }
+        self.untold = None;
+        Some(Progress { segments, kind, end_us, estimate: self.estimator.estimate() })
+    }
+
+    /// Whether [`Self::refine_piece`] has work to do.
+    pub fn is_refining(&self) -> bool {
+        self.untold.is_some()
+    }
+
+    fn refine(&mut self) -> Option<Progress> {
+        while self.is_refining() {
+            if let Some(progress) = self.refine_piece() {
+                return Some(progress);
+            }
+        }
+        None
     }
 
     /// Whether the samples come at another rate than the configured one.
@@ -107,22 +149,33 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
         self.intake.resume();
     }
 
-    /// Closes the stop under way at the end of the samples.
+    /// Closes the stop under way at the end of the samples. Returns the live estimate if there was one.
     pub fn finish(&mut self) -> Option<Progress> {
-        self.segmenter.finish().and_then(|segment| self.add(&segment))
+        self.close_stop();
+        self.refine()
+    }
+
+    fn close_stop(&mut self) {
+        if let Some(segment) = self.segmenter.finish() {
+            self.add(&segment);
+        }
     }
 
     /// Checks, one bounded piece a call, whether the run may end with the stop under way. Closes the stop. Returns
     /// whether every required sigma is met and the fit is good; `None` while more calls are needed.
     pub fn weigh_piece(&mut self, limits: &VerdictLimits, report: &mut impl FnMut(&Message)) -> Option<bool> {
-        if let Some(progress) = self.finish() {
-            tell(report, || Message::Segment(progress));
+        self.close_stop();
+        if self.is_refining() {
+            if let Some(progress) = self.refine_piece() {
+                tell(report, || Message::Segment(progress));
+            }
+            return None;
         }
         if !self.estimator.is_refreshing() && !self.meets(limits) {
             return Some(false);
         }
         let (chi_square, degrees_of_freedom) = self.estimator.refresh_piece()?;
-        Some(self.meets(limits) && is_good_fit(chi_square, degrees_of_freedom))
+        Some(self.meets(limits) && is_good_fit(chi_square, degrees_of_freedom, &self.estimator.config().hardware))
     }
 
     fn meets(&self, limits: &VerdictLimits) -> bool {
@@ -133,9 +186,7 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
     /// the estimate has converged, and reports innovations, solution and covariance. Returns the solution when all is
     /// done.
     pub fn conclude_piece(&mut self, report: &mut impl FnMut(&Message)) -> Option<Solution> {
-        if let Some(progress) = self.finish() {
-            tell(report, || Message::Segment(progress));
-        }
+        self.close_stop();
         let solved = self.estimator.solve_piece();
         for innovations in self.estimator.closing_innovations() {
             tell(report, || Message::Innovations(*innovations));
@@ -145,8 +196,12 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
 
     /// Not inlined, because the pieces need the stack.
     #[inline(never)]
-    fn report_solution(&self, report: &mut impl FnMut(&Message)) -> Option<Solution> {
+    fn report_solution(&mut self, report: &mut impl FnMut(&Message)) -> Option<Solution> {
         let solution = *self.estimator.solution()?;
+        if let Some(Untold { segments, kind, end_us }) = self.untold.take() {
+            // The live estimate after the last segment is the solution.
+            tell(report, || Message::Segment(Progress { segments, kind, end_us, estimate: solution.estimate }));
+        }
         tell(report, || Message::Solved { solution, counts: self.counts() });
         for row in 0..PARAMETERS {
             let values = self.estimator.covariance_row(row).map(Real::widened).data.0[0];
@@ -171,11 +226,18 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
             prior_sigmas: &self.estimator.config().prior_sigmas(),
             segments: self.estimator.segments(),
             noise: &self.estimator.config().noise,
-            site: &self.estimator.config().site,
+            hardware: &self.estimator.config().hardware,
+            effect_sigmas: &self.estimator.config().effect_sigmas(),
+            site: &solution.site(self.estimator.config()),
             counts: self.intake.counts(),
             stored,
         };
         judge(&assessment, limits)
+    }
+
+    /// Takes hardware of other sizes for the segments so far. [`Self::conclude`] then solves once more.
+    pub fn take_hardware(&mut self, hardware: &Hardware) {
+        self.estimator.take_hardware(hardware);
     }
 
     /// The stop under way, to check its quality.
@@ -198,22 +260,26 @@ impl<T: Real, const SEGMENTS: usize, const STATES: usize> Calibrator<T, SEGMENTS
         self.intake.counts()
     }
 
-    /// The first parameter that the scheme would leave unobserved. Forgets all samples and segments.
+    /// The first parameter that the scheme would leave unobserved. Forgets all samples and segments, and must be
+    /// restarted then.
     pub fn rehearse(&mut self, scheme: &Scheme) -> Option<u8> {
         unobserved(&mut self.estimator, scheme)
     }
 
     /// The estimator, with its segments and its covariance.
-    pub fn estimator(&self) -> &Estimator<T, SEGMENTS, STATES> {
+    pub fn estimator(&self) -> &Estimator<T, SEGMENTS> {
         &self.estimator
     }
 
-    fn add(&mut self, segment: &Segment<T>) -> Option<Progress> {
-        self.estimator.add(segment).then(|| Progress {
-            segments: self.estimator.segments().len() as u16,
-            kind: segment.kind(),
-            end_us: segment.start_us + segment.duration_us,
-            estimate: self.estimator.estimate(),
-        })
+    fn add(&mut self, segment: &Segment<T>) -> bool {
+        let used = self.estimator.add(segment);
+        if used {
+            self.untold = Some(Untold {
+                segments: self.estimator.segments().len() as u16,
+                kind: segment.kind(),
+                end_us: segment.start_us + segment.duration_us,
+            });
+        }
+        used
     }
 }

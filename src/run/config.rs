@@ -1,6 +1,7 @@
 //! The configuration of a run, and the reasons why a configuration is refused.
 
 use crate::base::bounds::{Bound, first_outside};
+use crate::base::hardware::{HARDWARE, HardwareSize};
 use crate::base::units::DEG;
 use crate::estimator::EstimatorConfig;
 use crate::estimator::rehearsal::SHORTEST_STOP_S;
@@ -104,10 +105,8 @@ pub enum ConfigError {
     Policy,
     /// A limit of the verdict is not positive and finite.
     Limits,
-    /// The random walk of a bias is not finite, or negative.
-    Options,
-    /// The filter of this build does not have a state that is configured.
-    States,
+    /// A size of the hardware is outside its bounds: the row of [`HARDWARE`].
+    Hardware(u8),
     /// The scheme has more segments than fit into memory.
     Segments,
     /// The latitude is beyond 90 deg, or the height or the gravity is not finite.
@@ -141,8 +140,7 @@ impl ConfigError {
             Self::Pace => "config-pace",
             Self::Policy => "config-policy",
             Self::Limits => "config-limits",
-            Self::Options => "config-options",
-            Self::States => "config-states",
+            Self::Hardware(_) => "config-hardware",
             Self::Segments => "scheme-segments",
             Self::Site => "config-site",
             Self::Scheme(error) => error.code(),
@@ -175,13 +173,16 @@ impl fmt::Display for ConfigError {
                 f.write_str("the temperature limit of the power-up policy must be finite and not negative")
             }
             Self::Limits => f.write_str("every limit of the verdict must be finite and positive"),
-            Self::Options => f.write_str("the random walks of the biases must be finite and not negative"),
-            Self::States => f.write_str(
-                "this build has no states for bias ramps, encoder harmonics and tilt drift; build with the feature \
-                 optional-states, or do not configure them",
-            ),
+            Self::Hardware(row) => match HARDWARE.get(usize::from(*row)) {
+                Some(HardwareSize { key, unit, largest, .. }) => {
+                    write!(f, "the size {key} of the hardware must be from 0 to {largest} {unit}")
+                }
+                None => f.write_str("a size of the hardware is outside its bounds"),
+            },
             Self::Segments => write!(f, "the scheme has more than {MAX_SEGMENTS} stops and moves, which do not fit into memory"),
-            Self::Site => f.write_str("the latitude must be within 90 deg, and height and gravity must be finite"),
+            Self::Site => f.write_str(
+                "the latitude must be within 90 deg, height and gravity must be finite, and their sigmas must not be negative",
+            ),
             Self::Scheme(error) => error.fmt(f),
             Self::TooFast(axis) => {
                 write!(f, "the scheme turns or accelerates faster than the limits of the {} axis permit", name(axis))
@@ -215,6 +216,9 @@ fn write_outside(f: &mut fmt::Formatter<'_>, number: BoundedNumber, axis: Option
 /// microseconds.
 const RATES_HZ: RangeInclusive<f64> = 50.0..=10_000.0;
 
+/// Largest sigma of the latitude, rad, and of gravity, m/s^2.
+const LARGEST_SITE_SIGMA: f64 = 10.0;
+
 fn positive(x: &f64) -> bool {
     x.is_finite() && *x > 0.0
 }
@@ -247,8 +251,13 @@ impl SelfCalibrationConfig {
         {
             return Err(ConfigError::Stillness);
         }
-        if !estimator.options.are_finite() {
-            return Err(ConfigError::Options);
+        let wrong = estimator.hardware.first_wrong();
+        if let Some(row) = wrong.and_then(|wrong| HARDWARE.iter().position(|size| size.key == wrong.key)) {
+            return Err(ConfigError::Hardware(row as u8));
+        }
+        let sigmas = &estimator.site_sigmas;
+        if ![sigmas.latitude_rad, sigmas.gravity_m_s2].iter().all(|sigma| (0.0..=LARGEST_SITE_SIGMA).contains(sigma)) {
+            return Err(ConfigError::Site);
         }
         if !(-90.1 * DEG..=90.1 * DEG).contains(&site.latitude_rad) || !positive(&site.gravity_m_s2()) {
             return Err(ConfigError::Site);

@@ -10,7 +10,7 @@ use crate::base::imu_identity::ImuIdentity;
 use crate::base::linear::{Real, real};
 use crate::base::sample::{CorrectedSample, RawSample};
 use crate::base::units::DEG;
-use crate::estimator::{BASIC_STATES, Estimate, FULL_STATES, MAX_SEGMENTS, Solution};
+use crate::estimator::{Estimate, EstimatorConfig, MAX_SEGMENTS, Solution};
 use crate::gimbal::{Fault, GimbalStatus, MotionCommand};
 use crate::model::correction::Calibration;
 use crate::run::abort::{Abort, AbortReason};
@@ -51,6 +51,8 @@ pub struct Step<T: Real> {
     pub corrected: Option<CorrectedSample<T>>,
     /// Samples are missing between the sample before and this sample.
     pub after_gap: bool,
+    /// The sample has ended a segment, which the filter has processed.
+    pub ends_segment: bool,
     /// The record must be stored now. Answer with [`SelfCalibration::saved`].
     pub save: bool,
     /// The record of a rejected run may be added to the history. No answer is expected.
@@ -107,7 +109,7 @@ struct Heard {
 /// # Ok::<(), rins_selfcal::run::config::ConfigError>(())
 /// ```
 #[derive(Debug)]
-pub struct SelfCalibration<'c, T: Real, const STATES: usize = BASIC_STATES> {
+pub struct SelfCalibration<'c, T: Real> {
     config: SelfCalibrationConfig,
     stored: Option<(Estimate, Conditions)>,
     /// While motion is locked, no command is given to the gimbal.
@@ -116,7 +118,7 @@ pub struct SelfCalibration<'c, T: Real, const STATES: usize = BASIC_STATES> {
     decision: Option<Decision>,
     start: bool,
     sequencer: Sequencer,
-    calibrator: &'c mut Calibrator<T, MAX_SEGMENTS, STATES>,
+    calibrator: &'c mut Calibrator<T, MAX_SEGMENTS>,
     measuring: bool,
     previous: Option<RawSample<T>>,
     heard: Option<Heard>,
@@ -138,7 +140,7 @@ pub struct SelfCalibration<'c, T: Real, const STATES: usize = BASIC_STATES> {
     corrected_report_us: Option<u64>,
 }
 
-impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
+impl<'c, T: Real> SelfCalibration<'c, T> {
     /// The instrument at power-up, with the calibration from its store.
     ///
     /// # Errors
@@ -147,7 +149,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     pub fn new(
         config: &SelfCalibrationConfig,
         stored: Option<&StoredCalibration>,
-        calibrator: &'c mut Calibrator<T, MAX_SEGMENTS, STATES>,
+        calibrator: &'c mut Calibrator<T, MAX_SEGMENTS>,
     ) -> Result<Self, ConfigError> {
         prepare(config, calibrator)?;
         Ok(Self::prepared(config, stored, calibrator))
@@ -159,7 +161,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     pub(crate) fn prepared(
         config: &SelfCalibrationConfig,
         stored: Option<&StoredCalibration>,
-        calibrator: &'c mut Calibrator<T, MAX_SEGMENTS, STATES>,
+        calibrator: &'c mut Calibrator<T, MAX_SEGMENTS>,
     ) -> Self {
         let stored = stored.map(|record| (record.estimate(), record.conditions()));
         Self {
@@ -220,24 +222,39 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     #[inline(never)]
     pub fn step(&mut self, sample: &RawSample<T>, gimbal: &GimbalStatus, report: &mut impl FnMut(&Message)) -> Step<T> {
         let Admission::Admitted { after_gap, .. } = self.calibrator.admit(sample) else {
-            return Step { motion: None, corrected: None, after_gap: false, save: false, note: false };
+            return Step {
+                motion: None,
+                corrected: None,
+                after_gap: false,
+                ends_segment: false,
+                save: false,
+                note: false,
+            };
         };
         let last_us = self.previous.as_ref().map_or(sample.time_us, |previous| previous.time_us);
         self.previous = Some(*sample);
         let gimbal = &self.as_commanded(gimbal);
         self.report_fault(gimbal, report);
-        if self.measuring
-            && let Some(progress) = self.calibrator.measure(sample)
-        {
-            tell(report, || Message::Segment(progress));
-        }
+        let ends_segment = self.measuring && self.calibrator.measure(sample);
         let state = self.sequencer.state();
         let input = self.input(sample, last_us, gimbal);
         let action = self.sequencer.step(&input);
         let motion = self.act(action, state, report);
         self.report_state(state, sample.time_us, report);
         let note = action == Action::GiveUp(None) && self.solution.is_some();
-        Step { motion, corrected: self.correct(sample, report), after_gap, save: action == Action::Save, note }
+        let save = action == Action::Save;
+        Step { motion, corrected: self.correct(sample, report), after_gap, ends_segment, save, note }
+    }
+
+    /// Does one bounded piece of the work on the live estimate, and reports the estimate when it is ready. Returns
+    /// whether there was a piece to do. Call it after every sample.
+    #[inline(never)]
+    pub fn refine(&mut self, report: &mut impl FnMut(&Message)) -> bool {
+        let is_due = self.measuring && self.calibrator.is_refining();
+        if is_due && let Some(progress) = self.calibrator.refine_piece() {
+            tell(report, || Message::Segment(progress));
+        }
+        is_due
     }
 
     /// Checks, by the board's clock (us), that samples still arrive. Call it on every turn of the main loop, after the
@@ -287,8 +304,8 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         }
     }
 
-    /// Starts a run if no run is under way. Whoever calls this has the authority to move the axes, so that it ends a lock
-    /// after a reset.
+    /// Starts a run if no run is under way. Whoever calls this has the authority to move the axes, so that it ends a
+    /// lock after a reset.
     ///
     /// # Errors
     /// Why no run may start: the policy is never to calibrate, or the unit is not commissioned.
@@ -321,8 +338,8 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
         motion
     }
 
-    /// Ends the run. Axes that this run has moved return to (0, 0), if base and axes are well. The stored calibration is
-    /// unchanged.
+    /// Ends the run. Axes that this run has moved return to (0, 0), if base and axes are well. The stored calibration
+    /// is unchanged.
     pub fn abort(&mut self) {
         self.abort_with(AbortReason::Commanded);
     }
@@ -397,7 +414,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     }
 
     /// The run's calibrator, with its segments and its covariance.
-    pub fn calibrator(&self) -> &Calibrator<T, MAX_SEGMENTS, STATES> {
+    pub fn calibrator(&self) -> &Calibrator<T, MAX_SEGMENTS> {
         self.calibrator
     }
 
@@ -409,7 +426,7 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
             sigmas: solution.estimate.sigmas,
             method: estimator.method,
             scheme: self.config.scheme.name.clone(),
-            site: estimator.site,
+            site: solution.site(estimator),
             utc_s: self.config.utc_s,
             temperature_c: solution.temperature_c,
             chi_square: solution.fit.chi_square,
@@ -475,11 +492,11 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     /// Factor by which the stop under way must be longer than planned because of its noise. Computed when the dwell is
     /// over.
     fn extension(&self) -> f64 {
-        let noise = &self.config.calibrator.estimator.noise;
+        let EstimatorConfig { noise, hardware, .. } = &self.config.calibrator.estimator;
         if noise.margin <= 1.0 || !self.is_dwell_over() {
             return 1.0;
         }
-        let allowances = self.calibrator.stop_so_far().map(|stop| noise.allowances(&stop));
+        let allowances = self.calibrator.stop_so_far().map(|stop| noise.allowances(hardware, &stop));
         allowances.iter().flatten().copied().fold(1.0, f64::max)
     }
 
@@ -490,9 +507,9 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
     /// Whether the instrument was not at rest during the stop under way, or samples were lost. Checked when the dwell
     /// is over.
     fn is_disturbed(&self) -> bool {
-        let noise = &self.config.calibrator.estimator.noise;
-        let unrest = |calibrator: &Calibrator<T, MAX_SEGMENTS, STATES>| {
-            calibrator.stop_so_far().is_some_and(|stop| unrest(&stop, noise).is_some())
+        let EstimatorConfig { noise, hardware, .. } = &self.config.calibrator.estimator;
+        let unrest = |calibrator: &Calibrator<T, MAX_SEGMENTS>| {
+            calibrator.stop_so_far().is_some_and(|stop| unrest(&stop, noise, hardware).is_some())
         };
         self.is_dwell_over() && (self.calibrator.longest_interval_us() > LONGEST_GAP_US || unrest(self.calibrator))
     }
@@ -638,14 +655,11 @@ impl<'c, T: Real, const STATES: usize> SelfCalibration<'c, T, STATES> {
 /// # Errors
 /// What is wrong with the configuration.
 #[inline(never)]
-pub(crate) fn prepare<T: Real, const STATES: usize>(
+pub(crate) fn prepare<T: Real>(
     config: &SelfCalibrationConfig,
-    calibrator: &mut Calibrator<T, MAX_SEGMENTS, STATES>,
+    calibrator: &mut Calibrator<T, MAX_SEGMENTS>,
 ) -> Result<(), ConfigError> {
     config.check()?;
-    if config.calibrator.estimator.options.needs_states() && STATES < FULL_STATES {
-        return Err(ConfigError::States);
-    }
     calibrator.restart(&config.run());
     let unobserved = calibrator.rehearse(&config.scheme).filter(|_| config.refuse_unobserved);
     calibrator.restart(&config.run());

@@ -13,6 +13,7 @@
 //! The neglected terms are of third order, 1e-12 rad for 20 arcsec. From the first sample outside the range `still_rad`
 //! on, sines and cosines are computed for the angles of every sample.
 
+use super::increments::Increments;
 use super::readings::{Readings, Steps};
 use super::scatter::BlockMeans;
 use super::types::{HarmonicSums, Held};
@@ -29,14 +30,23 @@ pub(super) struct Runs([u16; CHANNELS]);
 impl Runs {
     pub(super) const NONE: Self = Self([0; CHANNELS]);
 
-    fn step<T: Real>(&mut self, previous: &RawSample<T>, sample: &RawSample<T>, held: &mut Held) {
+    /// Counts a sample. Pulse outputs do repeat, so they are not reported as held once they are known.
+    fn step<T: Real>(
+        &mut self,
+        previous: &RawSample<T>,
+        sample: &RawSample<T>,
+        increments: &Increments,
+        held: &mut Held,
+    ) {
         let before = previous.force_a.as_slice().iter().chain(previous.omega_g.as_slice());
         let now = sample.force_a.as_slice().iter().chain(sample.omega_g.as_slice());
         let mut stale = true;
         for ((channel, run), (before, now)) in (0_u8..).zip(&mut self.0).zip(before.zip(now)) {
             if before == now {
                 *run = run.saturating_add(1);
-                held.merge(Held { samples: *run, channel, stale: 0 });
+                if !increments.are_known(channel) {
+                    held.merge(Held { samples: *run, channel, stale: 0 });
+                }
             } else {
                 (*run, stale) = (0, false);
             }
@@ -70,6 +80,7 @@ pub(super) struct Carried<T> {
     /// Increments of the outer and the inner angle over the previous interval, ticks.
     turned: [i32; 2],
     steps: [Steps; 2],
+    increments: Increments,
     outer: CachedSinCos<T>,
     inner: CachedSinCos<T>,
 }
@@ -79,6 +90,7 @@ impl<T: Real> Carried<T> {
         runs: Runs::NONE,
         turned: [0; 2],
         steps: [Steps::UNKNOWN; 2],
+        increments: Increments::UNKNOWN,
         outer: CachedSinCos(None),
         inner: CachedSinCos(None),
     };
@@ -86,6 +98,11 @@ impl<T: Real> Carried<T> {
     /// Resolutions of the outer and the inner encoder, ticks; 0 for a resolution that is not known yet.
     pub(super) fn resolution_ticks(&self) -> [u32; 2] {
         self.steps.map(|steps| steps.resolution_ticks())
+    }
+
+    /// Increments of the outputs per channel, m/s^2 and rad/s; 0 for a channel whose output is not known to be pulses.
+    pub(super) fn increments(&self) -> [f32; CHANNELS] {
+        self.increments.known()
     }
 
     /// Stores the increments, ticks, that end at these angles. Returns the increments of the previous interval.
@@ -277,7 +294,7 @@ impl<T: Real> Block<T> {
     ) {
         let interval_us = sample.time_us.saturating_sub(previous.time_us);
         let interval_s = seconds::<T>(interval_us);
-        carried.runs.step(previous, sample, &mut self.held);
+        carried.runs.step(previous, sample, &carried.increments, &mut self.held);
         self.temperature_c += sample.temperature_c;
         self.add_deviations(previous, sample, interval_s);
         self.add_angles(previous, sample, interval_us, still_ticks, carried);
@@ -311,8 +328,10 @@ impl<T: Real> Block<T> {
         if self.still && !self.keep_still(offsets, still_ticks) {
             self.set_integrals_at_rest(carried);
             self.still = false;
+            carried.increments.end_rest();
         }
         if self.still {
+            carried.increments.step(previous, sample);
             let [_, offset] = offsets.map(i64::from);
             self.area12_ticks2 += (2 * offset - inner_ticks) * outer_ticks * 6 - swerve_ticks2;
         } else {
@@ -382,6 +401,13 @@ impl<T: Real> Block<T> {
     pub(super) fn rotation_parts(&self) -> [Vector3<T>; 2] {
         let ([_, common], [_, deviations]) = (self.before, self.deviations);
         [common * seconds::<T>(self.duration_us), deviations]
+    }
+
+    /// What each gyro has turned, rad, and the time of it, s.
+    pub(super) fn turned_g(&self) -> ([f32; 3], f32) {
+        let [common, deviations] = self.rotation_parts();
+        let single = |value: T| value.widened() as f32;
+        ((common + deviations).map(single).into(), single(seconds(self.duration_us)))
     }
 
     /// Means of the block. Angles are relative to `outer` and `inner`, the angles where the stop began.

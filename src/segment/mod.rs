@@ -1,6 +1,7 @@
 //! From samples to segments. A segment is one stop or one move. Only the sums of its samples are kept.
 
 mod block;
+mod increments;
 pub mod intake;
 pub mod readings;
 pub mod scatter;

@@ -143,6 +143,7 @@ impl<T: Real> Segmenter<T> {
     pub fn stop_so_far(&self) -> Option<Segment<T>> {
         let mut segment = self.stop.stop(self.scatter.scatter());
         segment.know_resolution(self.carried.resolution_ticks());
+        segment.know_increments(self.carried.increments());
         (!self.stop.is_empty()).then_some(segment)
     }
 

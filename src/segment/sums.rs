@@ -2,9 +2,10 @@
 
 use super::block::{AngleSums, Block};
 use super::scatter::Scatter;
-use super::types::{AngleIntegrals, Course, HarmonicSums, Held, Segment, Standing, Turned};
+use super::types::{AngleIntegrals, Course, GyroPath, HarmonicSums, Held, Segment, Standing, Turned};
 use crate::base::angle::{Angle, ticks_to_rad};
 use crate::base::linear::{CompensatedSum, Real, Vector3, real};
+use crate::base::sample::CHANNELS;
 use crate::base::units::seconds;
 
 /// Sums over many blocks. The sums are compensated, so that in `f32` a sum over one hour is as accurate as over a
@@ -71,6 +72,7 @@ impl<T: Real> Sums<T> {
             force_a: totals(&self.force) / count,
             scatter,
             readings: [self.outer, self.inner].map(|angles| angles.readings()),
+            increments: [0.0; CHANNELS],
         };
         self.segment([self.outer.mean(), self.inner.mean()], Course::Stop(standing))
     }
@@ -105,6 +107,7 @@ pub(super) struct MoveSums<T> {
     late_cos_inner_s: CompensatedSum<T>,
     late_sin_inner_s: CompensatedSum<T>,
     harmonics: HarmonicSums,
+    gyro_path: GyroPath,
 }
 
 impl<T: Real> MoveSums<T> {
@@ -114,6 +117,7 @@ impl<T: Real> MoveSums<T> {
         late_cos_inner_s: CompensatedSum::ZERO,
         late_sin_inner_s: CompensatedSum::ZERO,
         harmonics: HarmonicSums::ZERO,
+        gyro_path: GyroPath::ZERO,
     };
 
     /// Adds the block that follows the last block.
@@ -126,6 +130,8 @@ impl<T: Real> MoveSums<T> {
         self.late_cos_inner_s.add(integrals.late_cos_inner_s + integrals.outer_cos_inner * since_s);
         self.late_sin_inner_s.add(integrals.late_sin_inner_s + integrals.outer_sin_inner * since_s);
         self.harmonics.merge(&integrals.harmonics);
+        let (turned_rad, duration_s) = block.turned_g();
+        self.gyro_path.add(turned_rad, duration_s);
         self.all.add(block);
     }
 
@@ -136,6 +142,7 @@ impl<T: Real> MoveSums<T> {
             late_cos_inner_s: self.late_cos_inner_s.total(),
             late_sin_inner_s: self.late_sin_inner_s.total(),
             harmonics: self.harmonics,
+            gyro_path: self.gyro_path,
         };
         self.all.segment([self.all.outer.last, self.all.inner.last], Course::Move(integrals))
     }

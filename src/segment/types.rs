@@ -5,6 +5,7 @@ use super::readings::Readings;
 use super::scatter::Scatter;
 use crate::base::angle::{Angle, rad_to_ticks};
 use crate::base::linear::{Real, Vector3};
+use crate::base::sample::CHANNELS;
 use crate::base::units::seconds;
 use serde::{Deserialize, Serialize};
 
@@ -87,6 +88,19 @@ impl<T: Real> Segment<T> {
         self.inner.turned(-rad_to_ticks(self.turned.inner.widened()) as i32)
     }
 
+    /// Outer angle at the start of the segment.
+    pub fn outer_from(&self) -> Angle {
+        self.outer.turned(-rad_to_ticks(self.turned.outer.widened()) as i32)
+    }
+
+    /// The way of the gyros in a move. `None` for a stop.
+    pub fn gyro_path(&self) -> Option<&GyroPath> {
+        match &self.course {
+            Course::Stop(_) => None,
+            Course::Move(integrals) => Some(&integrals.gyro_path),
+        }
+    }
+
     /// Duration, s.
     pub fn duration_s(&self) -> T {
         seconds(self.duration_us)
@@ -98,6 +112,13 @@ impl<T: Real> Segment<T> {
         let Course::Stop(standing) = &mut self.course else { return };
         for (readings, resolution_ticks) in standing.readings.iter_mut().zip(resolution_ticks) {
             readings.resolution_ticks = resolution_ticks;
+        }
+    }
+
+    /// Sets the increments of the outputs, m/s^2 and rad/s. Later segments may show that the outputs are no pulses.
+    pub fn know_increments(&mut self, increments: [f32; CHANNELS]) {
+        if let Course::Stop(standing) = &mut self.course {
+            standing.increments = increments;
         }
     }
 
@@ -127,6 +148,8 @@ pub struct Standing<T: Real> {
     pub scatter: Scatter,
     /// Readings of the outer and the inner encoder.
     pub readings: [Readings; 2],
+    /// Increments of the outputs per channel, m/s^2 and rad/s, if the outputs are pulses; otherwise 0.
+    pub increments: [f32; CHANNELS],
 }
 
 /// Angles by which the axes turn over a segment, and integrals over the outer angle, rad.
@@ -158,6 +181,32 @@ pub struct AngleIntegrals<T> {
     pub late_sin_inner_s: T,
     /// Sums for the harmonics of the encoder errors.
     pub harmonics: HarmonicSums,
+    /// Sums for effects of the gyros that are not linear in the rate.
+    pub gyro_path: GyroPath,
+}
+
+/// Integrals of the magnitude of the gyro outputs w over time. They are `f32` for the same reason as [`HarmonicSums`].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct GyroPath {
+    /// Integral of |w|, rad.
+    pub absolute_rad: [f32; 3],
+    /// Integral of w |w|, rad^2/s.
+    pub squared_rad2_s: [f32; 3],
+}
+
+impl GyroPath {
+    /// The sums before the first sample.
+    pub const ZERO: Self = Self { absolute_rad: [0.0; 3], squared_rad2_s: [0.0; 3] };
+
+    /// Adds what the gyros have turned over a time, s, in which their rates hardly change.
+    pub fn add(&mut self, turned_rad: [f32; 3], duration_s: f32) {
+        let sums = self.absolute_rad.iter_mut().zip(&mut self.squared_rad2_s);
+        for ((absolute, squared), turned) in sums.zip(turned_rad) {
+            *absolute += turned.abs();
+            *squared += turned * turned.abs() / duration_s;
+        }
+    }
 }
 
 /// Integrals over the outer angle, rad. Through them the harmonics of the encoder errors act on a move. The errors are
@@ -225,6 +274,7 @@ impl Segment<f64> {
             force_a: Vector3::new(0.0, 0.0, 9.8),
             scatter: Scatter { blocks, freedom: blocks - 1, ..Scatter::default() },
             readings: [Readings::NONE; 2],
+            increments: [0.0; CHANNELS],
         };
         Self {
             start_us: 0,

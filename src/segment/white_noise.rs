@@ -1,4 +1,7 @@
-//! White noise at a stop: the scatter of the block means against the configured noise.
+//! Noise at a stop: the scatter of the block means against the configured noise.
+//!
+//! Beyond white noise, an instrument may have flicker, warm up, rock on its base or report whole pulses
+//! ([`Hardware`]). What these may add to the scatter and to the trend is allowed for.
 //!
 //! Hunting of an axis that the encoders see is not noise; the module `scatter` removes it. But single readings of a
 //! coarse encoder have errors, and so has the rate of an axis over a block. The gyros of that axis are allowed as much
@@ -7,8 +10,10 @@
 use super::readings::Readings;
 use super::types::{Segment, Standing};
 use crate::base::angle::Angle;
+use crate::base::hardware::{FLICKER_DENSITY, Hardware};
 use crate::base::linear::{ComplexField, Real};
 use crate::base::sample::CHANNELS;
+use crate::base::units::STANDARD_GRAVITY_M_S2;
 use serde::{Deserialize, Serialize};
 
 /// Normal deviate above which the noise of a stop counts as larger than configured. The probability that chance exceeds
@@ -53,20 +58,20 @@ pub struct ScatterRatios {
 impl Noise {
     /// Factor on the configured variance that is allowed on each channel at a stop. The factor is 1 unless the stop
     /// shows significantly more noise.
-    pub fn allowances<T: Real>(&self, stop: &Segment<T>) -> [f64; CHANNELS] {
+    pub fn allowances<T: Real>(&self, hardware: &Hardware, stop: &Segment<T>) -> [f64; CHANNELS] {
         let mut allowances = [1.0; CHANNELS];
         if self.margin > 1.0 {
             for (channel, allowance) in (0_u8..).zip(&mut allowances) {
-                *allowance = self.allowance(stop, channel);
+                *allowance = self.allowance(hardware, stop, channel);
             }
         }
         allowances
     }
 
     /// Scatter of the block means of a stop on one channel. `None` for a move, and for a stop that is too short.
-    pub fn scatter<T: Real>(&self, stop: &Segment<T>, channel: u8) -> Option<ScatterRatios> {
-        let ScatterRatios { variance, of_white, trend, freedom } = self.unallowed(stop, channel)?;
-        let allowance = self.allowance(stop, channel);
+    pub fn scatter<T: Real>(&self, hardware: &Hardware, stop: &Segment<T>, channel: u8) -> Option<ScatterRatios> {
+        let ScatterRatios { variance, of_white, trend, freedom } = self.unallowed(hardware, stop, channel)?;
+        let allowance = self.allowance(hardware, stop, channel);
         Some(ScatterRatios {
             variance: variance / allowance,
             of_white: of_white / allowance,
@@ -75,8 +80,8 @@ impl Noise {
         })
     }
 
-    fn allowance<T: Real>(&self, stop: &Segment<T>, channel: u8) -> f64 {
-        match self.unallowed(stop, channel) {
+    fn allowance<T: Real>(&self, hardware: &Hardware, stop: &Segment<T>, channel: u8) -> f64 {
+        match self.unallowed(hardware, stop, channel) {
             Some(ScatterRatios { variance, freedom, .. })
                 if variance * f64::from(freedom) > chi_square_quantile(freedom, LARGER_Z) =>
             {
@@ -88,21 +93,79 @@ impl Noise {
     }
 
     /// Scatter in units of the configured noise.
-    fn unallowed<T: Real>(&self, stop: &Segment<T>, channel: u8) -> Option<ScatterRatios> {
-        let Standing { scatter, readings, .. } = stop.standing().filter(|standing| standing.scatter.freedom >= 2)?;
+    fn unallowed<T: Real>(&self, hardware: &Hardware, stop: &Segment<T>, channel: u8) -> Option<ScatterRatios> {
+        let Standing { scatter, readings, increments, .. } =
+            stop.standing().filter(|standing| standing.scatter.freedom >= 2)?;
         let psd_sqrt = if channel < 3 { self.accel_psd_sqrt } else { self.gyro_psd_sqrt };
         let blocks = f64::from(scatter.blocks);
         let block_s = stop.duration_s().widened() / blocks;
         let white = psd_sqrt * psd_sqrt / block_s;
         let readings = readings_variance(readings, scatter.axis_rates, stop.inner, channel, block_s);
+        let increment = increments.get(usize::from(channel)).map_or(0.0, |increment| f64::from(*increment));
+        let interval_s = stop.duration_s().widened() / f64::from(stop.samples.max(1));
+        let coloured = Coloured::of(hardware, channel, increment * interval_s, block_s, blocks);
         let variance = f64::from(*scatter.variance.get(usize::from(channel))?);
         let trend = f64::from(*scatter.trend.get(usize::from(channel))?);
         Some(ScatterRatios {
-            variance: variance / (white + readings),
+            variance: variance / (white + readings + coloured.variance),
             of_white: variance / white,
-            trend: trend / ComplexField::sqrt(white + readings * TREND_PART / blocks),
+            trend: trend / ComplexField::sqrt(white + readings * TREND_PART / blocks + coloured.trend),
             freedom: scatter.freedom.into(),
         })
+    }
+}
+
+/// What noise that is not white may add to the block means of a stop.
+struct Coloured {
+    /// To their variance.
+    variance: f64,
+    /// To the variance of their trend.
+    trend: f64,
+}
+
+/// Shortest time constant of a warm-up, s.
+const SHORTEST_WARM_UP_S: f64 = 100.0;
+/// Power of a slow oscillation that may appear as a trend.
+const OSCILLATION_PART: f64 = 0.6;
+/// Lowest frequency of the rocking of a base, rad/s: 0.1 Hz.
+const ROCKING_RAD_S: f64 = 0.63;
+
+impl Coloured {
+    /// For a channel with pulses of this size (m/s or rad, 0 if its output is not known to be pulses) at a stop of this
+    /// number of blocks of `block_s`.
+    fn of(hardware: &Hardware, channel: u8, pulse: f64, block_s: f64, blocks: f64) -> Self {
+        let square = |x: f64| x * x;
+        let is_accel = channel < 3;
+        let (floor, walk, warm_up, configured_pulse) = if is_accel {
+            (hardware.accel_floor, hardware.accel_walk, hardware.accel_warm_up, hardware.accel_pulse)
+        } else {
+            (hardware.gyro_floor, hardware.gyro_walk, hardware.gyro_warm_up, hardware.gyro_pulse)
+        };
+        let scale = if is_accel { STANDARD_GRAVITY_M_S2 * f64::from(hardware.scale_warm_up) } else { 0.0 };
+        let flicker = FLICKER_DENSITY * square(floor.into());
+        let walk = square(walk.into()) * block_s;
+        let slope = square((f64::from(warm_up) + scale) / SHORTEST_WARM_UP_S * block_s);
+        let rocking = square(hardware.base_rocking.into());
+        let pulse = square(pulse.max(configured_pulse.into()) / block_s) / 6.0;
+        let [rocking, rocking_trend] = if is_accel {
+            let force = rocking * square(STANDARD_GRAVITY_M_S2);
+            [force, OSCILLATION_PART * force * blocks]
+        } else {
+            let rate = 2.0 * rocking / square(block_s);
+            [rate, OSCILLATION_PART * blocks * rocking * square(ROCKING_RAD_S) + TREND_PART * rate / blocks]
+        };
+        Self {
+            variance: flicker * (1.0 + ComplexField::ln(blocks))
+                + walk * blocks / 6.0
+                + slope * blocks * blocks / 12.0
+                + rocking
+                + pulse,
+            trend: flicker * blocks
+                + walk * blocks * blocks / 10.0
+                + slope * blocks * blocks * blocks / 12.0
+                + rocking_trend
+                + pulse * TREND_PART / blocks,
+        }
     }
 }
 
@@ -161,13 +224,13 @@ mod tests {
         // With 99 degrees of freedom, a ratio above 1.48 is significant.
         for (ratio, allowed) in [(0.5, 1.0), (1.4, 1.0), (1.6, 1.6), (3.9, 3.9), (10.0, 4.0)] {
             let stop = stop(ratio);
-            let allowances = NOISE.allowances(&stop);
+            let allowances = NOISE.allowances(&Hardware::IDEAL, &stop);
             assert!((allowances[1] - allowed).abs() < 1e-6, "{allowances:?}");
             assert_eq!([allowances[0], allowances[2], allowances[3]], [1.0; 3]);
-            let seen = NOISE.scatter(&stop, 1).expect("a stop");
+            let seen = NOISE.scatter(&Hardware::IDEAL, &stop, 1).expect("a stop");
             assert!((seen.variance - ratio / allowed).abs() < 1e-6);
             assert!((seen.trend - allowed.sqrt().recip()).abs() < 1e-6);
-            assert_eq!(Noise { margin: 1.0, ..NOISE }.allowances(&stop), [1.0; CHANNELS]);
+            assert_eq!(Noise { margin: 1.0, ..NOISE }.allowances(&Hardware::IDEAL, &stop), [1.0; CHANNELS]);
         }
     }
 

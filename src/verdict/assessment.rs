@@ -1,9 +1,11 @@
 //! The input of the verdict, and the verdict.
 
 use super::reason::Reason;
-use crate::base::linear::Real;
+use crate::base::hardware::Hardware;
+use crate::base::linear::{ComplexField, Real};
 use crate::base::site::Site;
 use crate::estimator::{Estimate, Solution};
+use crate::model::effects::{EFFECTS, size_of};
 use crate::model::error_model::PARAMETERS;
 use crate::segment::Segment;
 use crate::segment::intake::IntakeCounts;
@@ -43,6 +45,24 @@ impl Verdict {
         let _ = self.reasons.insert(0, explanation);
     }
 
+    /// The configured hardware with the size enlarged that the verdict names as too small, to the size of the effect in
+    /// this unit; `None` if the verdict names none.
+    pub fn enlarged(&self, configured: &Hardware) -> Option<Hardware> {
+        let named = |reason: &Reason| match *reason {
+            Reason::Hardware { effect, size, sigma, .. } => {
+                Some((size_of(effect.into())?, ComplexField::hypot(size, sigma)))
+            }
+            _ => None,
+        };
+        let (row, size) = self.reasons.iter().find_map(named)?;
+        let size = size.min(row.largest * row.unit_si);
+        let mut enlarged = *configured;
+        (size > row.get(configured)).then(|| {
+            row.set(&mut enlarged, size);
+            enlarged
+        })
+    }
+
     /// Adds a doubt.
     pub(super) fn doubt(&mut self, reason: Reason) {
         if self.reasons.push(reason).is_err() {
@@ -62,6 +82,10 @@ pub struct Assessment<'a, T: Real> {
     pub segments: &'a [Segment<T>],
     /// The configured noise.
     pub noise: &'a Noise,
+    /// The configured imperfections of the hardware.
+    pub hardware: &'a Hardware,
+    /// Prior sigmas of the effects of the hardware, SI; 0 for an effect that is absent.
+    pub effect_sigmas: &'a [f64; EFFECTS],
     /// The site of the calibration.
     pub site: &'a Site,
     /// The counts of admitted and refused samples.

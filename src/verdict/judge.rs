@@ -14,7 +14,10 @@ use super::scale::wrong_scales;
 use super::setting::wrong_gravity;
 use super::wiring::mistake;
 use crate::base::linear::{ComplexField, Real};
-use crate::estimator::{Estimate, OBSERVED_RATIO};
+use crate::base::sample::CHANNELS;
+use crate::base::units::DEG;
+use crate::estimator::{Estimate, KNOWN_LATITUDE_RAD, OBSERVED_RATIO};
+use crate::model::effects::effect;
 use crate::model::error_model::block;
 use crate::segment::Segment;
 use crate::segment::intake::IntakeCounts;
@@ -26,6 +29,10 @@ const HELD_SAMPLES: u16 = 64;
 /// Largest part of the samples that may be missing or repeat the sample before them. The variance grows by the same
 /// part.
 const LOST_PART: f64 = 0.03;
+
+/// Largest sigma of the latitude, rad: over 2 deg the model is not linear enough, and gravity changes by 200 ppm at
+/// most.
+const LATITUDE_SIGMA_RAD: f64 = 2.0 * DEG;
 
 /// A change from the stored calibration is large above this many combined sigmas.
 const CHANGE_LIMIT: f64 = 6.0;
@@ -62,14 +69,22 @@ fn judge_samples<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>)
     if f64::from(missing) > LOST_PART * of as f64 {
         verdict.doubt(Reason::Missing { missing, of });
     }
+    let pulses = pulses(assessment.segments);
+    let is_pulses = |channel: u8| pulses.get(usize::from(channel)).copied().unwrap_or(false);
     for (segment, Segment { held, samples, .. }) in (0_u16..).zip(assessment.segments) {
-        if held.samples >= HELD_SAMPLES {
+        if held.samples >= HELD_SAMPLES && !is_pulses(held.channel) {
             verdict.doubt(Reason::Held { segment, channel: held.channel, samples: held.samples });
         }
-        if f64::from(held.stale) > LOST_PART * f64::from(*samples) {
+        if f64::from(held.stale) > LOST_PART * f64::from(*samples) && !pulses.iter().all(|is| *is) {
             verdict.doubt(Reason::Stale { segment, samples: held.stale });
         }
     }
+}
+
+/// The channels whose outputs are known to be pulses. They may repeat the same value for a long time.
+fn pulses<T: Real>(segments: &[Segment<T>]) -> [bool; CHANNELS] {
+    let last = segments.iter().rev().find_map(Segment::standing);
+    last.map_or([false; CHANNELS], |standing| standing.increments.map(|increment| increment > 0.0))
 }
 
 fn judge_segments<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, levels: &NoiseLevels) {
@@ -80,7 +95,7 @@ fn judge_segments<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>
         if segment.is_broken() {
             verdict.doubt(Reason::Gap { segment: number, longest_us: segment.longest_interval_us.into() });
         }
-        if let Some((channel, unrest)) = unrest_but(segment, assessment.noise, levels) {
+        if let Some((channel, unrest)) = unrest_but(segment, assessment.noise, assessment.hardware, levels) {
             verdict.doubt(Reason::Unrest { segment: number, channel, unrest });
         }
     }
@@ -97,6 +112,11 @@ fn judge_parameters<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, 
     let gravity = wrong_gravity(assessment.solution, assessment.site, limits.scale);
     if let Some(gravity) = gravity {
         verdict.doubt(Reason::Setting(gravity));
+    }
+    let latitude = assessment.solution.effects.sigmas.get(effect::LATITUDE).copied().map_or(0.0, f64::from);
+    let configured = assessment.effect_sigmas.get(effect::LATITUDE).copied().unwrap_or(0.0);
+    if latitude.is_nan() || (configured > KNOWN_LATITUDE_RAD && latitude > LATITUDE_SIGMA_RAD) {
+        verdict.doubt(Reason::UnknownLatitude { sigma_rad: latitude });
     }
     for (parameter, sigma, required) in limits.unmet(&estimate.sigmas) {
         verdict.doubt(Reason::Sigma { parameter, sigma, required });
@@ -120,8 +140,8 @@ fn judge_parameters<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, 
     }
 }
 
-/// Lists what differs from the stored calibration by more than the sigmas explain. A change is no doubt: a unit that has
-/// changed is why one calibrates.
+/// Lists what differs from the stored calibration by more than the sigmas explain. A change is no doubt: a unit that
+/// has changed is why one calibrates.
 fn judge_change<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, stored: &Estimate) {
     let now = &assessment.solution.estimate;
     let difference = now.errors.to_vector() - stored.errors.to_vector();
@@ -149,14 +169,14 @@ mod tests {
     use super::super::assessment::MAX_REASONS;
     use super::super::wiring::Wiring;
     use super::*;
+    use crate::base::hardware::Hardware;
     use crate::base::linear::Vector3;
-    use crate::base::sample::CHANNELS;
     use crate::base::site::Site;
-    use crate::base::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM};
+    use crate::base::units::{ARCSEC, DEG_H, MICRO_G, PPM};
     use crate::estimator::constancy::{Change, SettingEvidence, Suspicion};
-    use crate::estimator::{Fit, LargestInnovation, Solution};
+    use crate::estimator::{EffectEstimates, Fit, LargestInnovation, Solution};
+    use crate::model::effects::EFFECTS;
     use crate::model::error_model::{InstrumentErrors, PARAMETERS};
-    use crate::model::options::OptionalEstimate;
     use crate::segment::scatter::Scatter;
     use crate::segment::white_noise::Noise;
     use crate::segment::{AngleIntegrals, Course, Held, Turned};
@@ -199,7 +219,7 @@ mod tests {
                 left_out: 0,
                 duration_s: 290.0,
                 temperature_c: 20.0,
-                optional: OptionalEstimate::default(),
+                effects: EffectEstimates::NONE,
                 suspicion: Suspicion::default(),
                 settings: SettingEvidence::default(),
             },
@@ -216,6 +236,8 @@ mod tests {
             prior_sigmas: &PRIOR,
             segments: &case.segments,
             noise: &NOISE,
+            hardware: &Hardware::IDEAL,
+            effect_sigmas: &[0.0; EFFECTS],
             site: &Site::default(),
             counts: case.counts,
             stored: case.stored.as_ref(),

@@ -2,7 +2,7 @@
 
 use super::assessment::{Assessment, Verdict};
 use super::fit::chi_square_bounds;
-use super::motion::{NoiseLevels, STUCK_RATIO, is_unrest, unnamed};
+use super::motion::{NoiseLevels, STUCK_RATIO, is_pulses, is_unrest, unnamed};
 use super::reason::{Reason, Sensors};
 use crate::base::linear::{ComplexField, Real};
 use crate::base::sample::CHANNELS;
@@ -23,21 +23,21 @@ const QUIET_RATIO: f64 = 0.5;
 /// noise that is too large is no fault by itself, but it explains a fit that is too good.
 pub(super) fn noise_levels<T: Real>(assessment: &Assessment<'_, T>) -> NoiseLevels {
     let Solution { fit, degrees_of_freedom, .. } = assessment.solution;
-    let [low, _] = chi_square_bounds(*degrees_of_freedom);
+    let [low, _] = chi_square_bounds(*degrees_of_freedom, assessment.hardware);
     let quiet = if fit.chi_square < low { QUIET_RATIO } else { STUCK_RATIO };
     let mut levels = [None; CHANNELS];
     for (channel, level) in (0_u8..).zip(&mut levels) {
         let mut far = Pooled::default();
         let (mut stops, mut stops_far) = (0, 0);
         for stop in assessment.segments {
-            let Some(ratios) = assessment.noise.scatter(stop, channel) else { continue };
+            let Some(ratios) = assessment.noise.scatter(assessment.hardware, stop, channel) else { continue };
             let freedom = ratios.freedom;
             stops += 1;
             // A dead channel has no noise. It does not count as quiet, because another doubt reports it.
             if is_unrest(ratios.variance, freedom) {
                 stops_far += 1;
                 far.add(ratios.variance, freedom);
-            } else if 0.0 < ratios.of_white && ratios.of_white < quiet {
+            } else if 0.0 < ratios.of_white && ratios.of_white < quiet && !is_pulses(stop, channel) {
                 stops_far += 1;
                 far.add(ratios.of_white, freedom);
             }
@@ -70,7 +70,7 @@ pub(super) fn judge_noise<T: Real>(verdict: &mut Verdict, assessment: &Assessmen
         let mut trends = Pooled::default();
         let mut noisiest: Option<(u16, Pooled)> = None;
         for (segment, stop) in assessment.segments.iter().enumerate().rev() {
-            let Some(ratios) = assessment.noise.scatter(stop, channel) else { continue };
+            let Some(ratios) = assessment.noise.scatter(assessment.hardware, stop, channel) else { continue };
             let ScatterRatios { variance, trend, freedom, .. } = ratios;
             noise.add(variance, freedom);
             trends.add(trend * trend, 1);

@@ -5,6 +5,7 @@ use super::setting::WrongSetting;
 use crate::base::sample::CHANNELS;
 use crate::base::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM};
 use crate::estimator::constancy::{Change, Suspicion};
+use crate::model::effects::EFFECT_INFO;
 use crate::model::error_model::{PARAMETER_INFO, ParameterInfo, block};
 use crate::verdict::wiring::Wiring;
 use core::fmt;
@@ -97,6 +98,10 @@ pub enum Reason {
     LeftOut(u16),
     /// A parameter differs from the stored calibration by this many combined sigmas.
     Changed { parameter: u8, sigmas: f64 },
+    /// An effect of the hardware, by index, is larger than its configured size; size, sigma and configured size, SI.
+    Hardware { effect: u8, size: f64, sigma: f64, configured: f64 },
+    /// No latitude is configured, and the gyros find it to this sigma only, rad.
+    UnknownLatitude { sigma_rad: f64 },
 }
 
 impl Reason {
@@ -128,6 +133,8 @@ impl Reason {
             Self::Gap { .. } => "gap",
             Self::LeftOut(_) => "left-out",
             Self::Changed { .. } => "changed",
+            Self::Hardware { .. } => "hardware-effect",
+            Self::UnknownLatitude { .. } => "unknown-latitude",
         }
     }
 }
@@ -141,6 +148,7 @@ fn change_code(change: Change) -> &'static str {
         Change::Outlier(_) => "outlier",
         Change::EarthRate(_) => "earth-rate",
         Change::Heading => "heading-error",
+        Change::Effect(_) => "hardware-effect",
     }
 }
 
@@ -154,9 +162,14 @@ impl fmt::Display for Fixed {
     }
 }
 
+const UNKNOWN: ParameterInfo = ParameterInfo { name: "?", unit: "", unit_si: 1.0 };
+
 fn info(parameter: u8) -> ParameterInfo {
-    const UNKNOWN: ParameterInfo = ParameterInfo { name: "?", unit: "", unit_si: 1.0 };
     PARAMETER_INFO.get(usize::from(parameter)).copied().unwrap_or(UNKNOWN)
+}
+
+fn effect_info(effect: u8) -> ParameterInfo {
+    EFFECT_INFO.get(usize::from(effect)).copied().unwrap_or(UNKNOWN)
 }
 
 /// The same as [`info`], but with changes of the attitude in arcsec, as they are small.
@@ -210,12 +223,22 @@ fn write_suspicion(f: &mut fmt::Formatter<'_>, suspicion: &Suspicion) -> fmt::Re
         Change::Heading => {
             write!(f, "the measured heading differs from the configured heading by {} deg", Fixed(size / DEG, 4))
         }
+        Change::Effect(effect) => {
+            let ParameterInfo { name, unit, unit_si } = effect_info(effect);
+            write!(f, "{name} is {} {unit}", Fixed(size / unit_si, 2))
+        }
         Change::Outlier(channel) => {
             let (size, unit) = if channel < 3 { (size / MICRO_G, "ug") } else { (size / ARCSEC, "arcsec") };
             write!(f, "in segment {segment}, {} is off by {} {unit}", channel_name(channel), Fixed(size, 2))
         }
     }?;
     write!(f, "; this is {} sigma, and the limit is {} sigma", Fixed(sigmas, 1), Fixed(limit, 1))
+}
+
+fn write_hardware(f: &mut fmt::Formatter<'_>, effect: u8, [size, sigma, configured]: [f64; 3]) -> fmt::Result {
+    let ParameterInfo { name, unit, unit_si } = effect_info(effect);
+    let [size, sigma, configured] = [size, sigma, configured].map(|value| Fixed(value / unit_si, 2));
+    write!(f, "{name} is {size} +- {sigma} {unit}, but only {configured} {unit} is configured")
 }
 
 fn write_wiring(f: &mut fmt::Formatter<'_>, wiring: Wiring) -> fmt::Result {
@@ -318,6 +341,12 @@ impl fmt::Display for Reason {
             Self::Missing { missing, of } => write!(f, "{missing} of {of} samples are missing"),
             Self::Changing(suspicion) => write_suspicion(f, &suspicion),
             Self::Wiring(wiring) => write_wiring(f, wiring),
+            Self::Hardware { effect, size, sigma, configured } => write_hardware(f, effect, [size, sigma, configured]),
+            Self::UnknownLatitude { sigma_rad } => write!(
+                f,
+                "no latitude is configured, and the gyros find it to {} deg only; give it in the unit description",
+                Fixed(sigma_rad / DEG, 1)
+            ),
             Self::Gap { segment, longest_us } => {
                 write!(f, "in segment {segment}, no sample arrived for {} ms", longest_us / 1000)
             }

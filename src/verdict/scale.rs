@@ -5,13 +5,11 @@
 
 use super::limits::VerdictLimits;
 use crate::base::linear::{ComplexField, Real};
-use crate::base::units::{DEG, DEG_H, MICRO_G};
+use crate::base::units::{DEG, DEG_H, STANDARD_GRAVITY_M_S2};
 use crate::segment::{Segment, SegmentKind};
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
-/// Standard gravity, m/s^2.
-const G: f64 = 1e6 * MICRO_G;
 /// A move with a smaller turn shows too little about the scale, rad.
 const LEAST_TURN_RAD: f64 = 0.1;
 /// Fastest plausible turn, rad/s. Drives can be commanded up to 2.147 rad/s; a useful move in degrees has a larger
@@ -54,12 +52,12 @@ impl WrongScale {
             Self::Force { of_gravity, interval_s } => named(
                 of_gravity,
                 &[
-                    (1.0 / G, "g in place of m/s^2"),
-                    (1000.0 / G, "mg in place of m/s^2"),
+                    (1.0 / STANDARD_GRAVITY_M_S2, "g in place of m/s^2"),
+                    (1000.0 / STANDARD_GRAVITY_M_S2, "mg in place of m/s^2"),
                     (1000.0, "mm/s^2 in place of m/s^2"),
                     (1.0 / 0.3048, "ft/s^2 in place of m/s^2"),
                     (interval_s, "increments in place of m/s^2"),
-                    (interval_s / G, "increments of g in place of m/s^2"),
+                    (interval_s / STANDARD_GRAVITY_M_S2, "increments of g in place of m/s^2"),
                 ],
             ),
             Self::Turn { of_encoders, interval_s } => named(

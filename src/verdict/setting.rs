@@ -6,8 +6,10 @@
 use crate::base::linear::{ComplexField, RealField};
 use crate::base::site::{EARTH_RATE_RAD_S, Site};
 use crate::base::units::DEG;
-use crate::estimator::Solution;
 use crate::estimator::constancy::SettingEvidence;
+use crate::estimator::{KNOWN_LATITUDE_RAD, Solution};
+use crate::model::effects::effect;
+use crate::segment::white_noise::chi_square_quantile;
 use core::fmt;
 use serde::{Deserialize, Serialize};
 
@@ -23,6 +25,10 @@ const MAGNITUDE_CHI_SQUARE: f64 = 25.0;
 const MAGNITUDE_PART: f64 = 0.01;
 /// Number of Newton steps to the latitude. They have converged by then.
 const LATITUDE_STEPS: u8 = 8;
+/// A configured latitude is refuted if the measured one differs by this many combined sigmas: probability 7e-6.
+const REFUTED_SIGMAS: f64 = 4.5;
+/// Largest normal deviate of a chi-square that agrees.
+const AGREEING_Z: f64 = 3.6;
 /// Three accelerometers have a common scale-factor error if they agree within this part of it.
 const SHARED_PART: f64 = 0.2;
 
@@ -87,8 +93,12 @@ pub(super) struct Explanation {
     pub(super) only: bool,
 }
 
-/// A wrong latitude or a wrong heading, if the measurements show one.
-pub(super) fn wrong_setting(solution: &Solution, site: &Site) -> Option<Explanation> {
+/// A wrong latitude or a wrong heading, if the measurements show one. `latitude_sigma_rad` is the sigma of the
+/// configured latitude.
+pub(super) fn wrong_setting(solution: &Solution, site: &Site, latitude_sigma_rad: f64) -> Option<Explanation> {
+    if let Some(refuted) = refuted_latitude(solution, site, latitude_sigma_rad) {
+        return Some(refuted);
+    }
     let latitude = latitude(&solution.settings, site);
     let heading = heading(&solution.settings);
     let by = |explanation: &Option<(WrongSetting, f64)>| explanation.map_or(0.0, |(_, explained)| explained);
@@ -97,6 +107,20 @@ pub(super) fn wrong_setting(solution: &Solution, site: &Site) -> Option<Explanat
     let by_change = solution.suspicion.sigmas * solution.suspicion.sigmas;
     let explains = explained > LEAST_EXPLAINED && explained > LEAST_PART * excess && explained > by_change - BETTER;
     explains.then_some(Explanation { setting, only: explained > by_change + BETTER })
+}
+
+/// The latitude that the gyros have found in place of the configured one, if all else agrees with it.
+fn refuted_latitude(solution: &Solution, site: &Site, latitude_sigma_rad: f64) -> Option<Explanation> {
+    let effects = &solution.effects;
+    let (off_rad, sigma_rad) = effects.values.get(effect::LATITUDE).zip(effects.sigmas.get(effect::LATITUDE))?;
+    let (off_rad, sigma_rad) = (f64::from(*off_rad), f64::from(*sigma_rad));
+    let is_known = latitude_sigma_rad > 0.0 && latitude_sigma_rad <= KNOWN_LATITUDE_RAD;
+    let is_refuted = off_rad.abs() > REFUTED_SIGMAS * ComplexField::hypot(latitude_sigma_rad, sigma_rad);
+    let freedom = solution.degrees_of_freedom;
+    let agrees = solution.fit.chi_square < chi_square_quantile(freedom, AGREEING_Z);
+    let setting =
+        WrongSetting::Latitude { felt_rad: site.latitude_rad + off_rad, sigma_rad, configured_rad: site.latitude_rad };
+    (is_known && is_refuted && agrees).then_some(Explanation { setting, only: true })
 }
 
 /// The latitude whose Earth rate fits best, and the chi-square that it explains; `None` if no latitude has this Earth

@@ -1,11 +1,11 @@
 //! Parameters in report units: headings within a turn, errors against a truth, numbers with as many digits as their
 //! sigma justifies.
 
+use rins_selfcal::model::effects::{EFFECT_INFO, EFFECT_STATES};
 use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS, ParameterInfo};
-use rins_selfcal::model::options::{OPTIONAL_INFO, OPTIONAL_STATES};
 
-/// Number of the parameters and the optional states. The optional states come last.
-pub const STATES: usize = PARAMETERS + OPTIONAL_STATES;
+/// Number of the parameters and of the effects of the hardware that have a state. The effects come last.
+pub const STATES: usize = PARAMETERS + EFFECT_STATES;
 
 /// The heading is the only parameter that may be an angle of any size.
 pub use rins_selfcal::model::error_model::block::HEADING;
@@ -18,7 +18,7 @@ const SIGMA_DIGITS: i32 = 3;
 
 /// Names and units of all states, in the order of the states.
 pub fn states() -> impl Iterator<Item = &'static ParameterInfo> + Clone {
-    PARAMETER_INFO.iter().chain(&OPTIONAL_INFO)
+    PARAMETER_INFO.iter().chain(EFFECT_INFO.iter().take(EFFECT_STATES))
 }
 
 /// Index of the parameter of this name.

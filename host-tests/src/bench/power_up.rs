@@ -47,7 +47,7 @@ const QUEUE: usize = 4;
 ///
 /// # Errors
 /// The configuration is refused.
-pub fn in_process<T: Real, const STATES: usize, P: Plant>(
+pub fn in_process<T: Real, P: Plant>(
     assignment: &Assignment,
     stored: Option<&StoredCalibration>,
     bench: &SharedBench<P>,
@@ -58,11 +58,11 @@ pub fn in_process<T: Real, const STATES: usize, P: Plant>(
     let mut memory = Memory { stored: stored.cloned(), mark, ..Memory::default() };
     match assignment {
         Assignment::SelfCalibrate(config) => {
-            self_calibrate::<T, STATES, P>(config, &mut memory, bench, &mut Unconnected, &mut listener)?;
+            self_calibrate::<T, P>(config, &mut memory, bench, &mut Unconnected, &mut listener)?;
             Ok(memory.stored.filter(|_| memory.saved))
         }
         Assignment::Replay(config) => {
-            replay::<T, STATES, P>(config, &mut memory, bench, &mut listener)
+            replay::<T, P>(config, &mut memory, bench, &mut listener)
                 .map_err(|error| anyhow!("the configuration is refused: {error}"))?;
             Ok(None)
         }
@@ -160,21 +160,21 @@ impl Archive for Memory {
 ///
 /// # Errors
 /// The configuration is refused.
-pub fn self_calibrate<T: Real, const STATES: usize, P: Plant>(
+pub fn self_calibrate<T: Real, P: Plant>(
     config: &SelfCalibrationConfig,
     memory: &mut Memory,
     bench: &SharedBench<P>,
     line: &mut impl Line,
     listener: &mut impl Listener<T>,
 ) -> Result<()> {
-    start::<T, STATES, P>(&mut Startup::assigned(config.clone(), Restart::PowerOn), memory, bench, line, listener)
+    start::<T, P>(&mut Startup::assigned(config.clone(), Restart::PowerOn), memory, bench, line, listener)
 }
 
 /// As [`self_calibrate`], from any start of the software.
 ///
 /// # Errors
 /// The configuration is refused.
-pub fn start<T: Real, const STATES: usize, P: Plant>(
+pub fn start<T: Real, P: Plant>(
     startup: &mut Startup,
     memory: &mut Memory,
     bench: &SharedBench<P>,
@@ -186,7 +186,7 @@ pub fn start<T: Real, const STATES: usize, P: Plant>(
     let gimbal = Gimbal::new(&config.axes, &config.motors);
     let mut board = VirtualBoard::new(bench, config.calibrator.rate_hz, gimbal, &mut queue, (memory, line, listener));
     let mut link = Link::new();
-    let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::UNCONFIGURED);
+    let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS>::UNCONFIGURED);
     let refused = |error| refused(error, &config.scheme, &config.axes);
     let mut instrument = Instrument::power_up(startup, &mut link, &mut calibrator, &mut board).map_err(refused)?;
     while board.period() {
@@ -196,7 +196,7 @@ pub fn start<T: Real, const STATES: usize, P: Plant>(
     Ok(())
 }
 
-fn replay<T: Real, const STATES: usize, P: Plant>(
+fn replay<T: Real, P: Plant>(
     config: &CalibratorConfig,
     memory: &mut Memory,
     bench: &SharedBench<P>,
@@ -207,8 +207,8 @@ fn replay<T: Real, const STATES: usize, P: Plant>(
     let ends = (memory, &mut Unconnected, listener);
     let mut board = VirtualBoard::new(bench, config.rate_hz, gimbal, &mut queue, ends);
     let mut link = Link::new();
-    let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS, STATES>::UNCONFIGURED);
-    let mut recording = Recording::new(config, &mut link, &mut calibrator, &mut board)?;
+    let mut calibrator = Box::new(Calibrator::<T, MAX_SEGMENTS>::UNCONFIGURED);
+    let mut recording = Recording::new(config, &mut link, &mut calibrator);
     while board.period() {
         recording.turn(&mut board);
     }

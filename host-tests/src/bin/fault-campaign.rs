@@ -22,6 +22,9 @@ struct Arguments {
     /// Only the fault whose name contains this text
     #[arg(long)]
     only: Option<String>,
+    /// Units with the imperfections of navigation grade, which the filter expects, in place of ideal ones
+    #[arg(long)]
+    typical: bool,
     /// Floating-point type of the core
     #[arg(long, value_enum, default_value_t)]
     precision: Precision,
@@ -43,7 +46,8 @@ fn main() {
             Faults::Only(kind)
         }
     };
-    let campaign = Campaign { runs: arguments.runs, seed: arguments.seed, faults, precision: arguments.precision };
+    let Arguments { runs, seed, typical, precision, .. } = arguments;
+    let campaign = Campaign { runs, seed, faults, typical, precision };
     let bar = ProgressBar::new(campaign.runs);
     let start = Instant::now();
     let outcomes = campaign.run(|| bar.inc(1));

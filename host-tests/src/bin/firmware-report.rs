@@ -1,20 +1,21 @@
 //! Prints the sizes of the firmware's images, and checks what is linked into them.
 //!
-//! Builds the images of all boards, and of the first board also the image with optional states. Prints flash, static
-//! RAM and stack. For images that run in the emulator, also prints the depth of the queue, latencies and instructions
-//! by kind of work over a whole calibration.
+//! Builds the images of all boards. Prints flash, static RAM and stack. For images that run in the emulator, also
+//! prints the depth of the queue, latencies and instructions by kind of work over a whole calibration.
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::Parser;
 use host_tests::bench::emulator::image::{Board, Image, Variant, build};
 use host_tests::bench::emulator::{Run, WORKS};
 use host_tests::bench::firmware_sizes::{self, Sizes, SizesByImage};
 use host_tests::bench::power_up::{Switched, in_emulator};
 use host_tests::bench::{Bench, Imu};
+use host_tests::files::hardware::profiles;
 use host_tests::virtual_unit::drive::move_durations_s;
 use host_tests::virtual_unit::driven::DrivenRins;
 use host_tests::virtual_unit::unit::VirtualUnit;
 use object::{Object, ObjectSymbol};
+use rins_selfcal::base::hardware::Hardware;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::drivers::kvh1750::MESSAGE_BYTES;
 use rins_selfcal::gimbal::servo::PERIOD_S;
@@ -33,6 +34,9 @@ use std::process::ExitCode;
 struct Arguments {
     /// An image for mps2-an500 with an ADIS16495, in place of the images of all boards; its sizes are not compared.
     image: Option<PathBuf>,
+    /// Profile of the hardware for which the image calibrates: ideal, navigation, tactical or mems.
+    #[arg(long, requires = "image", default_value = "navigation")]
+    hardware: String,
     /// Write the sizes to the data file in place of comparing them.
     #[arg(long, conflicts_with = "image")]
     update: bool,
@@ -67,17 +71,21 @@ fn main() -> ExitCode {
 }
 
 fn report(arguments: &Arguments) -> Result<bool> {
+    let hardware = Hardware::named(&arguments.hardware)
+        .with_context(|| format!("--hardware: unknown '{}'; known: {}", arguments.hardware, profiles()))?;
     if let Some(path) = &arguments.image {
-        return Ok(
-            report_image("image", &Image { path: path.clone(), board: Board::Mps2An500, imu: Imu::Adis16495 })?.1
-        );
+        return Ok(report_image(
+            "image",
+            &Image { path: path.clone(), board: Board::Mps2An500, imu: Imu::Adis16495 },
+            &hardware,
+        )?
+        .1);
     }
-    let optional = Variant { optional_states: true, ..Board::Mps2An500.into() };
     let kvh = |board: Board| Variant { imu: Imu::Kvh1750, ..board.into() };
-    let emulated = [Board::Mps2An500.into(), optional, kvh(Board::Mps2An500), Board::Mps2An386.into()];
+    let emulated = [Board::Mps2An500.into(), kvh(Board::Mps2An500), Board::Mps2An386.into()];
     let (mut clean, mut sizes) = (true, SizesByImage::new());
     for variant in emulated.into_iter().chain([Board::Stm32h743.into(), kvh(Board::Stm32h743)]) {
-        let (found, is_clean) = report_image(&variant.features(), &build(variant)?)?;
+        let (found, is_clean) = report_image(&variant.features(), &build(variant)?, &hardware)?;
         sizes.insert(variant.features(), found);
         clean &= is_clean;
     }
@@ -104,7 +112,7 @@ fn compare(sizes: &SizesByImage) -> Result<bool> {
 }
 
 /// Prints the figures of one image. Returns its sizes, and whether nothing forbidden is linked.
-fn report_image(name: &str, image: &Image) -> Result<(Sizes, bool)> {
+fn report_image(name: &str, image: &Image, hardware: &Hardware) -> Result<(Sizes, bool)> {
     let bytes = image.read()?;
     let file = object::File::parse(&*bytes)?;
     let mut sizes = Sizes::of(&file);
@@ -112,7 +120,7 @@ fn report_image(name: &str, image: &Image) -> Result<(Sizes, bool)> {
     println!("  flash                {:>8} bytes", sizes.flash);
     println!("  static RAM           {:>8} bytes", sizes.static_ram);
     if image.board.is_emulated() {
-        sizes.stack_used = Some(report_calibration(image)?);
+        sizes.stack_used = Some(report_calibration(image, hardware)?);
     } else {
         println!("  stack                       - bytes of {}: there is no emulator of the board", sizes.stack_room);
     }
@@ -129,8 +137,8 @@ fn report_image(name: &str, image: &Image) -> Result<(Sizes, bool)> {
 }
 
 /// Prints the load of a calibration. Returns the used stack, bytes.
-fn report_calibration(image: &Image) -> Result<u64> {
-    let calibration = calibration(image)?;
+fn report_calibration(image: &Image, hardware: &Hardware) -> Result<u64> {
+    let calibration = calibration(image, hardware)?;
     println!("  stack used           {:>8} bytes of {}", calibration.stack_used_bytes, calibration.stack_bytes);
     println!("  queue used           {:>8} samples of {}", calibration.queue_deepest, calibration.queue_length);
     println!("  {:<21}{:>8} {:>8}   instructions, without transfers and telemetry", "", "mean", "most");
@@ -165,10 +173,11 @@ fn print_timing(run: &Run, imu: Imu) {
 }
 
 /// Runs a whole calibration with short stops. Its last part needs the most stack.
-fn calibration(image: &Image) -> Result<Run> {
+fn calibration(image: &Image, hardware: &Hardware) -> Result<Run> {
     let unit = VirtualUnit::default();
     let scheme = Scheme::bai(1.0, 1);
-    let calibrator = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
+    let mut calibrator = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
+    calibrator.estimator.hardware = *hardware;
     let assignment = Assignment::SelfCalibrate(SelfCalibrationConfig::new(calibrator, scheme.clone()));
     let mut rins = DrivenRins::new(&unit, 1);
     rins.expect_moves(&move_durations_s(&scheme, unit.rate_hz));

@@ -13,7 +13,6 @@ use host_tests::virtual_unit::presets::real;
 use host_tests::virtual_unit::unit::VirtualUnit;
 use nix::sys::resource::{UsageWho, getrusage};
 use rins_selfcal::base::method::Method;
-use rins_selfcal::model::options::Options;
 use rins_selfcal::scheme::Scheme;
 use std::fs::File;
 use std::hint::black_box;
@@ -104,8 +103,8 @@ fn measure(log: &Path) -> Result<()> {
     }
     let read_s = start.elapsed().as_secs_f64();
     let (path, unit) = (log.into(), UnitConfig::default());
-    let (precision, options) = (Precision::F64, Options::default());
-    let replay = Replay { path, layout, unit, method: Method::Joint, precision, options };
+    let precision = Precision::F64;
+    let replay = Replay { path, layout, unit, method: Method::Joint, precision, adapt: false };
     let (start, cpu) = (Instant::now(), usage()?.0);
     let outcome = replay.run(|_| (), |_| ())?;
     let (wall_s, (now, peak_mb)) = (start.elapsed().as_secs_f64(), usage()?);

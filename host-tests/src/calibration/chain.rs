@@ -4,6 +4,7 @@ use crate::base::quantity::{STATES, states};
 use crate::files::unit_file::{Noise, UnitConfig};
 use crate::virtual_unit::plant::Reading;
 use rins_selfcal::base::angle::Angle;
+use rins_selfcal::base::hardware::{HARDWARE, Hardware};
 use rins_selfcal::base::linear::{Matrix, Real, Vector3, real};
 use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::method::Method;
@@ -11,11 +12,11 @@ use rins_selfcal::base::sample::RawSample;
 use rins_selfcal::base::site::Site;
 use rins_selfcal::base::units::DEG;
 use rins_selfcal::estimator::{
-    BASIC_STATES, Estimate, Estimator, FULL_STATES, HeadingSource, SegmentInnovations, Solution,
+    BEFORE_EFFECTS, BEFORE_PARAMETERS, Estimate, Estimator, HeadingSource, KNOWN_LATITUDE_RAD, SegmentInnovations,
+    Solution,
 };
+use rins_selfcal::model::effects::{EFFECT_INFO, SiteSigmas};
 use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETERS, ParameterInfo, block};
-use rins_selfcal::model::measurement::ENCODER_ERRORS;
-use rins_selfcal::model::options::{OPTIONAL_INFO, Options};
 use rins_selfcal::run::abort::Abort;
 use rins_selfcal::run::calibrator::Calibrator;
 use rins_selfcal::run::config::CalibratorConfig;
@@ -70,12 +71,16 @@ pub struct Setup {
     pub noise: Noise,
     /// Source of the heading.
     pub heading: HeadingSource,
-    /// Optional states and noise of the joint method.
-    pub options: Options,
+    /// How well the site is known.
+    pub site_sigmas: SiteSigmas,
+    /// Imperfections of the unit's hardware.
+    pub hardware: Hardware,
     /// Number of moves in period one, if the scheme is known and has several periods.
     pub period_moves: Option<u16>,
     /// Name of the scheme, if it is known.
     pub scheme: Option<String>,
+    /// Whether to solve once more with the size of the hardware enlarged that the verdict names as too small.
+    pub adapt: bool,
 }
 
 impl Setup {
@@ -92,9 +97,11 @@ impl Setup {
             site: unit.site(),
             noise: unit.noise,
             heading: unit.initial.heading_deg.map_or(HeadingSource::Gyrocompass, configured),
-            options: Options::default(),
+            site_sigmas: unit.site_sigmas(),
+            hardware: unit.hardware(),
             period_moves: None,
             scheme: None,
+            adapt: false,
         }
     }
 
@@ -110,27 +117,30 @@ impl Setup {
         let mut config = CalibratorConfig::new(self.method, self.site, self.noise.psd(), self.rate_hz);
         config.estimator.heading = self.heading;
         config.estimator.period_moves = self.period_moves;
-        config.estimator.options = self.options;
+        config.estimator.hardware = self.hardware;
+        config.estimator.site_sigmas = self.site_sigmas;
         config
     }
 
     /// Sigmas of all states before any data, SI units; zero for states that are not estimated.
     pub fn prior_sigmas(&self) -> [f64; STATES] {
         let config = self.config().estimator;
-        let optional = if self.method == Method::Joint { config.options.prior_sigmas() } else { Default::default() };
         let mut sigmas = [0.0; STATES];
-        let both = config.prior_sigmas().into_iter().chain(optional);
+        let both = config.prior_sigmas().into_iter().chain(config.effect_sigmas());
         sigmas.iter_mut().zip(both).for_each(|(sigma, prior)| *sigma = prior);
         sigmas
     }
 
+    /// A site for a unit of this setup: that of the literature if the latitude is unknown.
+    pub fn known_site(&self) -> Site {
+        if self.site_sigmas.latitude_rad > KNOWN_LATITUDE_RAD { Site::default() } else { self.site }
+    }
+
     /// A chain that has had no sample yet.
     pub fn chain(&self) -> Box<dyn Chain> {
-        match (self.precision, self.options.needs_states()) {
-            (Precision::F64, false) => Box::new(CoreChain::<f64, BASIC_STATES>::new(self)),
-            (Precision::F64, true) => Box::new(CoreChain::<f64, FULL_STATES>::new(self)),
-            (Precision::F32, false) => Box::new(CoreChain::<f32, BASIC_STATES>::new(self)),
-            (Precision::F32, true) => Box::new(CoreChain::<f32, FULL_STATES>::new(self)),
+        match self.precision {
+            Precision::F64 => Box::new(CoreChain::<f64>::new(self)),
+            Precision::F32 => Box::new(CoreChain::<f32>::new(self)),
         }
     }
 }
@@ -162,19 +172,19 @@ pub trait Chain: Send {
     fn covariance(&self) -> Matrix<f64, STATES, STATES>;
 }
 
-struct CoreChain<T: Real, const FILTER_STATES: usize> {
+struct CoreChain<T: Real> {
     setup: Setup,
     record: Record,
-    calibrator: Box<Calibrator<T, HOST_SEGMENTS, FILTER_STATES>>,
+    calibrator: Box<Calibrator<T, HOST_SEGMENTS>>,
 }
 
-impl<T: Real, const FILTER_STATES: usize> CoreChain<T, FILTER_STATES> {
+impl<T: Real> CoreChain<T> {
     fn new(setup: &Setup) -> Self {
         Self { setup: setup.clone(), record: Record::default(), calibrator: Box::new(Calibrator::new(&setup.config())) }
     }
 }
 
-impl<T: Real, const FILTER_STATES: usize> Chain for CoreChain<T, FILTER_STATES> {
+impl<T: Real> Chain for CoreChain<T> {
     fn step(&mut self, reading: &Reading) -> Option<Progress> {
         let progress = self.calibrator.step(&raw_sample(reading));
         self.record.live.extend(progress);
@@ -193,8 +203,21 @@ impl<T: Real, const FILTER_STATES: usize> Chain for CoreChain<T, FILTER_STATES> 
         }
         let record = &mut self.record;
         let solution = self.calibrator.conclude(&mut |message| record.note(message));
-        record.note(&Message::Judged(self.calibrator.judge(&solution, None, &VerdictLimits::default())));
-        std::mem::take(record).outcome(&self.setup).expect("solved and judged")
+        let mut verdict = self.calibrator.judge(&solution, None, &VerdictLimits::default());
+        let enlarged = verdict.enlarged(&self.setup.hardware);
+        let mut setup = self.setup.clone();
+        if let Some(hardware) = enlarged.filter(|_| setup.adapt) {
+            self.calibrator.take_hardware(&hardware);
+            setup.hardware = hardware;
+            record.innovations.clear();
+            let solution = self.calibrator.conclude(&mut |message| record.note(message));
+            verdict = self.calibrator.judge(&solution, None, &VerdictLimits::default());
+            // The live estimate after the last segment is the solution.
+            record.live.last_mut().into_iter().for_each(|last| last.estimate = solution.estimate);
+        }
+        record.note(&Message::Judged(verdict));
+        let outcome = std::mem::take(record).outcome(&setup).expect("solved and judged");
+        Outcome { enlargement: enlarged.and_then(|to| Enlargement::between(&self.setup.hardware, &to)), ..outcome }
     }
 
     fn covariance(&self) -> Matrix<f64, STATES, STATES> {
@@ -202,16 +225,17 @@ impl<T: Real, const FILTER_STATES: usize> Chain for CoreChain<T, FILTER_STATES> 
     }
 }
 
-/// Present covariance of an estimator's parameters and optional states, SI units; zero for states that are not
-/// estimated.
-pub fn covariance<T: Real, const SEGMENTS: usize, const FILTER_STATES: usize>(
-    estimator: &Estimator<T, SEGMENTS, FILTER_STATES>,
-) -> Matrix<f64, STATES, STATES> {
+/// Present covariance of an estimator's parameters and effects, SI units; zero for states that are not estimated.
+pub fn covariance<T: Real, const SEGMENTS: usize>(estimator: &Estimator<T, SEGMENTS>) -> Matrix<f64, STATES, STATES> {
     let mut covariance = Matrix::<f64, STATES, STATES>::zeros();
-    for state in 0..FILTER_STATES - ENCODER_ERRORS {
-        let of_filter = estimator.filter().covariance_row(ENCODER_ERRORS + state);
-        let row = of_filter.iter().skip(ENCODER_ERRORS).map(|entry| entry.widened());
-        covariance.row_mut(state).iter_mut().zip(row).for_each(|(entry, widened)| *entry = widened);
+    let effects = estimator.effects().iter().enumerate();
+    let effects = effects.map(|(place, effect)| (BEFORE_EFFECTS + place, PARAMETERS + usize::from(*effect)));
+    let states: Vec<_> = (0..PARAMETERS).map(|state| (BEFORE_PARAMETERS + state, state)).chain(effects).collect();
+    for (of_filter, state) in &states {
+        let row = estimator.filter().covariance_row(*of_filter);
+        for (of_filter, other) in &states {
+            covariance[(*state, *other)] = row[*of_filter].widened();
+        }
     }
     covariance
 }
@@ -221,6 +245,9 @@ pub fn covariance<T: Real, const SEGMENTS: usize, const FILTER_STATES: usize>(
 pub struct Outcome {
     /// Setup of the calibration.
     pub setup: Setup,
+    /// Size of the hardware that the first verdict has named as too small. With [`Setup::adapt`], the solution and the
+    /// verdict are those with the size in this unit.
+    pub enlargement: Option<Enlargement>,
     /// Parameters, sigmas and fit.
     pub solution: Solution,
     /// Verdict with its reasons.
@@ -245,6 +272,29 @@ pub struct Outcome {
     pub innovations: Vec<SegmentInnovations>,
     /// True errors of a virtual unit at the end of the last segment, the time to which the estimate refers.
     pub truth: Option<InstrumentErrors<f64>>,
+    /// True errors of a virtual unit in open loop to which each live estimate refers.
+    pub live_truth: Vec<InstrumentErrors<f64>>,
+}
+
+/// A size of the hardware that a verdict names as too small, in its unit.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Enlargement {
+    /// Key in the unit description.
+    pub key: &'static str,
+    /// Unit.
+    pub unit: &'static str,
+    /// The configured size.
+    pub configured: f64,
+    /// The size in this unit.
+    pub found: f64,
+}
+
+impl Enlargement {
+    fn between(configured: &Hardware, found: &Hardware) -> Option<Self> {
+        let size = HARDWARE.iter().find(|size| size.get(configured) < size.get(found))?;
+        let [configured, found] = [configured, found].map(|hardware| size.get(hardware) / size.unit_si);
+        Some(Self { key: size.key, unit: size.unit, configured, found })
+    }
 }
 
 /// Record of the messages of a run.
@@ -300,6 +350,7 @@ impl Record {
         let (solution, counts) = self.solution?;
         Some(Outcome {
             setup: setup.clone(),
+            enlargement: None,
             solution,
             verdict: self.verdict?,
             stored: self.stored,
@@ -312,6 +363,7 @@ impl Record {
             live: self.live,
             innovations: self.innovations,
             truth: None,
+            live_truth: Vec::new(),
         })
     }
 }
@@ -322,6 +374,11 @@ impl Outcome {
         &self.solution.estimate
     }
 
+    /// The site, with the latitude that the gyros have found if it was not known.
+    pub fn site(&self) -> Site {
+        self.solution.site(&self.setup.config().estimator)
+    }
+
     /// Whether the method estimates a parameter.
     pub fn is_estimated(&self, parameter: usize) -> bool {
         is_estimated(self.setup.method, parameter)
@@ -329,7 +386,7 @@ impl Outcome {
 
     /// Sigmas of all states, in report units.
     pub fn state_sigmas(&self) -> [f64; STATES] {
-        let found = self.estimate().sigmas.into_iter().chain(self.solution.optional.sigmas);
+        let found = self.estimate().sigmas.into_iter().chain(self.solution.effects.sigmas.map(f64::from));
         let mut sigmas = [0.0; STATES];
         for (sigma, (found, info)) in sigmas.iter_mut().zip(found.zip(states())) {
             *sigma = found / info.unit_si;
@@ -337,12 +394,13 @@ impl Outcome {
         sigmas
     }
 
-    /// Optional states that were estimated: name and unit, value and sigma, in report units.
-    pub fn optional_states(&self) -> impl Iterator<Item = (&'static ParameterInfo, f64, f64)> {
-        let optional = &self.solution.optional;
-        let states = OPTIONAL_INFO.iter().zip(optional.values.iter().zip(&optional.sigmas));
+    /// Effects of the hardware that were estimated: name and unit, value and sigma, in report units.
+    pub fn effects(&self) -> impl Iterator<Item = (&'static ParameterInfo, f64, f64)> {
+        let effects = &self.solution.effects;
+        let states = EFFECT_INFO.iter().zip(effects.values.iter().zip(&effects.sigmas));
         let estimated = states.filter(|(_, (_, sigma))| **sigma > 0.0);
-        estimated.map(|(info, (value, sigma))| (info, value / info.unit_si, sigma / info.unit_si))
+        estimated
+            .map(|(info, (value, sigma))| (info, f64::from(*value) / info.unit_si, f64::from(*sigma) / info.unit_si))
     }
 
     /// Codes of the reasons, in the order of [`Self::reasons`].
@@ -380,7 +438,7 @@ mod tests {
     #[test]
     fn a_result_that_could_not_be_stored_is_not_in_use() {
         let scheme = Scheme::bai(1.0, 1);
-        let setup = Setup::new(&UnitConfig::default(), 50.0, Method::Joint, Precision::F64).on_scheme(&scheme);
+        let setup = Setup::new(&UnitConfig::ideal(), 50.0, Method::Joint, Precision::F64).on_scheme(&scheme);
         let unit = VirtualUnit { rate_hz: 50.0, ..VirtualUnit::default() };
         let outcome = VirtualRun { unit, scheme, seed: 1 }.calibrate(std::slice::from_ref(&setup)).remove(0);
         let ended = |saved: Option<bool>| {

@@ -2,7 +2,7 @@
 
 use anyhow::{Error, Result, anyhow};
 use rins_selfcal::base::units::DEG;
-use rins_selfcal::estimator::{FULL_STATES, MAX_SEGMENTS};
+use rins_selfcal::estimator::MAX_SEGMENTS;
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::run::calibrator::Calibrator;
 use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig, check_motion};
@@ -22,7 +22,7 @@ pub fn check_axes(scheme: &Scheme, axes: &[AxisLimits; 2]) -> Result<()> {
 /// # Errors
 /// The reason why the core refuses the configuration.
 pub fn check(config: &SelfCalibrationConfig) -> Result<(), ConfigError> {
-    let mut calibrator = Box::new(Calibrator::<f64, MAX_SEGMENTS, FULL_STATES>::UNCONFIGURED);
+    let mut calibrator = Box::new(Calibrator::<f64, MAX_SEGMENTS>::UNCONFIGURED);
     SelfCalibration::new(config, None, &mut calibrator).map(|_| ())
 }
 

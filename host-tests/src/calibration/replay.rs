@@ -6,7 +6,6 @@ use crate::files::unit_file::UnitConfig;
 use crate::log::{Layout, LogError, LogReader};
 use crate::virtual_unit::plant::Reading;
 use rins_selfcal::base::method::Method;
-use rins_selfcal::model::options::Options;
 use std::f64::consts::PI;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
@@ -111,8 +110,8 @@ pub struct Replay {
     pub method: Method,
     /// Floating-point type of the core.
     pub precision: Precision,
-    /// Optional states and noise of the joint method.
-    pub options: Options,
+    /// Whether to solve once more with the size of the hardware enlarged that the verdict names as too small.
+    pub adapt: bool,
 }
 
 impl Replay {
@@ -128,8 +127,8 @@ impl Replay {
     ) -> Result<Outcome, ReplayError> {
         let reader = LogReader::open_as(&self.path, &self.layout)?;
         let rate_hz = self.rate_hz(&reader)?;
-        let setup = Setup::new(&self.unit, rate_hz, self.method, self.precision);
-        let mut chain = Setup { options: self.options, ..setup }.chain();
+        let setup = Setup { adapt: self.adapt, ..Setup::new(&self.unit, rate_hz, self.method, self.precision) };
+        let mut chain = setup.chain();
         let (mut rows, mut line) = (0, 1);
         let mut fastest = Fastest::default();
         for row in reader {

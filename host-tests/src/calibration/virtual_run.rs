@@ -1,6 +1,6 @@
 //! A virtual unit that runs a scheme, for simulation, prediction and statistics.
 
-use super::{Outcome, Setup};
+use super::{Chain, Outcome, Setup};
 use crate::virtual_unit::drive::SchemeDrive;
 use crate::virtual_unit::plant::Reading;
 use crate::virtual_unit::unit::VirtualUnit;
@@ -55,17 +55,24 @@ impl VirtualRun {
 
     /// As [`Self::calibrate`]; `note` is called with every reading.
     pub fn calibrate_noting(&self, setups: &[Setup], mut note: impl FnMut(&Reading)) -> Vec<Outcome> {
-        let mut chains: Vec<_> = setups.iter().map(|setup| setup.clone().on_scheme(&self.scheme).chain()).collect();
+        let chain = |setup: &Setup| (setup.clone().on_scheme(&self.scheme).chain(), Vec::new());
+        let mut chains: Vec<_> = setups.iter().map(chain).collect();
         let mut drive = self.drive();
-        for reading in &mut drive {
+        while let Some(reading) = drive.next() {
             note(&reading);
-            for chain in &mut chains {
+            for (chain, live_truth) in &mut chains {
                 // The live estimates are part of the outcome.
-                let _ = chain.step(&reading);
+                live_truth.extend(chain.step(&reading).map(|_| drive.rins().errors_of_live_estimate()));
             }
         }
-        let truth = Some(drive.rins().errors_now());
-        chains.iter_mut().map(|chain| Outcome { truth, ..chain.conclude() }).collect()
+        let truth = drive.rins().errors_now();
+        let conclude = |(mut chain, mut live_truth): (Box<dyn Chain>, Vec<_>)| {
+            let outcome = chain.conclude();
+            // The last live estimate is the solution.
+            live_truth.resize(outcome.live.len(), truth);
+            Outcome { truth: Some(truth), live_truth, ..outcome }
+        };
+        chains.into_iter().map(conclude).collect()
     }
 
     /// Duration including ramps and settling, s.
@@ -102,7 +109,7 @@ mod tests {
     /// solution.
     #[test]
     fn innovations_of_the_last_sweep_make_up_the_chi_square() {
-        let config = UnitConfig::default();
+        let config = UnitConfig::ideal();
         let unit = VirtualUnit { errors: presets::table3(), rate_hz: 50.0, ..VirtualUnit::default() };
         let run = VirtualRun { unit, scheme: Scheme::bai(2.0, 2), seed: 3 };
         let setups = [Method::Joint, Method::TwoStage].map(|method| Setup::new(&config, 50.0, method, Precision::F64));
@@ -122,7 +129,7 @@ mod tests {
     /// arcsec.
     #[test]
     fn the_two_stage_method_does_not_magnify_the_errors_of_a_real_unit() {
-        let config = UnitConfig { noise: Noise::bai(), ..UnitConfig::default() };
+        let config = UnitConfig { noise: Noise::bai(), ..UnitConfig::ideal() };
         let unit =
             VirtualUnit { errors: presets::real(1), noise: config.noise, rate_hz: 50.0, ..VirtualUnit::default() };
         let run = VirtualRun { unit, scheme: Scheme::bai(200.0, 2), seed: 1 };

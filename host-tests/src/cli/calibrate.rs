@@ -134,13 +134,14 @@ impl TermsArguments {
 }
 
 pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
-    let [errors, noise, config] = arguments.unit.inputs();
+    let [errors, noise, config, hardware] = arguments.unit.inputs();
     // The EEPROM file is an input too, so no output may overwrite the file.
     let inputs = [
         arguments.scheme.input(),
         errors,
         noise,
         config,
+        hardware,
         ("--eeprom", arguments.eeprom.as_deref()),
         ("--previous", arguments.previous.as_deref()),
     ];

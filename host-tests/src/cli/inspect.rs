@@ -25,7 +25,7 @@ pub struct InspectArguments {
     /// Mapping of the log's columns and units [default: recognized from the data]
     #[arg(long, value_name = "MAP.toml")]
     pub mapping: Option<PathBuf>,
-    /// Site of the unit, and its noise if the log does not show the noise [default: Bai's site, noise "navigation"]
+    /// Site of the unit, and its noise if the log does not show the noise [default: unknown site, noise "navigation"]
     #[arg(long, value_name = "UNIT.toml")]
     pub config: Option<PathBuf>,
     /// Write the proposed mapping to this file
@@ -101,17 +101,15 @@ fn write(arguments: &InspectArguments, unit: &UnitConfig, origin: &Origin, found
     Ok(())
 }
 
-/// Writes the unit description. If keys of the site have default values, a comment in the file and a note say so.
+/// Writes the unit description. If keys of the site are missing, a comment in the file and a note say so.
 fn write_unit(path: &Path, unit: &UnitConfig, default_keys: &[&str]) -> anyhow::Result<()> {
     let text = toml::to_string(unit)?;
     if default_keys.is_empty() {
         return write_text(path, &text);
     }
-    let what = format!(
-        "default site: {} of [site] must be edited, because the log does not show it",
-        default_keys.join(" and ")
-    );
-    let why = "gravity is the scale of the accelerometers, and the Earth rate depends on the latitude";
+    let what =
+        format!("no site: {} of [site] should be given, because the log does not show it", default_keys.join(" and "));
+    let why = "gravity is the scale of the accelerometers, and without a latitude the gyros must find it";
     write_text(path, &text.replacen("[site]\n", &format!("# {what}:\n# {why}.\n[site]\n"), 1))?;
     note!("{}: {what}", path.display());
     Ok(())

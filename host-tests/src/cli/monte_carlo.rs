@@ -1,7 +1,6 @@
 //! `rins montecarlo`
 
 use super::arguments::axes::AxisArguments;
-use super::arguments::method::OptionArguments;
 use super::arguments::scheme::{SchemeArguments, UnobservedArguments};
 use super::arguments::unit::{VirtualArguments, errors_named, rate_hz};
 use super::ending::Ending;
@@ -11,14 +10,16 @@ use crate::base::bai::TABLE_1_ERRORS;
 use crate::base::quantity::{fixed, rounded, significant, states};
 use crate::calibration::{Precision, method_name};
 use crate::files::json_file::write_json;
+use crate::files::unit_file::{SiteTable, UnitConfig};
 use crate::result::report::{Named, SOFTWARE, Software};
 use crate::result::table;
-use crate::study::monte_carlo::{CONFIDENCE, FitStatistics, MethodStatistics, MonteCarlo, RunResult};
+use crate::study::monte_carlo::{CONFIDENCE, FitStatistics, LiveTable, MethodStatistics, MonteCarlo, RunResult};
 use crate::study::statistics::{ErrorStatistics, TOLERANCE};
 use clap::{Args, ValueEnum};
 use rins_selfcal::base::method::Method;
 use rins_selfcal::model::error_model::{PARAMETERS, ParameterInfo};
 use rins_selfcal::scheme::Scheme;
+use rins_selfcal::segment::SegmentKind;
 use serde::Serialize;
 use std::fmt;
 use std::path::PathBuf;
@@ -45,13 +46,15 @@ pub struct MonteCarloArguments {
     /// Floating-point type of the core
     #[arg(long, value_enum, default_value_t)]
     pub precision: Precision,
-    #[command(flatten)]
-    pub options: OptionArguments,
-    /// Errors: table1, table3, real, random, random:1deg, random:tactical, a file, or the content of a file in one line
+    /// Errors: table1, table3, real, typical, typical:0.5, random, random:1deg, random:tactical, a file, or the content
+    /// of a file in one line
     #[arg(long, value_name = "NAME|FILE", default_value = "random")]
     pub errors: String,
     #[command(flatten)]
     pub unit: VirtualArguments,
+    /// Put every unit at another place of the Earth, -400 to 4000 m high, and configure no site
+    #[arg(long)]
+    pub anywhere: bool,
     /// Write the statistics to this file
     #[arg(long, value_name = "OUT.json")]
     pub json: Option<PathBuf>,
@@ -83,8 +86,8 @@ impl MethodsArgument {
 const BAI_TABLE_1_NOTE: &str = "Bai Table 1: errors of Bai's own simulation as published (Sensors 2019, 19, 4005, Table 1), to compare with RMS error\n";
 
 pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
-    let [errors, noise, config] = arguments.unit.inputs(&arguments.errors);
-    let inputs = [arguments.scheme.input(), errors, noise, config];
+    let [errors, noise, config, hardware] = arguments.unit.inputs(&arguments.errors);
+    let inputs = [arguments.scheme.input(), errors, noise, config, hardware];
     files::check(&inputs, &[("--json", arguments.json.as_deref())])?;
     let monte_carlo = monte_carlo(arguments)?;
     say!("{}", head(arguments, &monte_carlo));
@@ -168,13 +171,13 @@ fn stops(scheme: &Scheme) -> String {
 
 /// The study that the arguments describe.
 pub fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo> {
-    let unit = arguments.unit.config()?;
+    let described = arguments.unit.config()?;
+    let unit = if arguments.anywhere { UnitConfig { site: SiteTable::default(), ..described } } else { described };
     let longest = if matches!(arguments.method, MethodsArgument::Joint) { Method::Joint } else { Method::TwoStage };
     Ok(MonteCarlo {
         runs: arguments.runs,
         methods: arguments.method.methods(),
         precision: arguments.precision,
-        options: arguments.options.options(),
         scheme: arguments.scheme.scheme(longest)?,
         axes: arguments.axes.axes(),
         refuse_unobserved: !arguments.unobserved.run_unobserved,
@@ -193,12 +196,42 @@ fn text(method: &MethodStatistics, beside_bai: bool) -> String {
         method.accepted, method.accepted_wrong, method.rejected, method.unconverged, method.diverged, method.aborted
     );
     let mut text = format!("{name} method: {counts}\n");
+    for wrong in &method.wrong {
+        text += &format!("  wrong: {wrong}\n");
+    }
     for reason in &method.rejections {
         text += &format!("  - {reason}\n");
     }
     let beside_bai = beside_bai && method.method == Method::TwoStage;
     let note = if beside_bai { BAI_TABLE_1_NOTE } else { "" };
-    text + "\n" + &errors(method, beside_bai) + note + &summary(method)
+    text + "\n" + &errors(method, beside_bai) + note + &summary(method) + &live(&method.live)
+}
+
+/// Live estimates, a row for each segment.
+fn live(table: &LiveTable) -> String {
+    if table.segments.is_empty() {
+        return String::new();
+    }
+    let [low, high] = table.bounds;
+    let mut text = format!(
+        "\nlive estimates, mean (error/sigma)^2 of the parameters that are observed; {} % bounds of all together \
+         {low:.3} to {high:.3}\n{:>7}  {:4}  {:>8}  {:>6}  {:>7}  {:>7}\n",
+        CONFIDENCE * 100.0,
+        "end s",
+        "kind",
+        "observed",
+        "mean",
+        "outside",
+        "largest"
+    );
+    for segment in &table.segments {
+        let Some((name, largest)) = segment.largest() else { continue };
+        let kind = if segment.kind == SegmentKind::Stop { "stop" } else { "move" };
+        let (end_s, mean, observed) = (segment.end_s, segment.mean(), segment.mean_normalized_squared.0.len());
+        let outside = segment.outside;
+        text += &format!("{end_s:7.1}  {kind:4}  {observed:8}  {mean:6.3}  {outside:7}  {largest:7.3}  {name}\n");
+    }
+    text
 }
 
 fn errors(method: &MethodStatistics, beside_bai: bool) -> String {
@@ -238,13 +271,17 @@ fn summary(method: &MethodStatistics) -> String {
     let fit = &method.fit;
     let percent = CONFIDENCE * 100.0;
     format!(
-        "wrong: one of the twelve installation errors off by more than 4.5 sigma and 1 arcsec\n\
+        "wrong: one of the twelve installation errors or the non-perpendicularity off by more than 4.5 sigma and \
+         1 arcsec; by chance at most {} ({percent} %); largest error in an accepted run {} sigma\n\
          bound: Cramer-Rao bound, predicted for the true errors of each run's unit; root mean square over the runs\n\
          scatter: standard deviation of RMS/bound at this number of runs\n\
          RMS/bound: mean {}, largest {}; more than {tolerance:.0} % off 1: {outside} of {all} (!), {by_chance:.1} \
          expected by chance\n\
-         mean (error/sigma)^2: {inside} of {all} inside {low:.3} to {high:.3} ({percent} % bounds; ! = outside)\n\
+         mean (error/sigma)^2: {inside} of {all} inside {low:.3} to {high:.3} ({percent} % bounds of all together; ! = \
+         outside)\n\
          chi-square of the fit: mean {} with {:.1} degrees of freedom, {percent} % bounds {:.2} to {:.2}\n",
+        method.wrong_by_chance(),
+        fixed(method.largest_accepted, 1),
         fixed(mean, 3),
         fixed(largest, 3),
         fixed(fit.mean_chi_square, 2),
@@ -291,14 +328,18 @@ struct MethodReport {
     diverged: usize,
     aborted: usize,
     rejections: Vec<String>,
+    wrong: Vec<String>,
     mean_ratio: f64,
     largest_ratio: f64,
     ratios_outside: usize,
     ratios_outside_by_chance: f64,
     normalized_squared_bounds: [f64; 2],
+    wrong_by_chance: u64,
+    largest_accepted_sigmas: f64,
     fit: FitStatistics,
+    live: LiveTable,
     parameters: Named<ParameterStatistics>,
-    optional_states: Named<ParameterStatistics>,
+    effects: Named<ParameterStatistics>,
 }
 
 #[derive(Serialize)]
@@ -342,14 +383,18 @@ impl From<&MethodStatistics> for MethodReport {
             diverged: method.diverged,
             aborted: method.aborted,
             rejections: method.rejections.clone(),
+            wrong: method.wrong.clone(),
             mean_ratio,
             largest_ratio,
             ratios_outside,
             ratios_outside_by_chance,
             normalized_squared_bounds: method.normalized_bounds,
+            wrong_by_chance: method.wrong_by_chance(),
+            largest_accepted_sigmas: method.largest_accepted,
             fit: method.fit,
+            live: method.live.clone(),
             parameters: Named(states().zip(&method.states).take(PARAMETERS).filter_map(of_state).collect()),
-            optional_states: Named(states().zip(&method.states).skip(PARAMETERS).filter_map(of_state).collect()),
+            effects: Named(states().zip(&method.states).skip(PARAMETERS).filter_map(of_state).collect()),
         }
     }
 }

@@ -52,9 +52,9 @@ const NAMED_GAINS: usize = 3;
 const LEAST_GAIN: f64 = 0.1;
 
 pub fn run(arguments: &ObservabilityArguments) -> anyhow::Result<Ending> {
-    let [noise, config] = arguments.unit.inputs();
+    let [noise, config, hardware] = arguments.unit.inputs();
     let outputs = [("--json", arguments.json.as_deref()), ("--plot", arguments.plot.as_deref())];
-    files::check(&[arguments.scheme.input(), noise, config], &outputs)?;
+    files::check(&[arguments.scheme.input(), noise, config, hardware], &outputs)?;
     if arguments.all {
         let setup = setup(arguments)?;
         let predictions = library(&setup);
@@ -218,9 +218,9 @@ fn against_time(prediction: &Prediction) -> String {
     table::of_numbers(&columns, prediction.segments.iter().map(row))
 }
 
-/// All predicted sigmas of parameters and optional states.
+/// All predicted sigmas of the parameters and of the effects of the hardware.
 pub fn sigmas(prediction: &Prediction) -> String {
-    let both = || prediction.parameters.0.iter().chain(&prediction.optional_states.0);
+    let both = || prediction.parameters.0.iter().chain(&prediction.effects.0);
     let names: Vec<_> = states().map(|info| info.name).collect();
     table::by_state(&["sigma"], |state| {
         let found = both().find(|(name, _)| *name == names[state]);

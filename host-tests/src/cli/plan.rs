@@ -1,7 +1,6 @@
 //! `rins plan`
 
 use super::arguments::axes::{TravelArgument, pace, travel};
-use super::arguments::method::OptionArguments;
 use super::arguments::scheme::seconds;
 use super::arguments::unit::{DescriptionArguments, rate_hz};
 use super::arguments::value::number_in;
@@ -61,8 +60,6 @@ pub struct PlanArguments {
     #[arg(long, value_enum, default_value_t)]
     criterion: Criterion,
     #[command(flatten)]
-    options: OptionArguments,
-    #[command(flatten)]
     unit: DescriptionArguments,
     /// Number of schemes to evaluate; the search time is proportional to this number
     #[arg(long, value_name = "N", default_value_t = 1_500_000, value_parser = clap::value_parser!(u64).range(100..))]
@@ -77,12 +74,11 @@ pub struct PlanArguments {
 
 impl PlanArguments {
     pub fn request(&self, unit: &UnitConfig) -> anyhow::Result<PlanRequest> {
-        let options = self.options.options();
-        let setup = Setup { options, ..Setup::new(unit, rate_hz(unit), Method::Joint, Precision::F64) };
+        let setup = Setup::new(unit, rate_hz(unit), Method::Joint, Precision::F64);
         let objective = if self.weights.is_empty() {
             Objective::installation(self.criterion)
         } else {
-            Objective::weighted(self.criterion, &self.weights, &options).map_err(anyhow::Error::msg)?
+            Objective::weighted(self.criterion, &self.weights).map_err(anyhow::Error::msg)?
         };
         Ok(PlanRequest {
             setup,

@@ -1,5 +1,6 @@
 //! `rins replay`
 
+use super::arguments::hardware::HardwareArguments;
 use super::arguments::log::LogArguments;
 use super::arguments::method::MethodArguments;
 use super::ending::Ending;
@@ -29,11 +30,17 @@ use std::path::{Path, PathBuf};
 pub struct ReplayArguments {
     #[command(flatten)]
     pub source: LogArguments,
-    /// Unit description: site, noise, rate and known heading [default: Bai's site, noise "navigation"]
+    /// Unit description: site, noise, rate and known heading [default: unknown site, noise and hardware "navigation"]
     #[arg(long, value_name = "UNIT.toml")]
     pub config: Option<PathBuf>,
     #[command(flatten)]
     pub method: MethodArguments,
+    #[command(flatten)]
+    pub hardware: HardwareArguments,
+    /// If the verdict names an effect of the hardware that is larger than configured, solve once more with its size;
+    /// the result is accepted only if everything else passes, and says so
+    #[arg(long)]
+    pub adapt: bool,
     /// Write the result to this file
     #[arg(long, value_name = "OUT.json")]
     pub json: Option<PathBuf>,
@@ -60,6 +67,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
         ("--config", arguments.config.as_deref()),
         ("--truth", arguments.truth.as_deref()),
         ("--previous", arguments.previous.as_deref()),
+        arguments.hardware.input(),
     ];
     let outputs = [
         ("--json", arguments.json.as_deref()),
@@ -70,13 +78,14 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
     let truth = arguments.truth.as_deref().map(Truth::read).transpose()?;
     let previous = arguments.previous.as_deref().map(Saved::read).transpose()?;
     let (unit, origin) = unit(arguments)?;
+    let unit = arguments.hardware.apply(unit)?;
     let replay = Replay {
         path: log.into(),
         layout: arguments.source.layout()?,
         unit,
         method: arguments.method.method(),
         precision: arguments.method.precision,
-        options: arguments.method.options.options(),
+        adapt: arguments.adapt,
     };
     if let (Some(config), Some([configured, measured])) = (&arguments.config, replay.other_rate_hz()?) {
         let (config, log) = (config.display(), log.display());
@@ -139,7 +148,7 @@ pub fn report(content: &Content, json: Option<&Path>, page: Option<&Path>, head:
     }
     sayln!("{head}{}", table::samples(outcome));
     sayln!("{}", table::parameters(outcome, truth));
-    say!("{}{}", table::optional_states(outcome), table::verdict(outcome));
+    say!("{}{}", table::effects(outcome), table::verdict(outcome));
     if let Some(path) = json {
         sayln!("result: {}", path.display());
     }

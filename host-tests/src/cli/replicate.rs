@@ -75,7 +75,7 @@ impl fmt::Display for Errors {
     }
 }
 
-/// The studies: name, title, errors, and further options of the joint method.
+/// The studies: name, title, errors, and the imperfections that the joint method expects.
 const STUDIES: [(&str, &str, Errors, &str); 14] = [
     ("table1", "the unit of Table 1", Errors::Of("table1"), ""),
     ("table3", "the twelve errors of Table 3, all other errors zero", Errors::Of("table3"), ""),
@@ -90,28 +90,30 @@ const STUDIES: [(&str, &str, Errors, &str); 14] = [
     (
         "eccentricity",
         "encoder eccentricity of 2 arcsec",
-        Errors::Of("effects.encoder_eccentricity = [{ amplitude_arcsec = 2.0 }, { amplitude_arcsec = 2.0 }]"),
-        "--effects eccentricity",
+        Errors::Of(
+            "effects.hardware.encoder_harmonics_arcsec = [[[0.0, 2.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]], [[0.0, 2.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]]]",
+        ),
+        "encoder_harmonic_1_arcsec = 2.0",
     ),
     (
         "second-harmonic",
         "second harmonic of the encoders of 2 arcsec",
         Errors::Of(
-            "effects.encoder_second_harmonic = [{ amplitude_arcsec = 2.0, phase_deg = 90.0 }, { amplitude_arcsec = 2.0, phase_deg = 90.0 }]",
+            "effects.hardware.encoder_harmonics_arcsec = [[[0.0, 0.0], [2.0, 0.0], [0.0, 0.0], [0.0, 0.0]], [[0.0, 0.0], [2.0, 0.0], [0.0, 0.0], [0.0, 0.0]]]",
         ),
-        "--effects second-harmonic",
+        "encoder_harmonic_2_arcsec = 2.0",
     ),
     (
         "tilt-drift",
         "base that tilts by 2 arcsec/h",
         Errors::Of("effects.base_tilt_drift_arcsec_h = [2.0, 2.0]"),
-        "--effects tilt-drift",
+        "base_drift_arcsec_h = 2.0",
     ),
     (
         "bias-ramp",
         "accelerometer biases that drift by 1 ug/h",
         Errors::Of("effects.accel_bias_ramp_ug_h = [1.0, 1.0, 1.0]"),
-        "--effects bias-ramp",
+        "accel_warm_up_ug = 1.0",
     ),
 ];
 /// Number of studies, from the first one, that have all runs.
@@ -164,7 +166,8 @@ fn studies(arguments: &ReplicateArguments) -> anyhow::Result<Vec<Planned>> {
         words.extend(motion.iter().map(String::as_str));
         let errors = errors.to_string();
         words.extend(["--errors", &errors, "--noise", "bai", "--seed", &seed]);
-        words.extend(effects.split_whitespace());
+        let hardware = if effects.is_empty() { "ideal".into() } else { format!("profile = \"ideal\", {effects}") };
+        words.extend(["--hardware", &hardware]);
         let parsed: MonteCarloArguments = parsed(&words)?;
         let monte_carlo = monte_carlo::monte_carlo(&parsed)?;
         Ok(Planned { name, title, command: command_line(&words), arguments: parsed, monte_carlo })

@@ -39,13 +39,13 @@ pub struct SimulateArguments {
 const TICK: u64 = 10_000;
 
 pub fn run(arguments: &SimulateArguments) -> anyhow::Result<Ending> {
-    let [errors, noise, config] = arguments.unit.inputs();
+    let [errors, noise, config, hardware] = arguments.unit.inputs();
     let outputs = [
         ("--out", Some(arguments.out.as_path())),
         ("--truth", arguments.truth.as_deref()),
         ("--write-config", arguments.write_config.as_deref()),
     ];
-    files::check(&[arguments.scheme.input(), errors, noise, config], &outputs)?;
+    files::check(&[arguments.scheme.input(), errors, noise, config, hardware], &outputs)?;
     let config = arguments.unit.config()?;
     let scheme = arguments.scheme.scheme(Method::Joint)?;
     check_axes(&scheme, &arguments.axes.axes())?;

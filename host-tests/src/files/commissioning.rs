@@ -31,6 +31,7 @@
 //! scheme = "fast-180"                    # a name of the library, or a file beside this one
 //! ```
 
+use super::hardware::HardwareTable;
 use super::scheme_file::scheme_named;
 use super::toml_file::{TomlFile, TomlFileError};
 use super::unit_file::{InitialTable, Noise, SamplingTable, SiteTable, UnitConfig};
@@ -52,6 +53,7 @@ struct UnitTables {
     unit: Option<UnitTable>,
     site: Option<SiteTable>,
     noise: Option<Noise>,
+    hardware: Option<HardwareTable>,
     #[serde(rename = "sampling")]
     _sampling: SamplingTable,
     #[serde(rename = "initial")]
@@ -141,9 +143,12 @@ pub fn commissioned(
     let mut config = present.clone();
     let estimator = &mut config.calibrator.estimator;
     tables.site.ok_or_else(|| missing("site"))?;
-    estimator.site = unit.site();
+    (estimator.site, estimator.site_sigmas) = (unit.site(), unit.site_sigmas());
     if tables.noise.is_some() {
         estimator.noise = unit.noise.psd();
+    }
+    if tables.noise.is_some() || tables.hardware.is_some() {
+        estimator.hardware = unit.hardware();
     }
     if let Some(heading_deg) = unit.initial.heading_deg {
         let sigma_rad = unit.initial.heading_sigma_deg * DEG;

@@ -2,14 +2,23 @@
 //!
 //! ```toml
 //! [site]
-//! latitude_deg = 30.93041                # geodetic, -90 to 90; default 30.93041
-//! height_m = 20.0                        # above the ellipsoid; default 20
+//! latitude_deg = 30.93041                # geodetic, -90 to 90; default: unknown, the gyros find it
+//! latitude_sigma_deg = 0.02              # its sigma; default 0.02
+//! height_m = 20.0                        # above the ellipsoid; default 0 with a sigma of 2000
+//! height_sigma_m = 30.0                  # its sigma; default 30; not used if gravity is measured
 //! gravity_m_s2 = 9.79398                 # measured; default: WGS-84 normal gravity
+//! gravity_sigma_mgal = 20.0              # its sigma; default 20 for normal gravity, 1 for a measured one
 //! [noise]                                # default: the unit "navigation"
 //! accel_vrw_ug_sqrt_hz = 10.0
 //! gyro_arw_deg_sqrt_h = 0.001
 //! encoder_repeatability_arcsec = 0.5     # per stop and axis
 //! rate_reference_arcsec_sqrt_s = 0.0     # walk of the angle reading while turning
+//! accel_floor_ug = 2.0                   # Allan floor and bias walk; default: those of the hardware
+//! accel_walk_ug_sqrt_h = 0.0
+//! gyro_floor_deg_h = 0.002
+//! gyro_walk_deg_h_sqrt_h = 0.0
+//! [hardware]                             # imperfections: see `files::hardware`; default: the profile "navigation"
+//! profile = "navigation"
 //! [sampling]
 //! rate_hz = 200.0                        # default: from the log's time stamps; 200 for a virtual unit
 //! [initial]
@@ -18,10 +27,13 @@
 //! ```
 //! A file may have the tables that only an instrument needs too: `commissioning`.
 
+use super::hardware::{self, HardwareTable};
 use super::toml_file::{TomlFile, TomlFileError};
 use crate::base::quantity::significant;
+use rins_selfcal::base::hardware::Hardware;
 use rins_selfcal::base::site::Site;
-use rins_selfcal::base::units::{ARCSEC, DEG, DEG_SQRT_H, MICRO_G};
+use rins_selfcal::base::units::{ARCSEC, DEG, DEG_H, DEG_SQRT_H, MICRO_G};
+use rins_selfcal::model::effects::SiteSigmas;
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -39,6 +51,18 @@ pub struct Noise {
     pub encoder_repeatability_arcsec: f64,
     /// Random walk of the encoder angle while its axis turns, arcsec/sqrt(s). It is zero again at the stop. Default 0.
     pub rate_reference_arcsec_sqrt_s: f64,
+    /// Allan floor of the accelerometers, ug. Default: that of the hardware.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub accel_floor_ug: Option<f64>,
+    /// Random walk of the accelerometer biases, ug/sqrt(h). Default: that of the hardware.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub accel_walk_ug_sqrt_h: Option<f64>,
+    /// Allan floor of the gyros, deg/h. Default: that of the hardware.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gyro_floor_deg_h: Option<f64>,
+    /// Random walk of the gyro biases, deg/h/sqrt(h). Default: that of the hardware.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gyro_walk_deg_h_sqrt_h: Option<f64>,
 }
 
 impl Default for Noise {
@@ -65,24 +89,26 @@ impl fmt::Display for Noise {
 }
 
 impl Noise {
+    /// No noise; Allan floors and walks are those of the hardware.
+    pub const NONE: Self = Self {
+        accel_vrw_ug_sqrt_hz: 0.0,
+        gyro_arw_deg_sqrt_h: 0.0,
+        encoder_repeatability_arcsec: 0.0,
+        rate_reference_arcsec_sqrt_s: 0.0,
+        accel_floor_ug: None,
+        accel_walk_ug_sqrt_h: None,
+        gyro_floor_deg_h: None,
+        gyro_walk_deg_h_sqrt_h: None,
+    };
+
     /// A navigation grade unit.
     pub const fn navigation() -> Self {
-        Self {
-            accel_vrw_ug_sqrt_hz: 10.0,
-            gyro_arw_deg_sqrt_h: 0.001,
-            encoder_repeatability_arcsec: 0.5,
-            rate_reference_arcsec_sqrt_s: 0.0,
-        }
+        Self { accel_vrw_ug_sqrt_hz: 10.0, gyro_arw_deg_sqrt_h: 0.001, encoder_repeatability_arcsec: 0.5, ..Self::NONE }
     }
 
     /// A tactical grade unit.
     pub const fn tactical() -> Self {
-        Self {
-            accel_vrw_ug_sqrt_hz: 60.0,
-            gyro_arw_deg_sqrt_h: 0.05,
-            encoder_repeatability_arcsec: 5.0,
-            rate_reference_arcsec_sqrt_s: 0.0,
-        }
+        Self { accel_vrw_ug_sqrt_hz: 60.0, gyro_arw_deg_sqrt_h: 0.05, encoder_repeatability_arcsec: 5.0, ..Self::NONE }
     }
 
     /// Bai's simulation. A sample at 200 Hz has a noise of 30 ug, 0.2 arcsec/s, and 0.7 arcsec/s of the rate reference.
@@ -94,6 +120,7 @@ impl Noise {
             gyro_arw_deg_sqrt_h: 0.2 / sqrt_rate * ARCSEC / DEG_SQRT_H,
             encoder_repeatability_arcsec: 0.5,
             rate_reference_arcsec_sqrt_s: 0.7 / sqrt_rate,
+            ..Self::NONE
         }
     }
 
@@ -137,6 +164,10 @@ impl Noise {
             ("gyro_arw_deg_sqrt_h", self.gyro_arw_deg_sqrt_h),
             ("encoder_repeatability_arcsec", self.encoder_repeatability_arcsec),
             ("rate_reference_arcsec_sqrt_s", self.rate_reference_arcsec_sqrt_s),
+            ("accel_floor_ug", self.accel_floor_ug.unwrap_or(0.0)),
+            ("accel_walk_ug_sqrt_h", self.accel_walk_ug_sqrt_h.unwrap_or(0.0)),
+            ("gyro_floor_deg_h", self.gyro_floor_deg_h.unwrap_or(0.0)),
+            ("gyro_walk_deg_h_sqrt_h", self.gyro_walk_deg_h_sqrt_h.unwrap_or(0.0)),
         ];
         match values.iter().find(|(_, value)| !value.is_finite() || *value < 0.0) {
             Some((key, _)) => Err((key, "must be finite and not negative")),
@@ -149,24 +180,53 @@ impl Noise {
 const SITE_KEYS: [&str; 2] = ["latitude_deg", "height_m"];
 
 /// `[site]`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct SiteTable {
-    /// Geodetic latitude, deg.
-    pub latitude_deg: f64,
-    /// Height above the ellipsoid, m.
-    pub height_m: f64,
+    /// Geodetic latitude, deg. Unknown if absent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub latitude_deg: Option<f64>,
+    /// Sigma of the latitude, deg.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub latitude_sigma_deg: Option<f64>,
+    /// Height above the ellipsoid, m. If absent, it is taken as 0 with a large sigma.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub height_m: Option<f64>,
+    /// Sigma of the height, m. Not used if gravity is measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub height_sigma_m: Option<f64>,
     /// Measured gravity, m/s^2.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gravity_m_s2: Option<f64>,
+    /// Sigma of gravity beside that of the height, mGal.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gravity_sigma_mgal: Option<f64>,
 }
 
-impl Default for SiteTable {
-    fn default() -> Self {
-        let site = Site::default();
-        Self { latitude_deg: 30.930_41, height_m: site.height_m, gravity_m_s2: site.measured_gravity_m_s2 }
+impl SiteTable {
+    /// Bai's laboratory, where a virtual unit stands unless its description says otherwise.
+    pub fn laboratory() -> Self {
+        Self { latitude_deg: Some(30.930_41), height_m: Some(Site::default().height_m), ..Self::default() }
+    }
+
+    /// Whether nothing is said of the site.
+    pub fn is_unknown(&self) -> bool {
+        *self == Self::default()
     }
 }
+
+/// Sigma of a latitude that is given, deg.
+const LATITUDE_SIGMA_DEG: f64 = 0.02;
+/// Sigma of a latitude that is not given, deg: the gyros find it.
+const UNKNOWN_LATITUDE_SIGMA_DEG: f64 = 60.0;
+/// Sigma of a height that is given, and of one that is not, m.
+const HEIGHT_SIGMA_M: [f64; 2] = [30.0, 2000.0];
+/// Sigma of normal gravity and of measured gravity, mGal.
+const GRAVITY_SIGMA_MGAL: [f64; 2] = [20.0, 1.0];
+/// Change of gravity with height, mGal/m.
+const GRAVITY_BY_HEIGHT_MGAL_M: f64 = 0.3086;
+/// One milligal, m/s^2.
+const MGAL: f64 = 1e-5;
 
 /// `[sampling]`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -206,6 +266,8 @@ pub struct UnitConfig {
     pub sampling: SamplingTable,
     /// What is known before the calibration.
     pub initial: InitialTable,
+    /// Imperfections of its hardware.
+    pub hardware: HardwareTable,
 }
 
 /// UNIT.toml with the tables that only an instrument needs, whose contents do not matter here.
@@ -216,6 +278,7 @@ struct UnitFile {
     noise: Noise,
     sampling: SamplingTable,
     initial: InitialTable,
+    hardware: HardwareTable,
     #[serde(rename = "unit")]
     _unit: Option<IgnoredAny>,
     #[serde(rename = "outer")]
@@ -230,8 +293,8 @@ struct UnitFile {
 
 impl UnitFile {
     fn config(self) -> UnitConfig {
-        let Self { site, noise, sampling, initial, .. } = self;
-        UnitConfig { site, noise, sampling, initial }
+        let Self { site, noise, sampling, initial, hardware, .. } = self;
+        UnitConfig { site, noise, sampling, initial, hardware }
     }
 }
 
@@ -276,15 +339,24 @@ impl UnitConfig {
 
     /// Site, noise and the heading if it is known, in words, each on a line with its origin.
     pub fn described(&self, origin: &Origin) -> String {
-        let SiteTable { latitude_deg, height_m, gravity_m_s2 } = self.site;
-        let source = if gravity_m_s2.is_some() { "measured" } else { "WGS-84" };
-        let mut text = format!(
-            "site: latitude {latitude_deg} deg, height {height_m} m, gravity {:.6} m/s^2 {source} ({})\n",
-            self.site().gravity_m_s2(),
-            origin.of("site", &SITE_KEYS)
-        );
+        let SiteTable { latitude_deg, height_m, gravity_m_s2, .. } = self.site;
+        let height_m = height_m.unwrap_or(0.0);
+        let mut text = match (latitude_deg, gravity_m_s2) {
+            (None, None) => format!("site: latitude unknown, the gyros find it and gravity; height {height_m} m"),
+            (None, Some(gravity)) => {
+                format!("site: latitude unknown, the gyros find it; gravity {gravity:.6} m/s^2 measured")
+            }
+            (Some(latitude_deg), _) => {
+                let source = if gravity_m_s2.is_some() { "measured" } else { "WGS-84" };
+                let gravity = self.site().gravity_m_s2();
+                format!("site: latitude {latitude_deg} deg, height {height_m} m, gravity {gravity:.6} m/s^2 {source}")
+            }
+        };
+        let sigma_ppm = self.site_sigmas().gravity_m_s2 / 9.8 * 1e6;
+        text += &format!(", known to {} ppm ({})\n", significant(sigma_ppm), origin.of("site", &SITE_KEYS));
         let keys = ["accel_vrw_ug_sqrt_hz", "gyro_arw_deg_sqrt_h", "encoder_repeatability_arcsec"];
         text += &format!("noise: {} ({})\n", self.noise, origin.of("noise", &keys));
+        text += &format!("hardware: {}\n", hardware::described(&self.hardware()));
         if let Some(heading_deg) = self.initial.heading_deg {
             let keys = ["heading_deg", "heading_sigma_deg"];
             let sigma_deg = self.initial.heading_sigma_deg;
@@ -306,26 +378,89 @@ impl UnitConfig {
         }
     }
 
-    /// The site, SI.
+    /// An ideal unit at the site of the literature, all of which is known exactly.
+    pub fn ideal() -> Self {
+        let hardware = HardwareTable(Hardware::IDEAL);
+        Self { site: SiteTable::laboratory(), hardware, ..Self::default() }
+    }
+
+    /// The same unit at Bai's laboratory if nothing is said of its site.
+    #[must_use]
+    pub fn somewhere(self) -> Self {
+        if self.site.is_unknown() { Self { site: SiteTable::laboratory(), ..self } } else { self }
+    }
+
+    /// The site, SI. An unknown latitude is zero here.
     pub fn site(&self) -> Site {
         Site {
-            latitude_rad: self.site.latitude_deg * DEG,
-            height_m: self.site.height_m,
+            latitude_rad: self.site.latitude_deg.unwrap_or(0.0) * DEG,
+            height_m: self.site.height_m.unwrap_or(0.0),
             measured_gravity_m_s2: self.site.gravity_m_s2,
         }
+    }
+
+    /// How well the site is known. Of ideal hardware, what is given is known exactly.
+    pub fn site_sigmas(&self) -> SiteSigmas {
+        let site = &self.site;
+        let given = |given: bool, [known, unknown]: [f64; 2]| match (given, self.hardware() == Hardware::IDEAL) {
+            (false, _) => unknown,
+            (true, true) => 0.0,
+            (true, false) => known,
+        };
+        let latitude_deg = given(site.latitude_deg.is_some(), [LATITUDE_SIGMA_DEG, UNKNOWN_LATITUDE_SIGMA_DEG]);
+        let [normal, measured] = GRAVITY_SIGMA_MGAL;
+        let is_measured = site.gravity_m_s2.is_some();
+        let of_height = || site.height_sigma_m.unwrap_or(given(site.height_m.is_some(), HEIGHT_SIGMA_M));
+        let height_m = if is_measured { 0.0 } else { of_height() };
+        let gravity_mgal = given(true, [if is_measured { measured } else { normal }, 0.0]);
+        let height_mgal = height_m * GRAVITY_BY_HEIGHT_MGAL_M;
+        SiteSigmas {
+            latitude_rad: site.latitude_sigma_deg.unwrap_or(latitude_deg) * DEG,
+            gravity_m_s2: site.gravity_sigma_mgal.unwrap_or(gravity_mgal).hypot(height_mgal) * MGAL,
+        }
+    }
+
+    /// The imperfections of the hardware, with Allan floors and walks as the noise gives them.
+    pub fn hardware(&self) -> Hardware {
+        let Noise { accel_floor_ug, accel_walk_ug_sqrt_h, gyro_floor_deg_h, gyro_walk_deg_h_sqrt_h, .. } = self.noise;
+        const SQRT_HOUR: f64 = 60.0;
+        let mut hardware = self.hardware.0;
+        let given = |size: &mut f32, value: Option<f64>, unit: f64| {
+            if let Some(value) = value {
+                *size = (value * unit) as f32;
+            }
+        };
+        given(&mut hardware.accel_floor, accel_floor_ug, MICRO_G);
+        given(&mut hardware.accel_walk, accel_walk_ug_sqrt_h, MICRO_G / SQRT_HOUR);
+        given(&mut hardware.gyro_floor, gyro_floor_deg_h, DEG_H);
+        given(&mut hardware.gyro_walk, gyro_walk_deg_h_sqrt_h, DEG_H / SQRT_HOUR);
+        hardware
     }
 
     /// Finds the first wrong number: table, key, and what is wrong.
     fn check(&self) -> Result<(), (&'static str, &'static str, &'static str)> {
         let inside = |value: f64, low: f64, high: f64| (low..=high).contains(&value);
-        if !inside(self.site.latitude_deg, -90.0, 90.0) {
+        if !self.site.latitude_deg.is_none_or(|latitude| inside(latitude, -90.0, 90.0)) {
             return Err(("site", "latitude_deg", "must be between -90 and 90"));
         }
-        if !inside(self.site.height_m, -12_000.0, 100_000.0) {
+        if !self.site.height_m.is_none_or(|height| inside(height, -12_000.0, 100_000.0)) {
             return Err(("site", "height_m", "must be between -12000 and 100000"));
         }
         if !self.site.gravity_m_s2.is_none_or(|gravity| inside(gravity, 9.0, 10.0)) {
             return Err(("site", "gravity_m_s2", "must be between 9 and 10"));
+        }
+        let sigmas = [
+            ("latitude_sigma_deg", self.site.latitude_sigma_deg, 90.0, "must be between 0 and 90"),
+            ("height_sigma_m", self.site.height_sigma_m, 100_000.0, "must be between 0 and 100000"),
+            ("gravity_sigma_mgal", self.site.gravity_sigma_mgal, 100_000.0, "must be between 0 and 100000"),
+        ];
+        if let Some((key, .., what)) =
+            sigmas.into_iter().find(|(_, sigma, most, _)| !sigma.is_none_or(|sigma| inside(sigma, 0.0, *most)))
+        {
+            return Err(("site", key, what));
+        }
+        if self.site.latitude_deg.is_none() && self.site.latitude_sigma_deg.is_some() {
+            return Err(("site", "latitude_sigma_deg", "needs latitude_deg"));
         }
         self.noise.check().map_err(|(key, what)| ("noise", key, what))?;
         if !self.sampling.rate_hz.is_none_or(|rate| inside(rate, 1.0, 100_000.0)) {
@@ -338,5 +473,37 @@ impl UnitConfig {
             return Err(("initial", "heading_sigma_deg", "must be finite and positive"));
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sigmas(site: &str) -> SiteSigmas {
+        let config: UnitConfig = toml::from_str(site).expect("a unit description");
+        config.check().expect("valid");
+        config.site_sigmas()
+    }
+
+    #[test]
+    fn sigmas_of_the_site_are_those_of_what_is_given() {
+        let near = |found: SiteSigmas, latitude_rad: f64, gravity_m_s2: f64| {
+            (found.latitude_rad - latitude_rad).abs() < 1e-9 && (found.gravity_m_s2 / gravity_m_s2 - 1.0).abs() < 5e-3
+        };
+        let given = "site = { latitude_deg = 48.0, height_m = 500.0 }";
+        assert!(near(sigmas(given), SiteSigmas::GIVEN.latitude_rad, SiteSigmas::GIVEN.gravity_m_s2));
+        assert!(near(sigmas(""), SiteSigmas::UNKNOWN.latitude_rad, SiteSigmas::UNKNOWN.gravity_m_s2));
+        let measured =
+            "site = { latitude_deg = 48.0, latitude_sigma_deg = 1.0, height_sigma_m = 900.0, gravity_m_s2 = 9.81 }";
+        assert!(near(sigmas(measured), DEG, MGAL), "the height does not matter: {:?}", sigmas(measured));
+        let high = "site = { latitude_deg = 48.0, height_m = 500.0, height_sigma_m = 900.0, gravity_sigma_mgal = 0.0 }";
+        assert!(near(sigmas(high), 0.02 * DEG, 277.7 * MGAL), "{:?}", sigmas(high));
+    }
+
+    #[test]
+    fn a_sigma_of_a_latitude_that_is_not_given_is_refused() {
+        let config: UnitConfig = toml::from_str("site = { latitude_sigma_deg = 1.0 }").expect("a unit description");
+        assert_eq!(config.check(), Err(("site", "latitude_sigma_deg", "needs latitude_deg")));
     }
 }

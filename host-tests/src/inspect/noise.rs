@@ -7,7 +7,7 @@ use crate::files::unit_file::Noise;
 use crate::log::{LogError, LogReader};
 use rins_selfcal::base::sample::CHANNELS;
 use rins_selfcal::base::units::{DEG_SQRT_H, MICRO_G};
-use rins_selfcal::estimator::{BASIC_STATES, Estimator, EstimatorConfig, Solution};
+use rins_selfcal::estimator::{Estimator, EstimatorConfig, Solution};
 use rins_selfcal::segment::{Segment, SegmentKind};
 use rins_selfcal::verdict::CHANNEL_NAMES;
 use serde::Serialize;
@@ -110,7 +110,7 @@ fn three_digits(value: f64) -> f64 {
 }
 
 /// An estimator that has processed these segments.
-pub fn estimator(setup: &Setup, segments: &[Segment<f64>]) -> Box<Estimator<f64, HOST_SEGMENTS, BASIC_STATES>> {
+pub fn estimator(setup: &Setup, segments: &[Segment<f64>]) -> Box<Estimator<f64, HOST_SEGMENTS>> {
     let mut estimator = Box::new(Estimator::new());
     estimator.restart(&EstimatorConfig { gate_sigma: None, ..setup.config().estimator });
     for segment in segments {

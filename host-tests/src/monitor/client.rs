@@ -14,8 +14,8 @@ use std::time::{Duration, Instant};
 
 /// Longest time to wait for an erasure. A flash needs seconds for every sector, and an emulator is slower still.
 const ERASING: Duration = Duration::from_secs(60);
-/// Number of times a command is sent, at equal intervals, before the client reports that the instrument does not answer.
-/// Carrying out a command twice does no harm.
+/// Number of times a command is sent, at equal intervals, before the client reports that the instrument does not
+/// answer. Carrying out a command twice does no harm.
 const ATTEMPTS: u32 = 3;
 
 /// Error of an answer that is not the one of its command.
@@ -28,7 +28,6 @@ pub struct LineClosed;
 
 /// An event from the instrument.
 #[derive(Clone, Debug, PartialEq)]
-#[expect(clippy::large_enum_variant, reason = "events are few")]
 pub enum Event {
     /// A message of the run.
     Message(Message),

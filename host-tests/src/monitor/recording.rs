@@ -133,7 +133,7 @@ mod tests {
     impl Instrument {
         fn new() -> Self {
             let mut link = Link::new();
-            link.greet(Hello::new::<f64>(28));
+            link.greet(Hello::new::<f64>());
             Self { link, time_us: 0, correcting: true }
         }
 

@@ -147,7 +147,7 @@ fn parameters(Content { outcome, truth, .. }: &Content) -> Markup {
                     @if shown().next().is_some() { tr.group { th colspan="7" { (group.title) } } }
                     @for index in shown() { (parameter_row(outcome, *truth, index)) }
                 }
-                @for (info, value, sigma) in outcome.optional_states() {
+                @for (info, value, sigma) in outcome.effects() {
                     tr {
                         td { (info.name) } td { (rounded(value, sigma)) } td { (significant(sigma)) }
                         @for _ in 2..columns.len() { td {} }
@@ -187,7 +187,7 @@ fn found_scheme(content: &Content) -> String {
 /// Circumstances of the calibration: names and values for the certificate.
 fn facts(content: &Content) -> Vec<(&'static str, String)> {
     let (outcome, solution) = (content.outcome, &content.outcome.solution);
-    let site = &outcome.setup.site;
+    let site = &outcome.site();
     let temperature = Some(solution.temperature_c).filter(|temperature| temperature.is_finite());
     let latitude_deg = site.latitude_rad / rins_selfcal::base::units::DEG;
     vec![
@@ -239,7 +239,7 @@ fn motion(content: &Content, signals: &Signals) -> anyhow::Result<Markup> {
         (shown(figures::gyros(signals), "gyros", "Outputs along the gyros' own axes, averaged between points.")?)
         (shown(figures::accelerometers(signals), "accelerometers", "Outputs along the accelerometers' own axes, averaged between points.")?)
         @if let Some(scheme) = content.motion() {
-            @let [values, rank] = figures::singular_values(&scheme, &content.outcome.setup.site, base);
+            @let [values, rank] = figures::singular_values(&scheme, &content.outcome.site(), base);
             (shown(values, "singular-values", "Singular values for Bai's twelve states along one period of the scheme; values that count as zero are drawn on the axis.")?)
             (shown(rank, "rank", "Rank as the measurements are added: stops by (B11), moves by (B13) of Bai et al.")?)
         }

@@ -10,7 +10,7 @@ const SIZE: (u32, u32) = (960, 600);
 /// Upper end of the vertical axis, arcsec. Larger sigmas, of parameters that no segment has shown yet, are drawn there.
 const HIGHEST_ARCSEC: f64 = 1000.0;
 
-/// Draws the sigmas of Bai's twelve states (arcsec), and with thinner lines the sigmas of the optional states (units in
+/// Draws the sigmas of Bai's twelve states (arcsec), and with thinner lines the sigmas of the effects (units in
 /// the legend), on a logarithmic axis.
 ///
 /// # Errors
@@ -34,13 +34,13 @@ fn curves(prediction: &Prediction) -> Vec<Curve> {
     let installation = prediction.parameters.0.iter().take(INSTALLATION_STATES).enumerate();
     let installation =
         installation.map(|(place, (name, _))| Curve { label: (*name).into(), width: 2, points: points(place) });
-    let optional = (prediction.parameters.0.len()..).zip(&prediction.optional_states.0);
-    let optional = optional.map(|(place, (name, predicted))| Curve {
+    let effects = (prediction.parameters.0.len()..).zip(&prediction.effects.0);
+    let effects = effects.map(|(place, (name, predicted))| Curve {
         label: format!("{name}, {}", predicted.unit),
         width: 1,
         points: points(place),
     });
-    installation.chain(optional).collect()
+    installation.chain(effects).collect()
 }
 
 fn draw(path: &Path, prediction: &Prediction) -> Result<(), Box<dyn std::error::Error>> {

@@ -385,8 +385,7 @@ fn ignored(found: &Replication) -> Markup {
         p { "The two-stage method has no state for such an effect. The largest error is from: " (largest) ". "
             @if !small.is_empty() { "Effects with an error of the size of that from noise: " (small.join("; ")) ". " }
             "An effect without a state increases the chi-square, and such a run is rejected. The joint method has a "
-            "state for each effect; the states of encoder harmonics, base tilt and bias drift are switched on "
-            "by " code { "--effects" } "." }
+            "state or a noise for each effect, as large as " code { "--hardware" } " says." }
         details { summary { "Commands" } @for study in &found.ignored { (command(&study.command)) } }
     }
 }

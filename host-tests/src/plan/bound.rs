@@ -1,6 +1,6 @@
 //! Lower bound of the sigmas of any scheme of a given duration.
 //!
-//! Gyros, encoders, non-perpendicularity and the optional states are taken as perfect. Then 14 parameters are left,
+//! Gyros, encoders, non-perpendicularity and the hardware are taken as perfect. Then 14 parameters are left,
 //! which the accelerometers must find. Their information is the sum over the attitudes x of the stops,
 //! ```text
 //! J = sum over x of t(x) S(x),   S = H^T H / psd,   sum of t(x) <= T_acc
@@ -121,11 +121,7 @@ struct Design {
 
 impl Design {
     fn new(request: &PlanRequest, reach_rad: f64) -> Self {
-        let forecast = Forecast::<{ rins_selfcal::estimator::BASIC_STATES }>::new(
-            &request.setup,
-            request.turning,
-            request.settling_s,
-        );
+        let forecast = Forecast::new(&request.setup, request.turning, request.settling_s);
         let psd_sqrt = request.setup.noise.psd().accel_psd_sqrt;
         let at = |step_rad: f64| {
             let [outer, inner] = request.travel.map(|travel| angles(&travel, reach_rad, step_rad));
@@ -204,7 +200,7 @@ mod tests {
 
     #[test]
     fn no_scheme_of_the_library_is_below_the_bound() {
-        let setup = Setup::new(&UnitConfig::default(), 200.0, Method::Joint, Precision::F64);
+        let setup = Setup::new(&UnitConfig::ideal(), 200.0, Method::Joint, Precision::F64);
         for entry in &LIBRARY {
             let scheme = entry.scheme();
             let sigmas = predicted_sigmas_si(&setup, &scheme);
@@ -217,7 +213,7 @@ mod tests {
     #[test]
     fn the_bound_falls_with_the_root_of_time() {
         // The longer the scheme, the smaller is the share of moves and settling.
-        let setup = Setup::new(&UnitConfig::default(), 200.0, Method::Joint, Precision::F64);
+        let setup = Setup::new(&UnitConfig::ideal(), 200.0, Method::Joint, Precision::F64);
         let scheme = LIBRARY[0].scheme();
         let bound = |time_s| of_scheme(&setup, &scheme, time_s).expect("there is one");
         let ratio = bound(10_000.0) / bound(40_000.0);

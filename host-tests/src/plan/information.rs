@@ -3,22 +3,21 @@
 //!
 //! ```text
 //! I = diag(1 / prior^2) + sum H^T R^-1 H        states: encoder errors of the stop before and of this
-//!                                               stop, parameters, optional states; in units of their prior sigmas
+//!                                               stop, parameters; in units of their prior sigmas
 //! ```
 //! H is the core's own. An encoder error belongs to one stop and to the two moves that meet at the stop. After both
 //! moves are added, the error is eliminated exactly (Schur complement), and the error of the next stop takes its place.
-//! The result is the inverse of the core's covariance, except for the lengths of the windows: the core counts in blocks
+//! The result is the inverse of the core's covariance for ideal hardware, except for the lengths of the windows: the core counts in blocks
 //! of 0.1 s, and here a stop loses the mean loss.
 
 use crate::calibration::Setup;
 use crate::calibration::virtual_run::SETTLING_S;
 use rins_selfcal::base::linear::{ComplexField, Matrix, Vector};
 use rins_selfcal::base::site::EARTH_RATE_RAD_S;
+use rins_selfcal::estimator::EstimatorConfig;
 use rins_selfcal::estimator::rehearsal::{BLOCK_LOSS_S, move_segment, stop_segment, usable_s};
-use rins_selfcal::estimator::{BASIC_STATES, EstimatorConfig};
 use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETERS, block};
 use rins_selfcal::model::measurement::{ENCODER_ERRORS, MeasurementModel, Prediction};
-use rins_selfcal::model::options::{OptionalColumns, force_columns, rotation_columns};
 use rins_selfcal::scheme::{Leg, Turning};
 use rins_selfcal::segment::white_noise::Noise;
 use rins_selfcal::segment::{AngleIntegrals, Course, GUARD_S, Segment, SegmentKind};
@@ -26,20 +25,21 @@ use std::borrow::Borrow;
 
 /// Rounding unit of the numbers of a model. Derivatives of rotation by attitude are rounded to this part of Earth rate.
 const ROUNDING: f64 = 1.0 / (1 << 24) as f64;
-/// Rounding unit of numbers that are summed in single precision.
-const HARMONIC_ROUNDING: f64 = 1.0 / (1 << 16) as f64;
 /// Smallest sigma of an encoder error, rad (1/1000 arcsec), so that its information stays finite.
 const LEAST_ENCODER_SIGMA_RAD: f64 = 5e-9;
 
-/// Information about encoder errors, parameters and optional states.
+/// Number of encoder errors and parameters.
+pub(super) const STATES: usize = ENCODER_ERRORS + PARAMETERS;
+
+/// Information about encoder errors and parameters.
 #[derive(Clone, Debug)]
-pub struct Information<const STATES: usize = BASIC_STATES> {
+pub struct Information {
     /// Lower triangle, in units of the prior sigmas.
     lower: Matrix<f64, STATES, STATES>,
     prior_sigmas: Vector<f64, STATES>,
 }
 
-impl<const STATES: usize> Information<STATES> {
+impl Information {
     fn prior(prior_sigmas: Vector<f64, STATES>) -> Self {
         Self { lower: Matrix::identity(), prior_sigmas }
     }
@@ -55,25 +55,12 @@ impl<const STATES: usize> Information<STATES> {
     }
 
     /// Adds the three channels of a segment, with white noise of `variance`.
-    fn add_rows(&mut self, prediction: &Prediction<f64>, optional: Option<&OptionalColumns<f64>>, variance: f64) {
+    fn add_rows(&mut self, prediction: &Prediction<f64>, variance: f64) {
         for row in 0..3 {
             let mut h = Vector::<f64, STATES>::zeros();
             let (encoder, parameters) = (prediction.by_encoder_errors.row(row), prediction.by_parameters.row(row));
-            let basic = encoder.iter().chain(parameters.iter());
-            h.iter_mut().zip(basic).for_each(|(h, column)| *h = *column);
-            if let Some(optional) = optional {
-                h.iter_mut().skip(BASIC_STATES).zip(optional.row(row).iter()).for_each(|(h, column)| *h = *column);
-            }
+            h.iter_mut().zip(encoder.iter().chain(parameters.iter())).for_each(|(h, column)| *h = *column);
             self.add(&h, variance);
-        }
-    }
-
-    /// Adds `variance` to a state, for a random walk.
-    fn inflate(&mut self, state: usize, variance: f64) {
-        let prior = self.prior_sigmas[state];
-        if variance > 0.0 && prior > 0.0 {
-            let pivot = self.lower[(state, state)] + prior * prior / variance;
-            self.subtract_outer(state, pivot, 0);
         }
     }
 
@@ -109,7 +96,7 @@ impl<const STATES: usize> Information<STATES> {
         }
     }
 
-    /// Square root L of the information on the parameters and optional states, `I = L L^T`. The first columns eliminate
+    /// Square root L of the information on the parameters, `I = L L^T`. The first columns eliminate
     /// the encoder errors. `None` if the information is not positive definite.
     pub fn factor(&self) -> Option<Matrix<f64, STATES, STATES>> {
         let mut factor = self.lower;
@@ -173,7 +160,7 @@ pub struct LegModel {
 /// Predicts the information of schemes for one unit without errors, level and facing north, as
 /// [`crate::plan::prediction`] does.
 #[derive(Clone, Debug)]
-pub struct Forecast<const STATES: usize = BASIC_STATES> {
+pub struct Forecast {
     model: MeasurementModel<f64>,
     config: EstimatorConfig,
     turning: Turning,
@@ -182,17 +169,17 @@ pub struct Forecast<const STATES: usize = BASIC_STATES> {
     prior_sigmas: Vector<f64, STATES>,
 }
 
-impl<const STATES: usize> Forecast<STATES> {
+impl Forecast {
     /// A forecast for a unit with this configuration and the joint method. The axes turn as `turning` says. The
     /// accelerometers have settled `settling_s` after a move, and the core waits at least 0.3 s.
     pub fn new(setup: &Setup, turning: Turning, settling_s: f64) -> Self {
         let config = setup.config().estimator;
         let encoder_sigma = config.noise.encoder_sigma_rad.max(LEAST_ENCODER_SIGMA_RAD);
         let encoder = std::iter::repeat_n(encoder_sigma, ENCODER_ERRORS);
-        let all = encoder.chain(config.prior_sigmas()).chain(config.options.prior_sigmas());
+        let all = encoder.chain(config.prior_sigmas());
         let mut prior_sigmas = Vector::<f64, STATES>::zeros();
         prior_sigmas.iter_mut().zip(all).for_each(|(prior, sigma)| *prior = sigma);
-        let model = MeasurementModel::new(&InstrumentErrors::default(), &setup.site);
+        let model = MeasurementModel::new(&InstrumentErrors::default(), &setup.known_site());
         Self { model, config, turning, settling_s: settling_s.max(GUARD_S), prior_sigmas }
     }
 
@@ -214,7 +201,6 @@ impl<const STATES: usize> Forecast<STATES> {
         let mut rest = self.model.rotation(&rest_segment(to));
         // The encoder error is the same at both ends, so it cancels.
         rest.by_encoder_errors.fill(0.0);
-        rest.by_harmonics.fill(0.0);
         let (turn, force) = (self.model.rotation(&turn), self.model.force_at_stop(&at_rest));
         let of_rotation = ROUNDING * EARTH_RATE_RAD_S;
         let (turn, rest) = (rounded(turn, of_rotation), rounded(rest, of_rotation));
@@ -226,62 +212,37 @@ impl<const STATES: usize> Forecast<STATES> {
         &self,
         stands: &[Leg],
         legs: &[L],
-        mut on_segment: impl FnMut(SegmentKind, f64, &Information<STATES>),
-    ) -> Information<STATES> {
+        mut on_segment: impl FnMut(SegmentKind, f64, &Information),
+    ) -> Information {
         let mut information = Information::prior(self.prior_sigmas);
         let Noise { accel_psd_sqrt, gyro_psd_sqrt, .. } = self.config.noise;
         let (accel_psd, gyro_psd) = (accel_psd_sqrt * accel_psd_sqrt, gyro_psd_sqrt * gyro_psd_sqrt);
-        let moves = legs.iter().skip(1).map(|leg| leg.borrow().move_s).sum::<f64>();
-        let total_s = moves + stands.iter().map(|stand| stand.stop_s + SETTLING_S).sum::<f64>();
-        let mut time_s = -total_s;
+        let mut time_s = 0.0;
         for (number, (stand, leg)) in stands.iter().zip(legs).enumerate() {
             let (is_first, is_last) = (number == 0, number + 1 == stands.len());
             let leg: &LegModel = leg.borrow();
             if !is_first {
                 let window_s = leg.move_s + 2.0 * GUARD_S + BLOCK_LOSS_S;
                 information.renew_encoder_errors();
-                self.walk(&mut information, window_s);
-                let since_s = self.if_needed(time_s + 0.5 * leg.move_s);
-                let optional = since_s.map(|since_s| rotation_columns(&leg.turn, since_s));
-                information.add_rows(&leg.turn, optional.as_ref(), gyro_psd * window_s);
+                information.add_rows(&leg.turn, gyro_psd * window_s);
                 time_s += leg.move_s;
-                on_segment(SegmentKind::Move, total_s + time_s, &information);
+                on_segment(SegmentKind::Move, time_s, &information);
             }
             let usable_s = usable_s(stand.stop_s, self.settling_s, is_first, is_last);
-            self.walk(&mut information, usable_s);
-            let since_s = self.if_needed(time_s + 0.5 * (stand.stop_s + SETTLING_S));
-            let columns = |since_s| (force_columns(&leg.force, since_s), rotation_columns(&leg.rest, since_s));
-            let optional = since_s.map(columns);
-            let (by_force, by_rest) = (optional.as_ref().map(|both| &both.0), optional.as_ref().map(|both| &both.1));
-            information.add_rows(&leg.force, by_force, accel_psd / usable_s);
+            information.add_rows(&leg.force, accel_psd / usable_s);
             // The rotation is per second, so its variance is that of the mean rate.
-            information.add_rows(&leg.rest, by_rest, gyro_psd / usable_s);
+            information.add_rows(&leg.rest, gyro_psd / usable_s);
             time_s += stand.stop_s + SETTLING_S;
-            on_segment(SegmentKind::Stop, total_s + time_s, &information);
+            on_segment(SegmentKind::Stop, time_s, &information);
         }
         information
     }
 
     /// The information of a whole scheme.
-    pub fn of_stands(&self, stands: &[Leg]) -> Information<STATES> {
+    pub fn of_stands(&self, stands: &[Leg]) -> Information {
         let from = stands.iter().take(1).chain(stands);
         let legs: Vec<LegModel> = from.zip(stands).map(|(from, to)| self.leg(from, to)).collect();
         self.information(stands, &legs, |_, _, _| ())
-    }
-
-    fn walk(&self, information: &mut Information<STATES>, duration_s: f64) {
-        let options = &self.config.options;
-        let walks = [(block::ACCEL_BIAS, options.accel_bias_walk), (block::GYRO_BIAS, options.gyro_bias_walk)];
-        for (first, walk) in walks.into_iter().filter(|(_, walk)| *walk > 0.0) {
-            for axis in 0..3 {
-                information.inflate(ENCODER_ERRORS + first + axis, walk * walk * duration_s);
-            }
-        }
-    }
-
-    /// Time of a segment, s, if optional states are estimated, which depend on time.
-    fn if_needed(&self, since_reference_s: f64) -> Option<f64> {
-        self.config.options.needs_states().then_some(since_reference_s)
     }
 }
 
@@ -300,7 +261,6 @@ fn rest_segment(stand: &Leg) -> Segment<f64> {
 fn rounded(mut prediction: Prediction<f64>, by_attitude: f64) -> Prediction<f64> {
     let round = |value: &mut f64, unit: f64| *value = ComplexField::round(*value / unit) * unit;
     prediction.by_encoder_errors.iter_mut().for_each(|value| round(value, ROUNDING));
-    prediction.by_harmonics.iter_mut().for_each(|value| round(value, HARMONIC_ROUNDING));
     for (parameter, mut column) in prediction.by_parameters.column_iter_mut().enumerate() {
         let unit = if parameter < block::ATTITUDE { ROUNDING } else { by_attitude };
         column.iter_mut().for_each(|value| round(value, unit));
@@ -316,19 +276,16 @@ mod tests {
     use crate::plan::prediction::predicted_sigmas_si;
     use crate::virtual_unit::unit::VirtualUnit;
     use rins_selfcal::base::method::Method;
-    use rins_selfcal::base::units::{DEG_H, MICRO_G};
-    use rins_selfcal::estimator::FULL_STATES;
     use rins_selfcal::model::error_model::PARAMETER_INFO;
-    use rins_selfcal::model::options::Options;
     use rins_selfcal::scheme::Scheme;
 
     fn setup() -> Setup {
-        Setup::new(&UnitConfig::default(), VirtualUnit::default().rate_hz, Method::Joint, Precision::F64)
+        Setup::new(&UnitConfig::ideal(), VirtualUnit::default().rate_hz, Method::Joint, Precision::F64)
     }
 
-    fn sigmas<const STATES: usize>(setup: &Setup, scheme: &Scheme) -> [f64; PARAMETERS] {
+    fn sigmas(setup: &Setup, scheme: &Scheme) -> [f64; PARAMETERS] {
         let stands: Vec<Leg> = scheme.stops().collect();
-        let information = Forecast::<STATES>::new(setup, scheme.turning(), GUARD_S).of_stands(&stands);
+        let information = Forecast::new(setup, scheme.turning(), GUARD_S).of_stands(&stands);
         information.sigmas().expect("positive definite")
     }
 
@@ -337,15 +294,6 @@ mod tests {
     #[test]
     fn the_forecast_agrees_with_the_core() {
         let plain = setup();
-        let walk = 1e-3 * DEG_H;
-        let options = Options {
-            bias_ramp: true,
-            encoder_eccentricity: true,
-            encoder_second_harmonic: true,
-            base_tilt_drift: true,
-            gyro_bias_walk: walk,
-            accel_bias_walk: 0.1 * MICRO_G,
-        };
         let agree = |found: [f64; PARAMETERS], core: [f64; PARAMETERS], within: f64| {
             for ((found, core), info) in found.iter().zip(&core).zip(&PARAMETER_INFO) {
                 assert!((found / core - 1.0).abs() < within, "{}: {found} for {core}", info.name);
@@ -353,9 +301,7 @@ mod tests {
         };
         for (stop_s, within) in [(10.0, 0.004), (3.0, 0.01)] {
             let scheme = Scheme::bai(stop_s, 1);
-            agree(sigmas::<BASIC_STATES>(&plain, &scheme), predicted_sigmas_si(&plain, &scheme), within);
+            agree(sigmas(&plain, &scheme), predicted_sigmas_si(&plain, &scheme), within);
         }
-        let (full, scheme) = (Setup { options, ..plain }, Scheme::bai(10.0, 1));
-        agree(sigmas::<FULL_STATES>(&full, &scheme), predicted_sigmas_si(&full, &scheme), 0.004);
     }
 }

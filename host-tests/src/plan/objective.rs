@@ -1,11 +1,10 @@
 //! The objective of a plan: chosen parameters, and one number from their sigmas.
 
-use super::information::Information;
+use super::information::{Information, STATES};
 use crate::base::quantity::{HEADING, states};
 use rins_selfcal::base::linear::{ComplexField, Matrix, Vector};
 use rins_selfcal::estimator::OBSERVED_RATIO;
 use rins_selfcal::model::error_model::{INSTALLATION_STATES, PARAMETERS};
-use rins_selfcal::model::options::Options;
 
 /// Function of the weighted sigmas that is minimized.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -19,10 +18,10 @@ pub enum Criterion {
     D,
 }
 
-/// A chosen parameter or optional state.
+/// A chosen parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Weight {
-    /// Index among the parameters and, after them, the optional states.
+    /// Index of the parameter.
     pub parameter: usize,
     /// Factor for the sigma in report units.
     pub factor: f64,
@@ -46,15 +45,10 @@ impl Objective {
     ///
     /// # Errors
     /// Names the parameter, and the fault of its name or factor.
-    pub fn weighted(criterion: Criterion, weights: &[(String, f64)], options: &Options) -> Result<Self, String> {
+    pub fn weighted(criterion: Criterion, weights: &[(String, f64)]) -> Result<Self, String> {
         let by_name = |(name, factor): &(String, f64)| {
-            let parameter = states().position(|info| info.name == name);
+            let parameter = states().take(PARAMETERS).position(|info| info.name == name);
             let parameter = parameter.ok_or_else(|| format!("{name}: unknown parameter"))?;
-            let optional =
-                parameter.checked_sub(PARAMETERS).and_then(|index| options.prior_sigmas().get(index).copied());
-            if optional == Some(0.0) {
-                return Err(format!("{name}: not estimated; --effects switches its effect on"));
-            }
             if !(factor.is_finite() && *factor > 0.0) {
                 return Err(format!("{name}: the weight must be finite and positive"));
             }
@@ -76,7 +70,7 @@ impl Objective {
     /// Value of the objective for this information. Unobserved parameters make the value many times larger. For the
     /// worst sigma, a finite `exponent` gives a p-norm, which is smooth, and an infinite one the worst sigma itself.
     /// `None` if the information is not positive definite.
-    pub fn value<const STATES: usize>(&self, information: &Information<STATES>, exponent: f64) -> Option<f64> {
+    pub fn value(&self, information: &Information, exponent: f64) -> Option<f64> {
         let factor = information.factor()?;
         let columns = self.weights.iter().map(|weight| {
             let unit = states().nth(weight.parameter).map_or(1.0, |info| info.unit_si);
@@ -94,10 +88,7 @@ impl Objective {
 /// 1 if all parameters are observed by the verdict's measure. Otherwise the product of the factors by which their
 /// sigmas are too large, so that every step towards a complete scheme lowers the value. The heading need not be
 /// observed.
-fn unobserved_penalty<const STATES: usize>(
-    information: &Information<STATES>,
-    factor: &Matrix<f64, STATES, STATES>,
-) -> f64 {
+fn unobserved_penalty(information: &Information, factor: &Matrix<f64, STATES, STATES>) -> f64 {
     let others = (0..PARAMETERS).filter(|parameter| *parameter != HEADING);
     let lacks = others.map(|parameter| information.part_of_prior(factor, parameter) / OBSERVED_RATIO);
     lacks.map(|lack| lack.max(1.0)).product()
@@ -115,7 +106,7 @@ fn power_mean(values: &[f64], exponent: f64) -> f64 {
 
 /// Geometric mean of the edges of a box that has the volume spanned by these columns. The determinant of their products
 /// is the square of the volume.
-fn mean_edge<const STATES: usize>(mut columns: Vec<Vector<f64, STATES>>) -> f64 {
+fn mean_edge(mut columns: Vec<Vector<f64, STATES>>) -> f64 {
     let mut sum_of_logs = 0.0;
     for number in 0..columns.len() {
         let (done, rest) = columns.split_at_mut(number + 1);
@@ -144,22 +135,23 @@ mod tests {
     #[test]
     fn the_determinant_is_a_volume() {
         // A box of 2 x 3 x 4, sheared.
-        let columns =
-            vec![Vector::from([2.0, 0.0, 0.0]), Vector::from([5.0, 3.0, 0.0]), Vector::from([-7.0, 1.0, 4.0])];
+        let columns = [[2.0, 0.0, 0.0], [5.0, 3.0, 0.0], [-7.0, 1.0, 4.0]];
+        let columns = columns.map(|[x, y, z]| {
+            let mut column = Vector::zeros();
+            (column[0], column[1], column[2]) = (x, y, z);
+            column
+        });
+        let columns = columns.to_vec();
         assert!((mean_edge(columns).powi(3) - 24.0).abs() < 1e-12);
     }
 
     #[test]
     fn weights_are_refused_by_name() {
-        let weighted = |name: &str, factor| {
-            Objective::weighted(Criterion::Worst, &[(name.to_string(), factor)], &Options::NONE).map(|_| ())
-        };
+        let weighted =
+            |name: &str, factor| Objective::weighted(Criterion::Worst, &[(name.to_string(), factor)]).map(|_| ());
         assert_eq!(weighted("gamma", 1.0), Ok(()));
         assert_eq!(weighted("delta", 1.0), Err("delta: unknown parameter".into()));
-        assert_eq!(
-            weighted("gyro_bias_ramp_x", 1.0),
-            Err("gyro_bias_ramp_x: not estimated; --effects switches its effect on".into())
-        );
+        assert_eq!(weighted("accel_quadratic_x", 1.0), Err("accel_quadratic_x: unknown parameter".into()));
         assert_eq!(weighted("gamma", -1.0), Err("gamma: the weight must be finite and positive".into()));
     }
 }

@@ -8,7 +8,7 @@ use super::search::{Problem, search};
 use crate::calibration::virtual_run::SETTLING_S;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::units::DEG;
-use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES, MAX_SEGMENTS};
+use rins_selfcal::estimator::MAX_SEGMENTS;
 use rins_selfcal::scheme::{Leg, MAX_LEGS, Scheme};
 use rins_selfcal::segment::GUARD_S;
 
@@ -54,11 +54,7 @@ pub fn plan(request: &PlanRequest, name: &str, progress: &(impl Fn(u64, f64) + S
     if request.setup.method == Method::TwoStage {
         return Err(PlanError::TwoStage);
     }
-    let stands = if request.setup.options.needs_states() {
-        found::<FULL_STATES>(request, progress)
-    } else {
-        found::<BASIC_STATES>(request, progress)
-    };
+    let stands = found(request, progress);
     let (value, stands) = stands.ok_or(PlanError::TooShort)?;
     let scheme = Scheme {
         name,
@@ -72,9 +68,9 @@ pub fn plan(request: &PlanRequest, name: &str, progress: &(impl Fn(u64, f64) + S
     Ok(Planned { scheme, value, bound: lower_bound(request) })
 }
 
-fn found<const STATES: usize>(request: &PlanRequest, progress: &(impl Fn(u64, f64) + Sync)) -> Option<(f64, Vec<Leg>)> {
+fn found(request: &PlanRequest, progress: &(impl Fn(u64, f64) + Sync)) -> Option<(f64, Vec<Leg>)> {
     let problem = Problem {
-        forecast: Forecast::<STATES>::new(&request.setup, request.turning, request.settling_s),
+        forecast: Forecast::new(&request.setup, request.turning, request.settling_s),
         objective: &request.objective,
         time_s: request.time_s,
         sample_s: request.setup.rate_hz.recip(),

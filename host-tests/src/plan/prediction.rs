@@ -9,7 +9,7 @@ use crate::calibration::virtual_run::VirtualRun;
 use crate::calibration::{Setup, is_estimated};
 use crate::files::unit_file::Noise;
 use crate::result::report::{Named, SOFTWARE, SiteReport, Software};
-use crate::virtual_unit::unit::VirtualUnit;
+use crate::virtual_unit::unit::{Effects, VirtualUnit};
 use rins_selfcal::base::linear::Matrix;
 use rins_selfcal::estimator::OBSERVED_RATIO;
 use rins_selfcal::model::error_model::{INSTALLATION_STATES, InstrumentErrors, PARAMETERS, ParameterInfo};
@@ -18,13 +18,6 @@ use rins_selfcal::scheme::{Leg, Scheme};
 use rins_selfcal::segment::SegmentKind;
 use serde::Serialize;
 use std::ops::Range;
-
-const SILENT: Noise = Noise {
-    accel_vrw_ug_sqrt_hz: 0.0,
-    gyro_arw_deg_sqrt_h: 0.0,
-    encoder_repeatability_arcsec: 0.0,
-    rate_reference_arcsec_sqrt_s: 0.0,
-};
 
 /// Rank and condition number of Bai's twelve states from the start up to a time of the scheme.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -79,7 +72,7 @@ pub struct Prediction {
     pub duration_s: f64,
     /// Number of directions in the space of the estimated states that the data determine.
     pub rank: usize,
-    /// Number of parameters and optional states that are estimated.
+    /// Number of parameters and effects that are estimated.
     pub states: usize,
     /// Condition number of the square root of the correlation matrix.
     pub condition_number: f64,
@@ -95,8 +88,8 @@ pub struct Prediction {
     pub weakest_direction: String,
     /// Sigmas by name, at the end of the run.
     pub parameters: Named<PredictedSigma>,
-    /// Sigmas of the optional states that are estimated.
-    pub optional_states: Named<PredictedSigma>,
+    /// Sigmas of the effects of the hardware that are estimated.
+    pub effects: Named<PredictedSigma>,
     /// Rank of Bai's twelve states against scheme time, at each change of rank and at the end of each stop.
     pub installation_rank: Vec<RankAt>,
     /// Gain of every segment.
@@ -130,7 +123,9 @@ pub struct Observed {
 impl Observed {
     /// Evaluates the covariance of all states, SI units.
     pub fn new(setup: &Setup, covariance: &Matrix<f64, STATES, STATES>) -> Self {
-        let prior_sigmas = estimated_priors(setup);
+        // The effects of the hardware are known by their priors, and are not what the scheme must observe.
+        let mut prior_sigmas = estimated_priors(setup);
+        prior_sigmas.iter_mut().skip(PARAMETERS).for_each(|sigma| *sigma = 0.0);
         let covariance = estimated_only(covariance, &prior_sigmas);
         let (rank, condition_number) = of_covariance(&covariance, &prior_sigmas);
         let unobserved = unobserved(&covariance, &prior_sigmas);
@@ -170,10 +165,10 @@ impl Prediction {
             weakest_direction: observed.weakest_direction,
             unobserved: observed.unobserved,
             parameters: observed.parameters,
-            optional_states: predicted(&covariance, &prior_sigmas, PARAMETERS..STATES),
+            effects: predicted(&covariance, &prior_sigmas, PARAMETERS..STATES),
             installation_rank: installation_rank(setup, scheme),
             segments,
-            site: (&setup.site).into(),
+            site: (&setup.known_site()).into(),
             noise: setup.noise,
             software: SOFTWARE,
         }
@@ -205,7 +200,7 @@ impl Foreseen {
 
 /// Sigmas of all states for a unit with these errors, in report units: the Cramer-Rao bound.
 pub fn bounds(setup: &Setup, unit: &VirtualUnit, scheme: &Scheme) -> [f64; STATES] {
-    let unit = VirtualUnit { noise: SILENT, ..unit.clone() };
+    let unit = VirtualUnit { noise: Noise::NONE, effects: Effects::default(), ..unit.clone() };
     let run = VirtualRun { unit, scheme: scheme.clone(), seed: 0 };
     let sigmas = sigmas(&Foreseen::new(setup, &run).covariance);
     let mut bounds = [0.0; STATES];
@@ -231,7 +226,8 @@ pub fn duration_s(setup: &Setup, scheme: &Scheme) -> f64 {
 
 /// A run of a perfect unit without noise, level and facing north.
 fn silent_run(setup: &Setup, scheme: &Scheme) -> VirtualRun {
-    let unit = VirtualUnit { site: setup.site, noise: SILENT, rate_hz: setup.rate_hz, ..VirtualUnit::default() };
+    let unit =
+        VirtualUnit { site: setup.known_site(), noise: Noise::NONE, rate_hz: setup.rate_hz, ..VirtualUnit::default() };
     VirtualRun { unit, scheme: scheme.clone(), seed: 0 }
 }
 
@@ -323,7 +319,7 @@ fn predicted(
 fn installation_rank(setup: &Setup, scheme: &Scheme) -> Vec<RankAt> {
     let ends = stop_ends_s(scheme);
     let mut table: Vec<RankAt> = Vec::new();
-    along_scheme(scheme, &setup.site, &InstrumentErrors::default(), |time_s, seen| {
+    along_scheme(scheme, &setup.known_site(), &InstrumentErrors::default(), |time_s, seen| {
         let changed = table.last().is_none_or(|last| last.rank != seen.rank);
         let stop_over = ends.iter().any(|end_s| (end_s - time_s).abs() < 1e-6);
         if changed || stop_over {

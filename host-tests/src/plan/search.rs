@@ -52,9 +52,9 @@ fn cooled([from, to]: [f64; 2], part: f64) -> f64 {
 }
 
 /// Constraints and objective of a search.
-pub struct Problem<'a, const STATES: usize> {
+pub struct Problem<'a> {
     /// Predicts the information of a scheme.
-    pub forecast: Forecast<STATES>,
+    pub forecast: Forecast,
     /// Objective for the information.
     pub objective: &'a Objective,
     /// Duration of the scheme, s.
@@ -71,7 +71,7 @@ pub struct Problem<'a, const STATES: usize> {
     pub most_legs: usize,
 }
 
-impl<const STATES: usize> Problem<'_, STATES> {
+impl Problem<'_> {
     fn snapped(&self, axis: usize, angle_rad: f64) -> f64 {
         let Travel { lowest_rad, highest_rad } = self.travel[axis];
         // A limit of the travel need not be a multiple of the step.
@@ -113,19 +113,14 @@ impl Chance {
 /// A scheme and the value of its objective.
 type Valued = (f64, Vec<Leg>);
 
-struct Chain<'a, const STATES: usize> {
-    problem: &'a Problem<'a, STATES>,
+struct Chain<'a> {
+    problem: &'a Problem<'a>,
     chance: Chance,
     remembered: HashMap<[u64; 4], Rc<LegModel>>,
 }
 
 /// Evaluates this many schemes. Returns the best one, with its stops on the sample grid; `None` if no scheme fits.
-pub fn search<const STATES: usize>(
-    problem: &Problem<STATES>,
-    evaluations: u64,
-    seed: u64,
-    progress: &(impl Fn(u64, f64) + Sync),
-) -> Option<Valued> {
+pub fn search(problem: &Problem, evaluations: u64, seed: u64, progress: &(impl Fn(u64, f64) + Sync)) -> Option<Valued> {
     let of_first = (evaluations as f64 * FIRST_PART) as u64 / CHAINS;
     let chain = |number: u64| Chain::new(problem, derived_seed(seed, number, Stream::Noise));
     let first = (0..CHAINS).into_par_iter().map(|number| {
@@ -145,8 +140,8 @@ pub fn search<const STATES: usize>(
     last.collect::<Vec<_>>().into_iter().flatten().min_by(|a, b| a.0.total_cmp(&b.0))
 }
 
-impl<'a, const STATES: usize> Chain<'a, STATES> {
-    fn new(problem: &'a Problem<'a, STATES>, seed: u64) -> Self {
+impl<'a> Chain<'a> {
+    fn new(problem: &'a Problem<'a>, seed: u64) -> Self {
         let chance = Chance(Xoshiro256PlusPlus::seed_from_u64(seed));
         Self { problem, chance, remembered: HashMap::new() }
     }

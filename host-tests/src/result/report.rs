@@ -1,7 +1,7 @@
 //! The result as JSON: parameters with sigmas, the correction and how to apply it, and the quality of the fit.
 
 use crate::base::quantity;
-use crate::calibration::{Outcome, Precision, is_estimated, method_name};
+use crate::calibration::{Enlargement, Outcome, Precision, is_estimated, method_name};
 use crate::files::unit_file::Noise;
 use rins_selfcal::base::imu_identity::ImuIdentity;
 use rins_selfcal::base::linear::{Matrix3, Vector3};
@@ -134,7 +134,7 @@ pub struct CalibrationReport {
     chi_square: f64,
     degrees_of_freedom: u32,
     parameters: Named<ParameterReport>,
-    optional_states: Named<ParameterReport>,
+    effects: Named<ParameterReport>,
     correction: CorrectionReport,
     convention: &'static str,
     scheme: Option<String>,
@@ -153,6 +153,9 @@ pub struct CalibrationReport {
     precision: Precision,
     software: Software,
     correlation: CorrelationReport,
+    /// The size of the hardware that was enlarged for this result, if one was.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    enlarged: Option<Enlargement>,
 }
 
 impl From<&Outcome> for CalibrationReport {
@@ -169,11 +172,11 @@ impl From<&Outcome> for CalibrationReport {
             chi_square: solution.fit.chi_square,
             degrees_of_freedom: solution.degrees_of_freedom,
             parameters: parameters(outcome.estimate(), outcome.setup.method),
-            optional_states: optional_states(outcome),
+            effects: effects(outcome),
             correction: correction(&outcome.estimate().errors),
             convention: CONVENTION,
             scheme: outcome.setup.scheme.clone(),
-            site: (&outcome.setup.site).into(),
+            site: (&outcome.site()).into(),
             noise: outcome.setup.noise,
             rate_hz: outcome.setup.rate_hz,
             temperature_c: Some(solution.temperature_c).filter(|temperature| temperature.is_finite()),
@@ -188,6 +191,7 @@ impl From<&Outcome> for CalibrationReport {
             precision: outcome.setup.precision,
             software: SOFTWARE,
             correlation: correlation(outcome),
+            enlarged: outcome.enlargement.filter(|_| outcome.setup.adapt),
         }
     }
 }
@@ -203,11 +207,11 @@ pub fn parameters(estimate: &Estimate, method: Method) -> Named<ParameterReport>
     Named((0..PARAMETER_INFO.len()).filter(|index| is_estimated(method, *index)).map(report).collect())
 }
 
-fn optional_states(outcome: &Outcome) -> Named<ParameterReport> {
+fn effects(outcome: &Outcome) -> Named<ParameterReport> {
     let report = |(info, value, sigma): (&'static ParameterInfo, f64, f64)| {
         (info.name, ParameterReport { value, sigma, unit: info.unit })
     };
-    Named(outcome.optional_states().map(report).collect())
+    Named(outcome.effects().map(report).collect())
 }
 
 fn estimated(outcome: &Outcome) -> impl Iterator<Item = usize> + '_ {

@@ -1,11 +1,12 @@
 //! Results as text tables.
 
-use crate::base::quantity::{self, STATES, fixed, rounded, significant, states};
-use crate::calibration::{Outcome, method_name};
+use crate::base::quantity::{self, fixed, rounded, significant, states};
+use crate::calibration::{Enlargement, Outcome, method_name};
 use crate::files::truth::ParameterTable;
 use comfy_table::{Cell, CellAlignment, Table, presets};
 use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::method::Method;
+use rins_selfcal::model::effects::effect;
 use rins_selfcal::model::error_model::{PARAMETERS, ParameterInfo, block};
 use rins_selfcal::verdict::CHANNEL_NAMES;
 use std::ops::Range;
@@ -21,8 +22,8 @@ pub struct Group {
     pub states: Range<usize>,
 }
 
-/// Groups of the parameters, then groups of the optional states.
-pub const GROUPS: [Group; 12] = [
+/// Groups of the parameters, then groups of the effects of the hardware.
+pub const GROUPS: [Group; 16] = [
     Group { title: "gyro non-orthogonality", states: block::GYRO_NON_ORTHOGONALITY..block::ACCEL_NON_ORTHOGONALITY },
     Group { title: "accelerometer non-orthogonality", states: block::ACCEL_NON_ORTHOGONALITY..block::MOUNTING },
     Group { title: "mounting angles", states: block::MOUNTING..block::ACCEL_BIAS },
@@ -32,17 +33,38 @@ pub const GROUPS: [Group; 12] = [
     Group { title: "gyro scale", states: block::GYRO_SCALE..block::NON_PERPENDICULARITY },
     Group { title: "gimbal axes", states: block::NON_PERPENDICULARITY..block::ATTITUDE },
     Group { title: "attitude of the base", states: block::ATTITUDE..PARAMETERS },
-    Group { title: "bias ramps", states: PARAMETERS..PARAMETERS + 6 },
-    Group { title: "encoder harmonics", states: PARAMETERS + 6..PARAMETERS + 14 },
-    Group { title: "tilting of the base", states: PARAMETERS + 14..STATES },
+    Group {
+        title: "accelerometers: quadratic and asymmetry",
+        states: of(effect::ACCEL_QUADRATIC.start, effect::ACCEL_ASYMMETRY.end),
+    },
+    Group {
+        title: "gyros: asymmetry and scale against rate",
+        states: of(effect::GYRO_ASYMMETRY.start, effect::GYRO_RATE_SCALE.end),
+    },
+    Group { title: "warm-up", states: of(effect::ACCEL_WARM_UP.start, effect::GYRO_SCALE_WARM_UP.end) },
+    Group { title: "encoders: harmonics and backlash", states: of(effect::GEOMETRY.start, WOBBLE) },
+    Group { title: "axes: wobble and sag", states: of(WOBBLE, effect::GEOMETRY.end) },
+    Group { title: "drift of the base", states: of(effect::BASE_DRIFT.start, effect::BASE_DRIFT.end) },
+    Group { title: "site", states: of(effect::LATITUDE, effect::GRAVITY + 1) },
 ];
+
+/// The first effect of the axes, behind the harmonics and the backlash of the encoders.
+const WOBBLE: usize = effect::GEOMETRY.start + 16 + 2;
+
+/// Effects from the first one to before the second one, as states.
+const fn of(first: usize, end: usize) -> Range<usize> {
+    PARAMETERS + first..PARAMETERS + end
+}
+
+/// An effect is listed if the run has reduced its sigma to this part of its configured size.
+const SEEN: f64 = 0.7;
 
 /// A table in groups with a row (name, cells, unit) for each parameter for which `row` returns cells.
 pub fn by_parameter(columns: &[&str], row: impl Fn(usize) -> Option<Vec<String>>) -> String {
     by_state(columns, |state| if state < PARAMETERS { row(state) } else { None })
 }
 
-/// As [`by_parameter`], for the parameters and then the optional states.
+/// As [`by_parameter`], for the parameters and then the effects of the hardware.
 pub fn by_state(columns: &[&str], row: impl Fn(usize) -> Option<Vec<String>>) -> String {
     let mut table = Table::new();
     table.load_style(presets::NOTHING);
@@ -119,14 +141,25 @@ pub fn parameters(outcome: &Outcome, truth: Option<&ParameterTable>) -> String {
     })
 }
 
-/// Estimates of the optional states; empty if there are none.
-pub fn optional_states(outcome: &Outcome) -> String {
-    let mut text = String::new();
-    for (info, value, sigma) in outcome.optional_states() {
+/// Estimates of the effects of the hardware that the run has seen, and the number of all that were estimated; empty if
+/// there are none.
+pub fn effects(outcome: &Outcome) -> String {
+    let priors = outcome.setup.prior_sigmas();
+    let prior = |name: &str| {
+        states().zip(priors).find(|(info, _)| info.name == name).map_or(0.0, |(info, prior)| prior / info.unit_si)
+    };
+    let all = outcome.effects().count();
+    let seen = outcome.effects().filter(|(info, _, sigma)| *sigma <= SEEN * prior(info.name));
+    let row = |(info, value, sigma): (&ParameterInfo, f64, f64)| {
         let (value, sigma) = (rounded(value, sigma), significant(sigma));
-        text += &format!("  {} {value} +- {sigma} {}\n", info.name, info.unit);
+        format!("  {} {value} +- {sigma} {} (configured {})\n", info.name, info.unit, significant(prior(info.name)))
+    };
+    let rows: String = seen.map(row).collect();
+    let none = if rows.is_empty() { "  none\n" } else { "" };
+    if all == 0 {
+        return String::new();
     }
-    if text.is_empty() { text } else { format!("optional states\n{text}\n") }
+    format!("effects of the hardware: those that the run has seen, of {all} (--json has all)\n{rows}{none}\n")
 }
 
 /// Number of samples, stops and moves, and losses and other faults of the samples.
@@ -189,6 +222,16 @@ pub fn verdict(outcome: &Outcome) -> String {
     }
     for reason in folded(outcome.reasons()) {
         text += &format!("  - {reason}\n");
+    }
+    if let Some(Enlargement { key, unit, configured, found }) = &outcome.enlargement {
+        let [configured, found] = [*configured, *found].map(significant);
+        text += &if outcome.setup.adapt {
+            format!(
+                "{key} was enlarged from {configured} to {found} {unit}, because the first verdict named it (--adapt)\n"
+            )
+        } else {
+            format!("`rins replay --adapt` solves once more with {key} = {found} in place of {configured} {unit}\n")
+        };
     }
     if let Some(code) = outcome.reason_codes().first() {
         text += &format!("{}\n", explained(code));

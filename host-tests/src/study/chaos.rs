@@ -13,7 +13,7 @@ use rins_selfcal::base::linear::{Real, Vector3, real};
 use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::restart::Restart;
 use rins_selfcal::base::sample::{CorrectedSample, RawSample, SampleStatus};
-use rins_selfcal::estimator::{BASIC_STATES, MAX_SEGMENTS};
+use rins_selfcal::estimator::MAX_SEGMENTS;
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::gimbal::servo::MotorAndLoad;
 use rins_selfcal::gimbal::travel::LocateError;
@@ -50,7 +50,8 @@ pub struct Chaos {
     pub breaches: Vec<String>,
 }
 
-/// Runs an instrument with numbers of type `T` for this number of steps. A step is a sample and a turn of the main loop.
+/// Runs an instrument with numbers of type `T` for this number of steps. A step is a sample and a turn of the main
+/// loop.
 pub fn chaos<T: Real>(seed: u64, steps: u64) -> Chaos {
     let mut random = Random(Xoshiro256PlusPlus::seed_from_u64(seed));
     let (mut told, mut left) = (Chaos::default(), steps);
@@ -101,7 +102,7 @@ fn power_up<T: Real>(random: &mut Random, steps: u64, memory: &mut Memory, told:
     let locked = !matches!(restart, Restart::PowerOn | Restart::Pin);
     let may_move = !locked && config.policy == PowerUpPolicy::Always;
     let mut board = Board::<T>::new(memory, told, (locked, may_move), random.one_in(3));
-    let (mut link, mut calibrator) = (Link::new(), Box::new(Calibrator::<T, MAX_SEGMENTS, BASIC_STATES>::UNCONFIGURED));
+    let (mut link, mut calibrator) = (Link::new(), Box::new(Calibrator::<T, MAX_SEGMENTS>::UNCONFIGURED));
     let mut startup = Startup::assigned(config, restart);
     let mut instrument =
         Instrument::power_up(&mut startup, &mut link, &mut calibrator, &mut board).expect("a valid configuration");

@@ -14,7 +14,6 @@ use crate::virtual_unit::driven::DrivenRins;
 use crate::virtual_unit::plant::Paced;
 use anyhow::{Context, Result, anyhow, ensure};
 use rins_selfcal::drivers::kvh1750::Kvh1750Settings;
-use rins_selfcal::estimator::{BASIC_STATES, FULL_STATES};
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::gimbal::servo::PERIOD_US;
 use rins_selfcal::model::error_model::InstrumentErrors;
@@ -119,11 +118,9 @@ impl<'a> PowerUp<'a> {
         let mut watch = Watch::new(self.run, &self.signals, on_message);
         let bench = share(Bench::with_imu(watch.plant(), self.imu));
         let (assignment, told) = (self.assignment(), |message: &Message| watch.note(message));
-        match (self.setup.precision, self.setup.options.needs_states()) {
-            (Precision::F64, false) => in_process::<f64, BASIC_STATES, _>(&assignment, None, &bench, told)?,
-            (Precision::F64, true) => in_process::<f64, FULL_STATES, _>(&assignment, None, &bench, told)?,
-            (Precision::F32, false) => in_process::<f32, BASIC_STATES, _>(&assignment, None, &bench, told)?,
-            (Precision::F32, true) => in_process::<f32, FULL_STATES, _>(&assignment, None, &bench, told)?,
+        match self.setup.precision {
+            Precision::F64 => in_process::<f64, _>(&assignment, None, &bench, told)?,
+            Precision::F32 => in_process::<f32, _>(&assignment, None, &bench, told)?,
         };
         watch.ended(self)
     }
@@ -182,7 +179,7 @@ impl<'a> PowerUp<'a> {
             Precision::F64 => Board::Mps2An500,
             Precision::F32 => Board::Mps2An386,
         };
-        Variant { board, optional_states: self.setup.options.needs_states(), imu: self.imu }
+        Variant { board, imu: self.imu }
     }
 
     fn assignment(&self) -> Assignment {

@@ -1,10 +1,11 @@
 //! Test of the promise that no wrong result is accepted: many runs with one fault each, compared with the truth.
 
 use super::faults::{Fault, FaultKind, readings};
+use super::monte_carlo::ErrorSource;
 use crate::calibration::virtual_run::{Stream, VirtualRun, derived_seed};
 use crate::calibration::{self, Precision, Setup};
 use crate::files::unit_file::UnitConfig;
-use crate::virtual_unit::presets::RandomErrors;
+use crate::virtual_unit::presets::{RandomErrors, UnitErrors};
 use crate::virtual_unit::unit::VirtualUnit;
 use rayon::prelude::*;
 use rins_selfcal::base::method::Method;
@@ -25,6 +26,8 @@ pub struct Campaign {
     pub seed: u64,
     /// Kinds of fault.
     pub faults: Faults,
+    /// Whether the units have the imperfections of navigation grade, and the filter knows it. Otherwise they are ideal.
+    pub typical: bool,
     /// Floating-point type of the core.
     pub precision: Precision,
 }
@@ -79,9 +82,13 @@ impl Campaign {
 
     fn run_one(&self, number: u64) -> DisturbedRun {
         let seed = derived_seed(self.seed, number, Stream::Noise);
-        let config = UnitConfig::default();
-        let errors = RandomErrors::default().draw(derived_seed(self.seed, number, Stream::Errors));
-        let unit = VirtualUnit { errors, noise: config.noise, site: config.site(), ..VirtualUnit::default() };
+        let (config, source) = if self.typical {
+            (UnitConfig::default().somewhere(), ErrorSource::Typical(1.0))
+        } else {
+            (UnitConfig::ideal(), ErrorSource::Random(RandomErrors::default()))
+        };
+        let UnitErrors { errors, effects } = source.draw(derived_seed(self.seed, number, Stream::Errors));
+        let unit = VirtualUnit { errors, effects, noise: config.noise, site: config.site(), ..VirtualUnit::default() };
         let run = VirtualRun { unit, scheme: Scheme::bai(10.0, 1), seed };
         let kind = match self.faults {
             Faults::None => None,
@@ -216,5 +223,7 @@ fn reason_name(reason: &Reason) -> &'static str {
         Reason::Gap { .. } => "gap",
         Reason::LeftOut(_) => "segments left out",
         Reason::Changed { .. } => "changed",
+        Reason::Hardware { .. } => "hardware effect",
+        Reason::UnknownLatitude { .. } => "unknown latitude",
     }
 }

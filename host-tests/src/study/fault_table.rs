@@ -10,7 +10,6 @@ use crate::virtual_unit::presets;
 use crate::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::units::DEG;
-use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::gimbal::servo::PERIOD_US;
 use rins_selfcal::link::{Command, MAX_FRAME_BYTES, encode};
 use rins_selfcal::run::assignment::Assignment;
@@ -365,7 +364,7 @@ pub fn fate(failing: Failing, phase: Phase, axis: usize, before: &StoredCalibrat
         _ => {}
     };
     let mut memory = Memory { stored: Some(before.clone()), ..Memory::default() };
-    let ran = self_calibrate::<f64, BASIC_STATES, _>(&config, &mut memory, &bench, &mut line, &mut on_message);
+    let ran = self_calibrate::<f64, _>(&config, &mut memory, &bench, &mut line, &mut on_message);
     ran.expect("a good configuration");
     let unit_after = watched.borrow();
     let off = |stored: &StoredCalibration| {
@@ -398,6 +397,6 @@ pub fn good_calibration() -> StoredCalibration {
     let (plant, off) = Switched::new(rins);
     let saved = |message: &Message| off.set(off.get() || matches!(message, Message::Saved(_)));
     let assignment = Assignment::SelfCalibrate(config);
-    let stored = in_process::<f64, BASIC_STATES, _>(&assignment, None, &shared(plant), saved);
+    let stored = in_process::<f64, _>(&assignment, None, &shared(plant), saved);
     stored.expect("a good configuration").expect("an accepted run")
 }

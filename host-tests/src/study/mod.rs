@@ -2,6 +2,7 @@
 
 pub mod chaos;
 pub mod closed_loop;
+pub mod effects_table;
 pub mod fault_campaign;
 pub mod fault_table;
 pub mod faults;

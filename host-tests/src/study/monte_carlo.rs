@@ -1,23 +1,36 @@
 //! Calibrates many virtual units, and compares the errors with the Cramer-Rao bounds and with the sigmas.
 
 use super::closed_loop::{Ended, PowerUp, Terms};
-use super::statistics::{ErrorAndSigma, ErrorStatistics, chi_square_mean_bounds};
+use super::statistics::{
+    ErrorAndSigma, ErrorStatistics, binomial_quantile, chi_square_mean_bounds, probability_beyond,
+};
 use crate::base::quantity::{self, STATES};
 use crate::calibration::virtual_run::{Stream, VirtualRun, derived_seed};
 use crate::calibration::{Outcome, Precision, Setup, is_estimated, refusal};
 use crate::files::toml_file::TomlFileError;
 use crate::files::unit_file::UnitConfig;
 use crate::plan::prediction::bounds;
-use crate::virtual_unit::presets::{RandomErrors, UnitErrors, errors_named};
-use crate::virtual_unit::unit::VirtualUnit;
+use crate::result::report::Named;
+use crate::virtual_unit::imperfections::Imperfections;
+use crate::virtual_unit::presets::{RandomErrors, UnitErrors, errors_named, uniform};
+use crate::virtual_unit::unit::{Effects, VirtualUnit};
 use anyhow::Result;
+use rand_distr::{Distribution, StandardNormal};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rand_xoshiro::rand_core::SeedableRng;
 use rayon::prelude::*;
+use rins_selfcal::base::hardware::Hardware;
 use rins_selfcal::base::method::Method;
+use rins_selfcal::base::site::Site;
+use rins_selfcal::base::units::{ARCSEC, DEG_H, MICRO_G};
+use rins_selfcal::estimator::OBSERVED_RATIO;
 use rins_selfcal::gimbal::axis::AxisLimits;
-use rins_selfcal::model::error_model::block;
-use rins_selfcal::model::options::{OPTIONAL_INFO, Options};
+use rins_selfcal::model::effects::{EFFECT_INFO, effect};
+use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETER_INFO, PARAMETERS, ParameterInfo, block};
 use rins_selfcal::run::config::{ConfigError, SelfCalibrationConfig};
+use rins_selfcal::run::telemetry::Progress;
 use rins_selfcal::scheme::Scheme;
+use rins_selfcal::segment::SegmentKind;
 use serde::Serialize;
 
 /// Confidence of all bounds.
@@ -36,14 +49,20 @@ pub enum ErrorSource {
     Real,
     /// Drawn anew in every run.
     Random(RandomErrors),
+    /// Drawn anew in every run, with imperfections of navigation grade times this factor.
+    Typical(f64),
+    /// Drawn anew in every run, with imperfections of these sizes.
+    With(Box<Hardware>),
+    /// Drawn anew in every run, with these effects.
+    Beside(Box<Effects>),
 }
 
 impl ErrorSource {
     /// Names that [`Self::named`] accepts.
-    const KNOWN: &str = "table1, table3, real, random, random:1deg, random:tactical";
+    const KNOWN: &str = "table1, table3, real, typical, typical:0.5, random, random:1deg, random:tactical";
 
-    /// Finds a source by name: `random`, `random:` with an angle such as `1deg`, `random:tactical`, or a name for
-    /// [`errors_named`].
+    /// Finds a source by name: `typical`, `typical:` with a factor, `random`, `random:` with an angle such as `1deg`,
+    /// `random:tactical`, or a name for [`errors_named`].
     ///
     /// # Errors
     /// One line that names the file and, for its contents, line and key.
@@ -51,6 +70,8 @@ impl ErrorSource {
         match (name, name.strip_prefix("random:").and_then(random_errors)) {
             ("real", _) => Ok(Self::Real),
             ("random", _) => Ok(Self::Random(RandomErrors::default())),
+            ("typical", _) => Ok(Self::Typical(1.0)),
+            _ if typical(name).is_some() => Ok(Self::Typical(typical(name).unwrap_or(1.0))),
             (_, Some(sizes)) => Ok(Self::Random(sizes)),
             _ => match errors_named(name, 0) {
                 Err(TomlFileError::Name { name, .. }) => Err(TomlFileError::Name { name, known: Self::KNOWN }),
@@ -65,8 +86,55 @@ impl ErrorSource {
             Self::Fixed(errors) => *errors.clone(),
             Self::Real => UnitErrors { errors: crate::virtual_unit::presets::real(seed), ..UnitErrors::default() },
             Self::Random(sizes) => UnitErrors { errors: sizes.draw(seed), ..UnitErrors::default() },
+            Self::Typical(factor) => imperfect(&Hardware::NAVIGATION.scaled(*factor), *factor, seed),
+            Self::With(hardware) => imperfect(hardware, 0.0, seed),
+            Self::Beside(effects) => {
+                UnitErrors { errors: RandomErrors::default().draw(seed), effects: *effects.clone() }
+            }
         }
     }
+}
+
+/// Seed of the imperfections, so that they do not follow from the errors.
+const EFFECTS_SEED: u64 = 0x6566_6665_6374_7300;
+
+/// Seeds of the drift of the base and of the site.
+const DRIFT_SEED: u64 = 0x6472_6966_7400_0000;
+const SITE_SEED: u64 = 0x7369_7465_7300_0000;
+/// Lowest and highest place, m.
+const HEIGHTS_M: [f64; 2] = [-400.0, 4000.0];
+
+/// A place anywhere on the Earth, all parts of its surface alike.
+fn anywhere(seed: u64) -> Site {
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
+    let [lowest, highest] = HEIGHTS_M;
+    Site {
+        latitude_rad: uniform(&mut rng, -1.0, 1.0).asin(),
+        height_m: uniform(&mut rng, lowest, highest),
+        measured_gravity_m_s2: None,
+    }
+}
+
+/// A unit with imperfections of these sizes, at a site whose configuration is wrong by typical errors times a factor.
+fn imperfect(hardware: &Hardware, site_factor: f64, seed: u64) -> UnitErrors {
+    const HOUR_S: f64 = 3600.0;
+    let of = |size: f32, unit: f64| f64::from(size) / unit;
+    let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed ^ DRIFT_SEED);
+    let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+    let effects = Effects {
+        hardware: Imperfections::draw(hardware, site_factor, seed ^ EFFECTS_SEED),
+        accel_bias_walk_ug_sqrt_h: of(hardware.accel_walk, MICRO_G / HOUR_S.sqrt()),
+        gyro_bias_walk_deg_h_sqrt_h: of(hardware.gyro_walk, DEG_H / HOUR_S.sqrt()),
+        base_tilt_drift_arcsec_h: [(); 2].map(|()| of(hardware.base_drift, ARCSEC / HOUR_S) * normal()),
+        ..Effects::default()
+    };
+    UnitErrors { errors: RandomErrors::default().draw(seed), effects }
+}
+
+/// Factor after `typical:`.
+fn typical(name: &str) -> Option<f64> {
+    let factor = name.strip_prefix("typical:")?.parse::<f64>().ok()?;
+    (0.0..=100.0).contains(&factor).then_some(factor)
 }
 
 /// Sizes after `random:`: "tactical", or an angle with its unit for the installation errors.
@@ -88,8 +156,6 @@ pub struct MonteCarlo {
     pub methods: Vec<Method>,
     /// Floating-point type of the core.
     pub precision: Precision,
-    /// Optional states and noise of the joint method.
-    pub options: Options,
     /// The scheme.
     pub scheme: Scheme,
     /// Limits of the outer and the inner axis.
@@ -100,7 +166,7 @@ pub struct MonteCarlo {
     pub closed_loop: bool,
     /// Errors of the units.
     pub errors: ErrorSource,
-    /// Site and noise.
+    /// Site and noise. Without a site, every unit is at another place.
     pub unit: UnitConfig,
     /// Sample rate, Hz.
     pub rate_hz: f64,
@@ -112,14 +178,25 @@ pub struct MonteCarlo {
 #[derive(Clone, Debug)]
 pub struct RunResult {
     states: [ErrorAndSigma; STATES],
+    live: Vec<LiveErrors>,
     chi_square: f64,
     degrees_of_freedom: u32,
     accepted: bool,
     converged: bool,
     finite: bool,
     aborted: bool,
-    wrong: bool,
+    /// The worst of the twelve installation errors and the non-perpendicularity, if it is wrong, in words.
+    wrong: Option<String>,
     first_reason: Option<String>,
+}
+
+/// Errors of the live estimate after one segment.
+#[derive(Clone, Debug)]
+struct LiveErrors {
+    end_s: f64,
+    kind: SegmentKind,
+    /// Errors in units of their sigmas; `None` for a parameter that is not observed yet.
+    normalized: [Option<f64>; PARAMETERS],
 }
 
 impl MonteCarlo {
@@ -192,12 +269,14 @@ impl MonteCarlo {
 
     /// Unit and noise of one run.
     pub fn virtual_run(&self, run: u64) -> VirtualRun {
-        let drawn = self.errors.draw(derived_seed(self.seed, run, Stream::Errors));
+        let seed = derived_seed(self.seed, run, Stream::Errors);
+        let drawn = self.errors.draw(seed);
+        let site = if self.unit.site.is_unknown() { anywhere(seed ^ SITE_SEED) } else { self.unit.site() };
         VirtualRun {
             unit: VirtualUnit {
                 errors: drawn.errors,
                 effects: drawn.effects,
-                site: self.unit.site(),
+                site,
                 noise: self.unit.noise,
                 rate_hz: self.rate_hz,
             },
@@ -210,8 +289,7 @@ impl MonteCarlo {
 impl MonteCarlo {
     /// Setup of a method.
     pub fn setup(&self, method: Method) -> Setup {
-        let options = if method == Method::Joint { self.options } else { Options::default() };
-        Setup { options, ..Setup::new(&self.unit, self.rate_hz, method, self.precision) }
+        Setup::new(&self.unit, self.rate_hz, method, self.precision)
     }
 }
 
@@ -219,6 +297,27 @@ impl RunResult {
     /// Whether the run was accepted.
     pub fn accepted(&self) -> bool {
         self.accepted
+    }
+
+    /// Whether one of the twelve installation errors or the non-perpendicularity is wrong.
+    pub fn is_wrong(&self) -> bool {
+        self.wrong.is_some()
+    }
+
+    /// Error of a parameter in units of its sigma.
+    pub fn normalized(&self, parameter: usize) -> f64 {
+        self.states[parameter].error / self.states[parameter].sigma
+    }
+
+    /// Largest error of the twelve installation errors and the non-perpendicularity, in sigmas.
+    fn largest_installation(&self) -> f64 {
+        judged().map(|parameter| self.normalized(parameter).abs()).fold(0.0, f64::max)
+    }
+
+    /// Code of the first reason of a run that was not accepted.
+    pub fn first_code(&self) -> Option<&str> {
+        let reason = self.first_reason.as_deref()?;
+        reason.strip_prefix('[').and_then(|rest| rest.split(']').next())
     }
 
     /// The largest sigma of the twelve installation errors, arcsec, and their largest error in sigmas.
@@ -232,47 +331,95 @@ impl RunResult {
     fn none(reason: String) -> Self {
         Self {
             states: [ErrorAndSigma { error: f64::NAN, sigma: f64::NAN, bound: f64::NAN }; STATES],
+            live: Vec::new(),
             chi_square: f64::NAN,
             degrees_of_freedom: 0,
             accepted: false,
             converged: false,
             finite: false,
             aborted: true,
-            wrong: false,
+            wrong: None,
             first_reason: Some(reason),
         }
     }
 
     fn new(outcome: &Outcome, bounds: &[f64; STATES], unit: &VirtualUnit) -> Self {
         let (errors, sigmas) = (errors(outcome, unit), outcome.state_sigmas());
-        let finite = errors.iter().chain(&sigmas).all(|number| number.is_finite());
+        let finite = errors.iter().take(PARAMETERS).chain(&sigmas).all(|number| number.is_finite());
         let of_state =
             |state: usize| ErrorAndSigma { error: errors[state], sigma: sigmas[state], bound: bounds[state] };
         Self {
             states: std::array::from_fn(of_state),
+            live: outcome
+                .live
+                .iter()
+                .zip(&outcome.live_truth)
+                .map(|(live, truth)| LiveErrors::new(outcome, live, truth))
+                .collect(),
             chi_square: outcome.solution.fit.chi_square,
             degrees_of_freedom: outcome.solution.degrees_of_freedom,
             accepted: outcome.verdict.accepted(),
             converged: outcome.solution.converged,
             finite,
             aborted: false,
-            wrong: (0..block::ACCEL_BIAS).any(|index| is_wrong(errors[index], sigmas[index])),
+            wrong: wrong(&errors, &sigmas),
             first_reason: outcome.reasons().into_iter().next(),
         }
     }
 }
 
-/// Estimates minus truth of all states, in report units.
+impl LiveErrors {
+    fn new(outcome: &Outcome, live: &Progress, truth: &InstrumentErrors<f64>) -> Self {
+        let errors = quantity::errors(&live.estimate.errors, truth);
+        let normalized = |parameter: usize| {
+            let (sigma, prior) = (live.estimate.sigmas[parameter], outcome.prior_sigmas[parameter]);
+            let observed = prior > 0.0 && sigma <= OBSERVED_RATIO * prior;
+            observed.then(|| errors[parameter] * PARAMETER_INFO[parameter].unit_si / sigma)
+        };
+        Self { end_s: live.end_us as f64 * 1e-6, kind: live.kind, normalized: std::array::from_fn(normalized) }
+    }
+}
+
+/// Estimates minus truth of all states, in report units; not a number for a state that has no truth of its own.
 fn errors(outcome: &Outcome, unit: &VirtualUnit) -> [f64; STATES] {
     let truth = outcome.truth.as_ref().unwrap_or(&unit.errors);
     let parameters = quantity::errors(&outcome.estimate().errors, truth);
     let solution = &outcome.solution;
-    let (found, truth) = (&solution.optional.values, unit.optional_states(solution.duration_s));
-    let optional = found.iter().zip(&truth).zip(&OPTIONAL_INFO);
-    let optional = optional.map(|((found, truth), info)| (found - truth) / info.unit_si);
+    let (found, mut truth) = (&solution.effects.values, unit.effect_states(solution.duration_s));
+    // The unit may be elsewhere than configured.
+    let configured = Site { latitude_rad: unit.site.latitude_rad, ..outcome.setup.site };
+    let elsewhere = [
+        (effect::LATITUDE, unit.site.latitude_rad - outcome.setup.site.latitude_rad),
+        (effect::GRAVITY, unit.site.gravity_m_s2() - configured.gravity_m_s2()),
+    ];
+    for (effect, difference) in elsewhere {
+        truth[effect] = truth[effect].map(|truth| truth + difference);
+    }
+    let effects = found.iter().zip(&truth).zip(&EFFECT_INFO);
+    let effects = effects
+        .map(|((found, truth), info)| truth.map_or(f64::NAN, |truth| (f64::from(*found) - truth) / info.unit_si));
     let mut errors = [0.0; STATES];
-    errors.iter_mut().zip(parameters.into_iter().chain(optional)).for_each(|(error, found)| *error = found);
+    errors.iter_mut().zip(parameters.into_iter().chain(effects)).for_each(|(error, found)| *error = found);
     errors
+}
+
+/// The parameters by which a result is right or wrong: the twelve installation errors and the non-perpendicularity.
+fn judged() -> impl Iterator<Item = usize> {
+    (0..block::ACCEL_BIAS).chain([block::NON_PERPENDICULARITY])
+}
+
+/// Bounds of means of squared normalized errors over so many runs. All of so many independent means are within them
+/// with the probability [`CONFIDENCE`] or more (Bonferroni).
+fn joint_bounds(runs: usize, means: usize) -> [f64; 2] {
+    chi_square_mean_bounds(runs, 1.0, 1.0 - (1.0 - CONFIDENCE) / means.max(1) as f64)
+}
+
+/// The worst of the estimates that are wrong, in words.
+fn wrong(errors: &[f64; STATES], sigmas: &[f64; STATES]) -> Option<String> {
+    let wrong = judged().filter(|index| is_wrong(errors[*index], sigmas[*index]));
+    let worst = wrong.max_by(|a, b| (errors[*a] / sigmas[*a]).abs().total_cmp(&(errors[*b] / sigmas[*b]).abs()))?;
+    let (error, sigmas) = (errors[worst], (errors[worst] / sigmas[worst]).abs());
+    Some(format!("{} is off by {error:.2} arcsec, {sigmas:.1} sigma", PARAMETER_INFO[worst].name))
 }
 
 /// Whether an estimate of an installation error is wrong; error and sigma in arcsec.
@@ -289,6 +436,63 @@ pub struct FitStatistics {
     pub mean_degrees_of_freedom: f64,
     /// Bounds of the mean chi-square.
     pub bounds: [f64; 2],
+}
+
+/// Errors of the live estimate after one segment over all runs.
+#[derive(Clone, Debug, Serialize)]
+pub struct LiveStatistics {
+    /// End of the segment, s.
+    pub end_s: f64,
+    /// Stop or move.
+    pub kind: SegmentKind,
+    /// Mean of `(error / sigma)^2` of each parameter that is observed in all runs.
+    pub mean_normalized_squared: Named<f64>,
+    /// Number of these means outside of the bounds.
+    pub outside: usize,
+}
+
+impl LiveStatistics {
+    /// Mean over all parameters that are observed.
+    pub fn mean(&self) -> f64 {
+        let means = &self.mean_normalized_squared.0;
+        means.iter().map(|(_, mean)| mean).sum::<f64>() / means.len() as f64
+    }
+
+    /// The parameter with the largest mean.
+    pub fn largest(&self) -> Option<(&'static str, f64)> {
+        self.mean_normalized_squared.0.iter().copied().max_by(|(_, a), (_, b)| a.total_cmp(b))
+    }
+}
+
+/// Live estimates over all runs.
+#[derive(Clone, Debug, Serialize)]
+pub struct LiveTable {
+    /// Bounds of every mean in the table.
+    pub bounds: [f64; 2],
+    /// A row for each segment.
+    pub segments: Vec<LiveStatistics>,
+}
+
+impl LiveTable {
+    fn new(results: &[&RunResult]) -> Self {
+        let segments = results.iter().map(|result| result.live.len()).min().unwrap_or(0);
+        let means: Vec<Vec<_>> = (0..segments)
+            .map(|segment| {
+                let mean = |(parameter, info): (usize, &ParameterInfo)| {
+                    let squares = results.iter().map(|run| Some(run.live[segment].normalized[parameter]?.powi(2)));
+                    Some((info.name, squares.sum::<Option<f64>>()? / results.len() as f64))
+                };
+                PARAMETER_INFO.iter().enumerate().filter_map(mean).collect()
+            })
+            .collect();
+        let bounds = joint_bounds(results.len(), means.iter().map(Vec::len).sum());
+        let row = |(segment, means): (usize, Vec<(&'static str, f64)>)| {
+            let LiveErrors { end_s, kind, .. } = results[0].live[segment];
+            let outside = means.iter().filter(|(_, mean)| !(bounds[0]..=bounds[1]).contains(mean)).count();
+            LiveStatistics { end_s, kind, mean_normalized_squared: Named(means), outside }
+        };
+        Self { bounds, segments: means.into_iter().enumerate().map(row).collect() }
+    }
 }
 
 /// Statistics of one method over all runs. Diverged runs are counted, and left out of all other statistics.
@@ -310,14 +514,20 @@ pub struct MethodStatistics {
     pub diverged: usize,
     /// Runs that were aborted without a result.
     pub aborted: usize,
-    /// Statistics of each parameter and optional state; `None` for states that the method does not estimate.
+    /// Statistics of each parameter and effect of the hardware; `None` for states that the method does not estimate.
     pub states: [Option<ErrorStatistics>; STATES],
-    /// Bounds of each mean normalized error squared.
+    /// Bounds of each mean normalized error squared, within which they all are together.
     pub normalized_bounds: [f64; 2],
+    /// The live estimates; without rows in closed loop.
+    pub live: LiveTable,
+    /// Largest error of the twelve installation errors and the non-perpendicularity in an accepted run, in sigmas.
+    pub largest_accepted: f64,
     /// The fit.
     pub fit: FitStatistics,
     /// First reasons of the first rejected runs.
     pub rejections: Vec<String>,
+    /// What is wrong in the first accepted runs that are wrong.
+    pub wrong: Vec<String>,
 }
 
 impl MethodStatistics {
@@ -329,24 +539,33 @@ impl MethodStatistics {
         let good: Vec<_> = results.iter().filter(|result| result.finite).collect();
         let of_state = |state: usize| {
             let runs: Vec<_> = good.iter().map(|result| result.states[state]).collect();
-            (is_estimated(method, state) && priors[state] > 0.0 && !runs.is_empty())
+            let has_truth = runs.iter().all(|run| run.error.is_finite());
+            (is_estimated(method, state) && priors[state] > 0.0 && !runs.is_empty() && has_truth)
                 .then(|| ErrorStatistics::new(&runs))
         };
         let accepted = results.iter().filter(|result| result.accepted).count();
         let rejections = results.iter().filter(|result| !result.accepted).filter_map(|r| r.first_reason.clone());
+        let numbered = (0..).zip(results).filter(|(_, result)| result.accepted);
+        let wrong = numbered
+            .filter_map(|(run, result): (u64, _)| result.wrong.as_ref().map(|wrong| format!("run {run}: {wrong}")));
+        let states: [_; STATES] = std::array::from_fn(of_state);
+        let largest = results.iter().filter(|result| result.accepted).map(RunResult::largest_installation);
         Self {
             method,
             runs: good.len(),
             accepted,
-            accepted_wrong: results.iter().filter(|result| result.accepted && result.wrong).count(),
+            accepted_wrong: results.iter().filter(|result| result.accepted && result.is_wrong()).count(),
             rejected: results.iter().filter(|result| !result.accepted && !result.aborted).count(),
             unconverged: results.iter().filter(|result| !result.converged && !result.aborted).count(),
             diverged: results.iter().filter(|result| !result.finite && !result.aborted).count(),
             aborted: results.iter().filter(|result| result.aborted).count(),
-            states: std::array::from_fn(of_state),
-            normalized_bounds: chi_square_mean_bounds(good.len(), 1.0, CONFIDENCE),
+            normalized_bounds: joint_bounds(good.len(), states.iter().flatten().count()),
+            states,
+            live: LiveTable::new(&good),
+            largest_accepted: largest.fold(0.0, f64::max),
             fit: FitStatistics::new(&good),
             rejections: rejections.take(Self::SHOWN_REJECTIONS).collect(),
+            wrong: wrong.take(Self::SHOWN_REJECTIONS).collect(),
         }
     }
 
@@ -361,6 +580,12 @@ impl MethodStatistics {
     pub fn outside(&self) -> (usize, f64) {
         let states = || self.states.iter().flatten();
         (states().filter(|state| state.is_outside()).count(), states().map(|state| state.chance_outside).sum())
+    }
+
+    /// Number of wrong results among the accepted ones that chance does not exceed with the probability [`CONFIDENCE`].
+    pub fn wrong_by_chance(&self) -> u64 {
+        let probability = probability_beyond(WRONG_SIGMAS, judged().count() as u32);
+        binomial_quantile(self.accepted as u64, probability, CONFIDENCE)
     }
 
     /// Number of states whose mean normalized error squared is inside its bounds, and number of all states.
@@ -399,5 +624,33 @@ mod tests {
         assert!((size("random:20arcsec").unwrap() - 20.0).abs() < 1e-9);
         assert!(ErrorSource::named("random:much").is_err());
         assert!(matches!(ErrorSource::named("table3"), Ok(ErrorSource::Fixed(_))));
+    }
+
+    #[test]
+    fn live_estimates_of_typical_units_are_honest_and_end_with_the_solution() {
+        let study = MonteCarlo {
+            runs: 40,
+            methods: vec![Method::Joint],
+            precision: Precision::F64,
+            scheme: Scheme::named("fast-60").unwrap(),
+            axes: Default::default(),
+            refuse_unobserved: true,
+            closed_loop: false,
+            errors: ErrorSource::Typical(1.0),
+            unit: UnitConfig::default().somewhere(),
+            rate_hz: 100.0,
+            seed: 5,
+        };
+        let found = study.run(|_| ()).unwrap().remove(0);
+        let [_, high] = found.live.bounds;
+        let largest = found.live.segments.iter().filter_map(LiveStatistics::largest);
+        // Before the last moves, the wide prior sigmas of what is not yet separated make the sigmas large.
+        assert!(largest.clone().all(|(_, mean)| mean < high), "{:?} above {high}", largest.collect::<Vec<_>>());
+        let last = &found.live.segments.last().unwrap().mean_normalized_squared.0;
+        assert_eq!(last.len(), PARAMETERS);
+        for ((name, mean), of_solution) in last.iter().zip(&found.states) {
+            let of_solution = of_solution.unwrap().mean_normalized_squared;
+            assert!((mean / of_solution - 1.0).abs() < 1e-9, "{name}: {mean} for {of_solution}");
+        }
     }
 }

@@ -1,5 +1,5 @@
-//! Many power-ups of units with cables: at random angles, with the power cut at random moments, in closed loop. Whatever
-//! happens, an axis never leaves its physical travel, or the instrument refuses to move.
+//! Many power-ups of units with cables: at random angles, with the power cut at random moments, in closed loop.
+//! Whatever happens, an axis never leaves its physical travel, or the instrument refuses to move.
 
 use crate::bench::line::Line;
 use crate::bench::power_up::{Memory, Switched, share, start};
@@ -13,7 +13,6 @@ use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::restart::Restart;
 use rins_selfcal::base::units::DEG;
-use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::gimbal::travel::{Travel, TurnSource};
 use rins_selfcal::instrument::Startup;
@@ -153,14 +152,8 @@ fn power_up(
             state.set(*entered);
         }
     };
-    start::<f64, BASIC_STATES, _>(
-        &mut Startup::assigned(config, Restart::PowerOn),
-        memory,
-        &bench,
-        &mut operator,
-        &mut on_message,
-    )
-    .expect("a valid configuration");
+    start::<f64, _>(&mut Startup::assigned(config, Restart::PowerOn), memory, &bench, &mut operator, &mut on_message)
+        .expect("a valid configuration");
     all.cut += u32::from(!state.get().is_idle());
     all.refused += u32::from(operator.refused);
     all.confirmed += u32::from(operator.asked);

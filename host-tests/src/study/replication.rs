@@ -9,7 +9,7 @@ use crate::plan::prediction::Prediction;
 use crate::result::signals::Signals;
 use rayon::prelude::*;
 use rins_selfcal::base::method::Method;
-use rins_selfcal::estimator::{BASIC_STATES, Estimator};
+use rins_selfcal::estimator::Estimator;
 use rins_selfcal::model::error_model::INSTALLATION_STATES;
 use rins_selfcal::run::calibrator::Calibrator;
 use rins_selfcal::run::telemetry::Progress;
@@ -94,7 +94,7 @@ impl ShownRun {
 /// method.
 fn finals(setup: &Setup, segments: &[Segment<f64>]) -> Vec<Progress> {
     let up_to = |count: usize| {
-        let mut estimator = Box::new(Estimator::<f64, HOST_SEGMENTS, BASIC_STATES>::new());
+        let mut estimator = Box::new(Estimator::<f64, HOST_SEGMENTS>::new());
         estimator.restart(&setup.config().estimator);
         let (last, all) = (segments.get(count)?, segments.get(..=count)?);
         all.iter().for_each(|segment| _ = estimator.add(segment));

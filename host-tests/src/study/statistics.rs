@@ -1,7 +1,7 @@
 //! Statistics of errors over many runs.
 
 use serde::Serialize;
-use statrs::distribution::{ChiSquared, ContinuousCDF};
+use statrs::distribution::{Binomial, ChiSquared, ContinuousCDF, DiscreteCDF, Normal};
 
 /// Error and sigma of one state in one run, in report units.
 #[derive(Clone, Copy, Debug)]
@@ -81,6 +81,17 @@ pub fn chi_square_mean_bounds(count: usize, freedom: f64, confidence: f64) -> [f
     [tail, 1.0 - tail].map(|probability| distribution.inverse_cdf(probability) / count as f64)
 }
 
+/// Number of events that is not exceeded with this confidence among `count` independent trials.
+pub fn binomial_quantile(count: u64, probability: f64, confidence: f64) -> u64 {
+    Binomial::new(probability, count).map_or(0, |events| events.inverse_cdf(confidence))
+}
+
+/// Probability that one of `count` independent normal numbers is beyond this many sigmas.
+pub fn probability_beyond(sigmas: f64, count: u32) -> f64 {
+    let tails = 2.0 * Normal::standard().cdf(-sigmas);
+    1.0 - (1.0 - tails).powi(count as i32)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -102,6 +113,14 @@ mod tests {
         // Sigma of the mean of 1000 with 84 degrees of freedom is sqrt(2 * 84 / 1000) = 0.41.
         let [low, high] = chi_square_mean_bounds(1000, 84.0, 0.99);
         assert!((low - (84.0 - 2.5758 * 0.4099)).abs() < 0.01 && (high - (84.0 + 2.5758 * 0.4099)).abs() < 0.01);
+    }
+
+    #[test]
+    fn wrong_answers_by_chance() {
+        // 1 in 147 160 is beyond 4.5 sigma, so 13 numbers give 8.8 in 100 000.
+        assert!((probability_beyond(4.5, 13) - 8.83e-5).abs() < 0.02e-5);
+        // Poisson with mean 0.088: none in 91.6 %, at most one in 99.6 %. With mean 0.88: at most three in 98.8 %.
+        assert_eq!([1000, 10_000].map(|runs| binomial_quantile(runs, probability_beyond(4.5, 13), 0.99)), [1, 4]);
     }
 
     #[test]

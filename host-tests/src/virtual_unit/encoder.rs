@@ -3,8 +3,8 @@
 //! Repeatability: the error of each axis is drawn anew for every stop. The error is constant while the axes are at
 //! rest. During a move the error changes to the next stop's value in proportion to time. A plant does not know how long
 //! a move will last, so the expected durations are passed in. While an axis turns, the rate reference noise is also
-//! integrated into its angle. The integral is zero at both stops (a Brownian bridge). Eccentricity and second harmonic
-//! are functions of the true angle.
+//! integrated into its angle. The integral is zero at both stops (a Brownian bridge). Errors that follow from the true
+//! angle are in [`super::imperfections`].
 //!
 //! ```text
 //! at rest --(an axis leaves its angle)--> turning --(move is over, and rates negligible for REST_S)--> at rest
@@ -13,7 +13,6 @@
 use rand_distr::{Distribution, StandardNormal};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rins_selfcal::base::units::ARCSEC;
-use serde::{Deserialize, Serialize};
 
 /// Rate below which an axis counts as at rest, rad/s.
 pub const REST_RAD_S: f64 = 1e-4;
@@ -24,34 +23,6 @@ const MOVED_RAD: f64 = 20.0 * ARCSEC;
 const REST_S: f64 = 0.1;
 /// Duration of a quarter turn at 20 deg/s with ramps of 20 deg/s^2, s.
 const DEFAULT_MOVE_S: f64 = 5.5;
-
-/// A harmonic of an encoder's error: `amplitude (sin(n angle + phase) - sin phase)`. The error is zero at angle zero,
-/// because the encoder's zero defines the rotation frame and so the true angles.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Harmonic {
-    /// Amplitude, arcsec.
-    pub amplitude_arcsec: f64,
-    /// Phase, deg.
-    pub phase_deg: f64,
-}
-
-impl Harmonic {
-    /// Error at `n angle`, rad.
-    pub fn error_rad(&self, multiple_rad: f64) -> f64 {
-        if self.amplitude_arcsec == 0.0 {
-            return 0.0;
-        }
-        let phase_rad = self.phase_deg.to_radians();
-        self.amplitude_arcsec * ARCSEC * ((multiple_rad + phase_rad).sin() - phase_rad.sin())
-    }
-
-    /// The coefficients c and s, rad, of the same error in the form (M9), `c (cos(n angle) - 1) + s sin(n angle)`.
-    pub fn cos_and_sin_rad(&self) -> [f64; 2] {
-        let (sin, cos) = self.phase_deg.to_radians().sin_cos();
-        [sin, cos].map(|part| self.amplitude_arcsec * ARCSEC * part)
-    }
-}
 
 enum Phase {
     AtRest {

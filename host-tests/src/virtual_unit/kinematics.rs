@@ -15,6 +15,7 @@
 //! s0 they would differ by the mounting angles. The base tilts and the biases ramp in proportion to time. The tilt is
 //! computed to first order.
 
+use super::imperfections::Imperfections;
 use super::unit::VirtualUnit;
 use super::vec3::{
     Mat3, Vec3, add, add_scaled, apply, apply_transposed, cross, frame_rotation, inverse, multiply, scale, transpose,
@@ -93,7 +94,7 @@ pub struct RigidTruth {
     lever_r: Vec3,
     /// Reaction to gravity in r at gimbal angles (0, 0).
     up_r0: Drift,
-    /// Earth rate in r at gimbal angles (0, 0).
+    /// Earth rate, and the rate at which the base tilts, in r at gimbal angles (0, 0).
     earth_r0: Drift,
     /// Linear part of (M4) on r-components.
     force_matrix_ar: Mat3,
@@ -101,6 +102,10 @@ pub struct RigidTruth {
     rate_matrix_gr: Mat3,
     accel_bias_a: Drift,
     gyro_bias_g: Drift,
+    /// Effects on the attitude, if there are any.
+    bent: Option<Imperfections>,
+    /// Effects on the outputs, if there are any.
+    distorted: Option<Imperfections>,
 }
 
 /// Nodes of two-point Gauss-Legendre quadrature, as fractions of an interval. Both weights are one half.
@@ -120,12 +125,17 @@ impl RigidTruth {
             let per_s_b = cross(start_b, [tilt[0], tilt[1], 0.0]);
             Drift { start: start_b, per_s: per_s_b }
         };
+        let site = effects.hardware.true_site(&unit.site);
+        let earth = in_b(site.earth_rate_n());
         let (sin, cos) = errors.axis_non_perpendicularity.sin_cos();
         Self {
             inner_axis_r: [sin, 0.0, cos],
             lever_r: apply_transposed(&rot_sr, effects.lever_arm_m),
-            up_r0: in_b([0.0, 0.0, unit.site.gravity_m_s2()]),
-            earth_r0: in_b(unit.site.earth_rate_n()),
+            up_r0: in_b([0.0, 0.0, site.gravity_m_s2()]),
+            // The gyros feel the rate at which the base tilts beside the Earth rate.
+            earth_r0: Drift { start: add(earth.start, [tilt[0], tilt[1], 0.0]), ..earth },
+            bent: effects.hardware.bends().then_some(effects.hardware),
+            distorted: effects.hardware.distorts().then_some(effects.hardware),
             force_matrix_ar: sensor_matrix(&accel_axes(&errors.accel_non_orthogonality), errors.accel_scale, &rot_sr),
             rate_matrix_gr: sensor_matrix(&gyro_axes(&errors.gyro_non_orthogonality), errors.gyro_scale, &rot_sr),
             accel_bias_a: Drift {
@@ -142,7 +152,8 @@ impl RigidTruth {
     /// Readings of the sensors against time while the axes are at rest at these angles, rad.
     pub fn at_rest(&self, angles_rad: [f64; 2]) -> Sensed<Drift> {
         let turn = Turn::new(angles_rad);
-        let rotated = |line: &Drift, matrix: &Mat3| line.mapped(|v| apply(matrix, self.rotate_rr0(v, &turn)));
+        let rotated =
+            |line: &Drift, matrix: &Mat3| line.mapped(|v| apply(matrix, self.rotate_bent(v, angles_rad, &turn)));
         Sensed {
             force_a: rotated(&self.up_r0, &self.force_matrix_ar).plus(&self.accel_bias_a),
             omega_g: rotated(&self.earth_r0, &self.rate_matrix_gr).plus(&self.gyro_bias_g),
@@ -158,6 +169,16 @@ impl RigidTruth {
             force_a: add(apply(&self.force_matrix_ar, mean(first.0, second.0)), self.accel_bias_a.at(middle_s)),
             omega_g: add(apply(&self.rate_matrix_gr, mean(first.1, second.1)), self.gyro_bias_g.at(middle_s)),
         }
+    }
+
+    /// Adds what the sensors distort, from their linear outputs at this time.
+    pub fn distorted(&self, sensed: Sensed<Vec3>, middle_s: f64) -> Sensed<Vec3> {
+        let Some(imperfections) = &self.distorted else { return sensed };
+        let linear = |value: Vec3, bias: &Drift| add_scaled(value, bias.at(middle_s), -1.0);
+        let (force_a, omega_g) =
+            (linear(sensed.force_a, &self.accel_bias_a), linear(sensed.omega_g, &self.gyro_bias_g));
+        let [force, omega] = imperfections.distortion(force_a, omega_g, middle_s);
+        Sensed { force_a: add(sensed.force_a, force), omega_g: add(sensed.omega_g, omega) }
     }
 
     /// Change of the readings when the base has turned by the rotation vector `turned_b`, rad, and turns at `rate_b`,
@@ -184,7 +205,31 @@ impl RigidTruth {
             -outer_rate * inner_rate,
         );
         let lever_force_r = add(cross(acceleration_r, lever_r), cross(omega_br_r, cross(omega_br_r, lever_r)));
-        (add(self.rotate_rr0(up_r0, &turn), lever_force_r), add(self.rotate_rr0(earth_r0, &turn), omega_br_r))
+        let angles = motion.angles_at(part);
+        let rate_r = match &self.bent {
+            None => add(self.rotate_rr0(earth_r0, &turn), omega_br_r),
+            Some(bent) => {
+                // From the base outwards: each part leans, and the change of its lean is a rate of its own.
+                let [base, base_by_outer] = bent.base_bent(angles[0]);
+                let [gimbal, by_outer, by_inner] = bent.gimbal_bent(angles[0], angles[1]);
+                let of_base = add_scaled(apply(&frame_rotation(base), earth_r0), base_by_outer, outer_rate);
+                let of_gimbal = add(turn_frame(of_base, [1.0, 0.0, 0.0], turn.outer), [outer_rate, 0.0, 0.0]);
+                let leaning = add(apply(&frame_rotation(gimbal), of_gimbal), scale(by_outer, outer_rate));
+                let leaning = add_scaled(leaning, by_inner, inner_rate);
+                add_scaled(turn_frame(leaning, axis_r, turn.inner), axis_r, inner_rate)
+            }
+        };
+        (add(self.rotate_bent(up_r0, angles, &turn), lever_force_r), rate_r)
+    }
+
+    /// Applies (M3) with the effects on the attitude.
+    fn rotate_bent(&self, v_r0: Vec3, angles_rad: [f64; 2], turn: &Turn) -> Vec3 {
+        let Some(bent) = &self.bent else { return self.rotate_rr0(v_r0, turn) };
+        let [base, _] = bent.base_bent(angles_rad[0]);
+        let [gimbal, ..] = bent.gimbal_bent(angles_rad[0], angles_rad[1]);
+        let of_base = apply(&frame_rotation(base), v_r0);
+        let of_gimbal = apply(&frame_rotation(gimbal), turn_frame(of_base, [1.0, 0.0, 0.0], turn.outer));
+        turn_frame(of_gimbal, self.inner_axis_r, turn.inner)
     }
 
     /// Applies (M3).

@@ -9,6 +9,7 @@
 pub mod drive;
 pub mod driven;
 pub mod encoder;
+pub mod imperfections;
 pub mod kinematics;
 pub mod motor;
 pub mod plant;

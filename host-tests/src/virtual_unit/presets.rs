@@ -242,7 +242,7 @@ fn normals<const N: usize>(rng: &mut Xoshiro256PlusPlus, sigma: f64) -> [f64; N]
     std::array::from_fn(|_| distribution.sample(rng))
 }
 
-fn uniform(rng: &mut Xoshiro256PlusPlus, low: f64, high: f64) -> f64 {
+pub(crate) fn uniform(rng: &mut Xoshiro256PlusPlus, low: f64, high: f64) -> f64 {
     Uniform::new_inclusive(low, high).expect("bounds are finite and in order").sample(rng)
 }
 

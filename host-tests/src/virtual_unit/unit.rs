@@ -1,13 +1,13 @@
 //! One instrument: its errors, its effects, its base and its site.
 
-use super::encoder::Harmonic;
-use super::vec3::{add, scale};
+use super::imperfections::Imperfections;
+use super::vec3::{Vec3, add, scale};
 use crate::files::unit_file::Noise;
 use rins_selfcal::base::linear::{Vector3, exp_so3};
 use rins_selfcal::base::site::Site;
-use rins_selfcal::base::units::{ARCSEC, DEG_H, MICRO_G};
+use rins_selfcal::base::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM};
+use rins_selfcal::model::effects::{EFFECT_STATES, effect};
 use rins_selfcal::model::error_model::InstrumentErrors;
-use rins_selfcal::model::options::OPTIONAL_STATES;
 use serde::{Deserialize, Serialize};
 
 /// Sample rate of the unit in the literature, Hz.
@@ -23,16 +23,18 @@ pub struct Effects {
     pub max_rate_deg_s: Option<f64>,
     /// Largest acceleration of the drives, deg/s^2. Unlimited if absent.
     pub max_acceleration_deg_s2: Option<f64>,
-    /// First harmonic of the encoder errors, outer and inner.
-    pub encoder_eccentricity: [Harmonic; 2],
-    /// Second harmonic of the encoder errors, outer and inner.
-    pub encoder_second_harmonic: [Harmonic; 2],
+    /// Imperfections of the hardware.
+    pub hardware: Imperfections,
     /// Resolution of the encoders, bits per turn. Not quantized if absent.
     pub encoder_bits: Option<u8>,
     /// Amplitude of the hunting of both axes, arcsec. Used in open loop only; in closed loop the servos set the motion.
     pub hunting_arcsec: f64,
     /// Frequency of the hunting, Hz.
     pub hunting_hz: f64,
+    /// Bandwidth of all inertial sensors, Hz: they follow with a lag of first order. Unlimited if absent.
+    pub sensor_bandwidth_hz: Option<f64>,
+    /// Time by which the inertial sensors are later than the encoders, ms.
+    pub sensor_delay_ms: f64,
     /// Ramp of the accelerometer biases, ug/h.
     pub accel_bias_ramp_ug_h: [f64; 3],
     /// Ramp of the gyro biases, (deg/h)/h.
@@ -55,11 +57,15 @@ impl Effects {
     /// # Errors
     /// The key and what is wrong with its value.
     pub(crate) fn check(&self) -> Result<(), (&'static str, &'static str)> {
-        let limits =
-            [("max_rate_deg_s", self.max_rate_deg_s), ("max_acceleration_deg_s2", self.max_acceleration_deg_s2)];
+        let limits = [
+            ("max_rate_deg_s", self.max_rate_deg_s),
+            ("max_acceleration_deg_s2", self.max_acceleration_deg_s2),
+            ("sensor_bandwidth_hz", self.sensor_bandwidth_hz),
+        ];
         let not_negative = [
             ("accel_bias_walk_ug_sqrt_h", self.accel_bias_walk_ug_sqrt_h),
             ("gyro_bias_walk_deg_h_sqrt_h", self.gyro_bias_walk_deg_h_sqrt_h),
+            ("sensor_delay_ms", self.sensor_delay_ms),
             ("hunting_arcsec", self.hunting_arcsec),
             ("hunting_hz", self.hunting_hz),
         ];
@@ -81,7 +87,7 @@ impl Effects {
 pub struct VirtualUnit {
     /// The 28 true errors, SI. The attitude of the base is the attitude of the frame b = r0 at time zero.
     pub errors: InstrumentErrors<f64>,
-    /// Site of the unit.
+    /// Site of the unit as it is configured. [`Imperfections`] may have errors of it.
     pub site: Site,
     /// Noise of sensors and encoders.
     pub noise: Noise,
@@ -110,9 +116,17 @@ impl VirtualUnit {
         let (effects, hours) = (&self.effects, time_s / 3600.0);
         let tilt = effects.base_tilt_drift_arcsec_h.map(|drift| drift * ARCSEC * hours);
         let rot_nb = self.errors.rot_nb() * exp_so3(&Vector3::new(tilt[0], tilt[1], 0.0));
+        let warm_up = &effects.hardware.warm_up;
+        let left = warm_up.left(time_s);
+        let plus = |a: Vec3, ramp: Vec3, ramp_unit: f64, amplitude: Vec3, unit: f64| {
+            add(add(a, scale(ramp, ramp_unit * hours)), scale(amplitude, unit * left))
+        };
+        let errors = &self.errors;
         InstrumentErrors {
-            accel_bias_a: add(self.errors.accel_bias_a, scale(effects.accel_bias_ramp_ug_h, MICRO_G * hours)),
-            gyro_bias_g: add(self.errors.gyro_bias_g, scale(effects.gyro_bias_ramp_deg_h_h, DEG_H * hours)),
+            accel_bias_a: plus(errors.accel_bias_a, effects.accel_bias_ramp_ug_h, MICRO_G, warm_up.accel_ug, MICRO_G),
+            gyro_bias_g: plus(errors.gyro_bias_g, effects.gyro_bias_ramp_deg_h_h, DEG_H, warm_up.gyro_deg_h, DEG_H),
+            accel_scale: add(errors.accel_scale, scale(warm_up.accel_scale_ppm, PPM * left)),
+            gyro_scale: add(errors.gyro_scale, scale(warm_up.gyro_scale_ppm, PPM * left)),
             base_roll: rot_nb[(2, 1)].atan2(rot_nb[(2, 2)]),
             base_pitch: -rot_nb[(2, 0)].asin(),
             heading: -rot_nb[(1, 0)].atan2(rot_nb[(0, 0)]),
@@ -120,20 +134,44 @@ impl VirtualUnit {
         }
     }
 
-    /// The true optional states, SI, in the order of the core. The states of the base refer to this time.
-    pub fn optional_states(&self, time_s: f64) -> [f64; OPTIONAL_STATES] {
-        let effects = &self.effects;
-        let harmonic = |harmonic: &Harmonic| harmonic.cos_and_sin_rad();
-        let of_both = |harmonics: &[Harmonic; 2]| harmonics.iter().flat_map(harmonic).collect::<Vec<_>>();
+    /// The true effects that the core has states for, SI; `None` for a state that is no quantity of the unit by itself.
+    /// The drift of the base refers to this time.
+    pub fn effect_states(&self, time_s: f64) -> [Option<f64>; EFFECT_STATES] {
         let (start, end) = (self.errors_at(0.0), self.errors_at(time_s));
-        let drift = [end.base_roll - start.base_roll, end.base_pitch - start.base_pitch].map(|way| way / time_s);
-        let blocks = [
-            effects.gyro_bias_ramp_deg_h_h.map(|ramp| ramp * DEG_H / 3600.0).to_vec(),
-            effects.accel_bias_ramp_ug_h.map(|ramp| ramp * MICRO_G / 3600.0).to_vec(),
-            of_both(&effects.encoder_eccentricity),
-            of_both(&effects.encoder_second_harmonic),
-            drift.to_vec(),
-        ];
-        blocks.concat().try_into().expect("the core's blocks")
+        let of = &self.effects.hardware;
+        let arcsec = |wave: [f64; 2]| wave.map(|part| Some(part * ARCSEC));
+        let mut states = [None; EFFECT_STATES];
+        let mut set =
+            |first: usize, values: &[Option<f64>]| states[first..first + values.len()].copy_from_slice(values);
+        let scaled = |values: Vec3, unit: f64| values.map(|value| Some(value * unit));
+        set(effect::ACCEL_QUADRATIC.start, &scaled(of.accel_quadratic_ug_g2, MICRO_G));
+        set(effect::ACCEL_ASYMMETRY.start, &scaled(of.accel_asymmetry_ppm, PPM));
+        set(effect::GYRO_ASYMMETRY.start, &scaled(of.gyro_asymmetry_ppm, PPM));
+        set(effect::GYRO_RATE_SCALE.start, &scaled(of.gyro_rate_scale_ppm, PPM));
+        for n in 0..4 {
+            for axis in 0..2 {
+                set(effect::GEOMETRY.start + 4 * n + 2 * axis, &arcsec(of.encoder_harmonics_arcsec[axis][n]));
+            }
+        }
+        // The tilt of the base acts as the first harmonic of the outer encoder and as the wobble of the outer axis.
+        let plus = |a: [f64; 2], b: [f64; 2], sign: f64| [a[0] + sign * b[0], a[1] + sign * b[1]];
+        let [tilt_x, tilt_y] = of.base_tilt_arcsec;
+        set(effect::GEOMETRY.start, &arcsec(plus(of.encoder_harmonics_arcsec[0][0], tilt_x, -1.0)));
+        set(effect::GEOMETRY.start + 16, &arcsec(of.backlash_arcsec));
+        let [wobble_y, wobble_z] = of.outer_wobble_arcsec[0];
+        set(effect::GEOMETRY.start + 18, &arcsec(plus(wobble_y, tilt_y, 1.0)));
+        set(effect::GEOMETRY.start + 20, &arcsec(wobble_z));
+        let [wobble_x, wobble_y] = of.inner_wobble_arcsec[0];
+        set(effect::GEOMETRY.start + 22, &arcsec(wobble_x));
+        set(effect::GEOMETRY.start + 24, &arcsec(wobble_y));
+        set(effect::GEOMETRY.start + 26, &arcsec(of.sag_arcsec));
+        let drift = [end.base_roll - start.base_roll, end.base_pitch - start.base_pitch].map(|way| Some(way / time_s));
+        set(effect::BASE_DRIFT.start, &drift);
+        set(effect::LATITUDE, &[Some(of.latitude_error_deg * DEG)]);
+        // The filter computes gravity from its latitude, so only the rest is for this state.
+        let truth = of.true_site(&self.site);
+        let computed = Site { latitude_rad: truth.latitude_rad, ..self.site };
+        set(effect::GRAVITY, &[Some(truth.gravity_m_s2() - computed.gravity_m_s2())]);
+        states
     }
 }

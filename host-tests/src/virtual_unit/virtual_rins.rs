@@ -4,7 +4,8 @@
 //! encoder angles are the angles at the time stamp. The rates of the axes change linearly over an interval to the
 //! commanded rates. The first interval starts at time zero, with the axes at rest at (0, 0).
 
-use super::encoder::{EncoderErrors, Harmonic};
+use super::encoder::EncoderErrors;
+use super::imperfections::{Arrival, Flicker, Pulses, Rocking};
 use super::kinematics::{Drift, Motion, RigidTruth, Sensed};
 use super::plant::Reading;
 use super::unit::{Effects, VirtualUnit};
@@ -14,6 +15,7 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 use rins_selfcal::base::units::{ARCSEC, DEG, DEG_H, MICRO_G};
 use rins_selfcal::model::error_model::InstrumentErrors;
+use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
 /// The virtual RINS: a [`VirtualUnit`] in motion.
@@ -23,7 +25,11 @@ pub struct VirtualRins {
     white: WhiteNoise,
     walk: BiasWalk,
     pub(super) encoder: EncoderErrors,
-    harmonics: [[Harmonic; 2]; 2],
+    flicker: Option<Flicker>,
+    rocking: Option<Rocking>,
+    pulses: Pulses,
+    lag: Lag,
+    arrival: Arrival,
     limits: Limits,
     hunting: Hunting,
     temperature: Temperature,
@@ -67,7 +73,11 @@ impl VirtualRins {
                 noise.sigma_encoder_rad(),
                 noise.sigma_reference_rad(encoder_rate_hz),
             ),
-            harmonics: [0, 1].map(|axis| [effects.encoder_eccentricity[axis], effects.encoder_second_harmonic[axis]]),
+            flicker: Flicker::new(&effects.hardware, unit.rate_hz.recip(), seed ^ FLICKER_SEED),
+            rocking: Rocking::new(&effects.hardware, seed ^ ROCKING_SEED),
+            pulses: Pulses::default(),
+            lag: Lag::new(effects, unit.rate_hz.recip()),
+            arrival: Arrival::default(),
             limits: Limits::new(effects, unit.rate_hz),
             hunting: Hunting { amplitude_rad: effects.hunting_arcsec * ARCSEC, omega_rad_s: TAU * effects.hunting_hz },
             temperature: Temperature::new(effects),
@@ -110,7 +120,17 @@ impl VirtualRins {
 
     /// The 28 errors as they are now.
     pub fn errors_now(&self) -> InstrumentErrors<f64> {
-        let errors = self.unit.errors_at(self.samples as f64 * self.interval_s);
+        self.errors_after(self.samples as f64 * self.interval_s)
+    }
+
+    /// The 28 errors to which a live estimate refers: with the random walks up to now, but with warm-up and tilt of the
+    /// base as at the start of the run.
+    pub fn errors_of_live_estimate(&self) -> InstrumentErrors<f64> {
+        self.errors_after(0.0)
+    }
+
+    fn errors_after(&self, time_s: f64) -> InstrumentErrors<f64> {
+        let errors = self.unit.errors_at(time_s);
         InstrumentErrors {
             accel_bias_a: add(errors.accel_bias_a, self.walk.accel_a),
             gyro_bias_g: add(errors.gyro_bias_g, self.walk.gyro_g),
@@ -145,23 +165,38 @@ impl VirtualRins {
 
     /// Mean readings of the sensors over a motion, without noise. The middle of the motion is at `middle_s`.
     pub(super) fn feel(&mut self, motion: &Motion, middle_s: f64) -> Sensed<Vec3> {
-        if motion.from_rad_s != [0.0; 2] || motion.to_rad_s != [0.0; 2] {
+        let felt = if motion.from_rad_s != [0.0; 2] || motion.to_rad_s != [0.0; 2] {
             self.at_rest = None;
-            return self.truth.mean_over(motion, middle_s);
-        }
-        let at_rest = self.at_rest.get_or_insert_with(|| self.truth.at_rest(motion.angles_rad));
-        Sensed { force_a: at_rest.force_a.at(middle_s), omega_g: at_rest.omega_g.at(middle_s) }
+            let ([from, to], part) = ([motion.angles_at(0.0), motion.angles_at(1.0)], [0, 1]);
+            self.arrival.follow(part.map(|axis: usize| to[axis] - from[axis]));
+            self.truth.mean_over(motion, middle_s)
+        } else {
+            let at_rest = self.at_rest.get_or_insert_with(|| self.truth.at_rest(motion.angles_rad));
+            Sensed { force_a: at_rest.force_a.at(middle_s), omega_g: at_rest.omega_g.at(middle_s) }
+        };
+        let felt = self.truth.distorted(felt, middle_s);
+        let Some(rocking) = &self.rocking else { return felt };
+        let [turned, rate] = rocking.at(middle_s, motion.duration_s);
+        let moved = self.truth.by_base_motion(turned, rate, motion.angles_at(0.5), middle_s);
+        Sensed { force_a: add(felt.force_a, moved.force_a), omega_g: add(felt.omega_g, moved.omega_g) }
     }
 
     /// Completes the reading of an interval with noise. The angles are set by the caller.
     pub(super) fn measured(&mut self, felt: Sensed<Vec3>) -> Reading {
         let middle_s = (self.samples as f64 + 0.5) * self.interval_s;
         self.samples += 1;
+        let felt = self.lag.followed(felt);
         self.walk.step(&mut self.white.rng);
+        let [force, omega] = self.flicker.as_mut().map_or([[0.0; 3]; 2], Flicker::step);
+        let omega_g = self.white.added(add(add(felt.omega_g, self.walk.gyro_g), omega), self.white.sigma_omega);
+        let force_a = self.white.added(add(add(felt.force_a, self.walk.accel_a), force), self.white.sigma_force);
+        let hardware = &self.unit.effects.hardware;
+        let pulse = [hardware.accel_pulse_mm_s * 1e-3, hardware.gyro_pulse_arcsec * ARCSEC];
+        let [force_a, omega_g] = self.pulses.quantized([force_a, omega_g], pulse, self.interval_s);
         Reading {
             time_us: (middle_s * 1e6).round() as u64,
-            omega_g: self.white.added(add(felt.omega_g, self.walk.gyro_g), self.white.sigma_omega),
-            force_a: self.white.added(add(felt.force_a, self.walk.accel_a), self.white.sigma_force),
+            omega_g,
+            force_a,
             outer_rad: 0.0,
             inner_rad: 0.0,
             temperature_c: self.temperature.at(middle_s),
@@ -173,8 +208,9 @@ impl VirtualRins {
         let random = self.encoder.errors_rad();
         std::array::from_fn(|axis| {
             let angle = angles_rad[axis];
-            let [first, second] = &self.harmonics[axis];
-            let reading = angle + first.error_rad(angle) + second.error_rad(2.0 * angle) + random[axis];
+            let hardware = &self.unit.effects.hardware;
+            let backlash = hardware.backlash_arcsec[axis] * ARCSEC * self.arrival.sense(axis);
+            let reading = angle + hardware.encoder_rad(axis, angle) + backlash + random[axis];
             self.unit.effects.encoder_bits.map_or(reading, |bits| {
                 let step_rad = TAU / f64::from(bits).exp2();
                 (reading / step_rad).round() * step_rad
@@ -186,6 +222,48 @@ impl VirtualRins {
     pub fn command_rates(&mut self, rates_rad_s: [f64; 2]) {
         self.commanded_rad_s = rates_rad_s;
     }
+}
+
+/// Seeds of the flicker and of the rocking, so that they do not change the white noise.
+const FLICKER_SEED: u64 = 0x666c_6963_6b65_7200;
+const ROCKING_SEED: u64 = 0x726f_636b_696e_6700;
+
+/// Delay and bandwidth of the inertial sensors.
+struct Lag {
+    /// Delay in intervals.
+    delay: f64,
+    /// What was felt in the last intervals, the newest first.
+    felt: VecDeque<Sensed<Vec3>>,
+    /// Part of a step that the output follows in one interval.
+    part: f64,
+    output: Option<Sensed<Vec3>>,
+}
+
+impl Lag {
+    fn new(effects: &Effects, interval_s: f64) -> Self {
+        let part =
+            effects.sensor_bandwidth_hz.map_or(1.0, |bandwidth_hz| 1.0 - (-TAU * bandwidth_hz * interval_s).exp());
+        Self { delay: effects.sensor_delay_ms * 1e-3 / interval_s, felt: VecDeque::new(), part, output: None }
+    }
+
+    /// The output of the sensors. It is as if they had been at rest before the first interval.
+    fn followed(&mut self, felt: Sensed<Vec3>) -> Sensed<Vec3> {
+        if self.delay == 0.0 && self.part == 1.0 {
+            return felt;
+        }
+        let [whole, between] = [self.delay.floor(), self.delay.fract()];
+        self.felt.push_front(felt);
+        self.felt.truncate(whole as usize + 2);
+        let at = |place: usize| self.felt[place.min(self.felt.len() - 1)];
+        let delayed = towards(at(whole as usize), at(whole as usize + 1), between);
+        *self.output.insert(towards(self.output.unwrap_or(delayed), delayed, self.part))
+    }
+}
+
+/// The reading on the way from one to another after this part of the way.
+fn towards(from: Sensed<Vec3>, to: Sensed<Vec3>, part: f64) -> Sensed<Vec3> {
+    let between = |from: Vec3, to: Vec3| std::array::from_fn(|axis| from[axis] + (to[axis] - from[axis]) * part);
+    Sensed { force_a: between(from.force_a, to.force_a), omega_g: between(from.omega_g, to.omega_g) }
 }
 
 /// White noise per sample.

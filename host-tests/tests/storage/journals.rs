@@ -1,5 +1,5 @@
-//! Journals on virtual memories: marks of motion and configurations of the unit. Each exhaustive test prints its number of
-//! cases.
+//! Journals on virtual memories: marks of motion and configurations of the unit. Each exhaustive test prints its number
+//! of cases.
 
 use super::{Internal, Pages, Serial, Virtual, framed_as};
 use host_tests::bench::memory::{MemoryFault, Torn, VirtualEeprom, VirtualFlash};
@@ -278,8 +278,8 @@ fn a_mark_that_is_cut_twice_is_one_that_was_written_or_counts_as_moving() {
     assert!(cases > 5_000);
 }
 
-/// Every step of an erase after these numbers of records, left in every way. Returns in how many cases the newest record
-/// was found, and in how many there was none.
+/// Every step of an erase after these numbers of records, left in every way. Returns in how many cases the newest
+/// record was found, and in how many there was none.
 fn cut_erase_everywhere<M: Virtual, K: Example>(
     blank: &M,
     counts: impl IntoParallelIterator<Item = u32>,
@@ -343,7 +343,7 @@ fn an_erase_of_a_journal_that_is_cut_leaves_the_newest_record_or_none() {
     }
 }
 
-// ------------------------------------------------------------------------------------------------------ damage and wear
+// ---------------------------------------------------------------------------------------------------- damage and wear
 
 #[test]
 fn a_flipped_bit_never_brings_back_an_older_mark_of_rest() {
@@ -518,15 +518,15 @@ fn a_configuration_tells_damage_another_version_and_a_fault_apart() {
     let [older, newest] = [0, 1].map(Configurations::record);
     assert_eq!(told(&|_| ()), (Some(newest), false, None, false));
     assert_eq!(told(&|memory| memory.bytes()[second + 40] ^= 1), (Some(older), true, None, false));
-    let newer = framed_as(*b"RSU", b'2', 1, &[7; 9]);
+    let newer = framed_as(*b"RSU", b'3', 1, &[7; 9]);
     assert_eq!(
         told(&|memory| memory.bytes()[second..second + newer.len()].copy_from_slice(&newer)),
-        (None, false, Some(b'2'), false)
+        (None, false, Some(b'3'), false)
     );
     assert_eq!(told(&|memory| memory.bytes().truncate(8192)), (None, false, None, true));
 }
 
-// -------------------------------------------------------------------------------------------------------------- formats
+// ------------------------------------------------------------------------------------------------------------ formats
 
 #[test]
 fn the_largest_configuration_fits() {
@@ -581,7 +581,7 @@ fn the_bytes_of_a_configuration_are_these() {
     let unit = UnitName { name: "mine".parse().unwrap(), serial: "42".parse().unwrap() };
     journal.write(&UnitConfiguration { unit, run }).unwrap();
     let bytes = journal.memory().bytes();
-    assert_eq!(bytes[..20], *b"RSU1\0\0\0\0\x4a\x03\0\0\x04mine\x0242");
-    let frame = &bytes[..16 + 0x34a];
-    assert_eq!(u32::from_le_bytes(*frame.last_chunk().unwrap()), 299_919_206);
+    assert_eq!(bytes[..20], *b"RSU2\0\0\0\0\xae\x03\0\0\x04mine\x0242");
+    let frame = &bytes[..16 + 0x3ae];
+    assert_eq!(u32::from_le_bytes(*frame.last_chunk().unwrap()), 2_871_965_317);
 }

@@ -16,6 +16,7 @@ use rins_selfcal::gimbal::control::{Control, MotorBridge};
 use rins_selfcal::instrument::UnitMemory;
 use rins_selfcal::keep::medium::Medium;
 use rins_selfcal::link::Link;
+use rins_selfcal::model::effects::SiteSigmas;
 use rins_selfcal::run::config::{CalibratorConfig, SelfCalibrationConfig};
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::scheme::library::compiled_in;
@@ -27,10 +28,12 @@ pub use crate::mps2::Mps2 as ThisBoard;
 #[cfg(feature = "stm32h743")]
 pub use crate::stm32h743::Stm32h743 as ThisBoard;
 
-/// The configuration of a unit that is not commissioned: the usual one, with the noise of the IMU of this image.
+/// The configuration of a unit that is not commissioned: the usual one, with the noise of the IMU of this image, at an
+/// unknown site.
 pub fn configuration() -> SelfCalibrationConfig {
     let noise = Noise { margin: 1.0, encoder_sigma_rad: 0.5 * ARCSEC, ..IMU_NOISE };
-    let calibrator = CalibratorConfig::new(Method::Joint, Site::default(), noise, 200.0);
+    let mut calibrator = CalibratorConfig::new(Method::Joint, Site::default(), noise, 200.0);
+    calibrator.estimator.site_sigmas = SiteSigmas::UNKNOWN;
     SelfCalibrationConfig::new(calibrator, compiled_in().unwrap_or_else(|| Scheme::default_for(Method::Joint)))
 }
 

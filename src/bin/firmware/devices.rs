@@ -13,7 +13,7 @@ use rins_selfcal::gimbal::servo::MotorAndLoad;
 use rins_selfcal::gimbal::travel::LocateError;
 use rins_selfcal::gimbal::{GimbalStatus, MotionCommand};
 use rins_selfcal::instrument::{
-    Archive, Axes, CorrectedSink, Events, FoundConfiguration, FoundRecord, SerialLine, Surroundings, Telemetry,
+    Archive, Axes, CorrectedSink, Done, Events, FoundConfiguration, FoundRecord, SerialLine, Surroundings, Telemetry,
 };
 use rins_selfcal::keep::black_box::{Entry, Event};
 use rins_selfcal::keep::mark::Mark;
@@ -53,9 +53,14 @@ impl<B: Board> Surroundings<Scalar> for Devices<'_, B> {
         Some(observed)
     }
 
-    fn sample_done(&mut self, during: State) {
-        if let Some(span) = self.span.take() {
-            count(self.shown.unwrap_or_else(|| work_in(during)), &span);
+    fn done(&mut self, work: Done) {
+        let kind = match work {
+            Done::Sample { ends_segment: true, .. } => Work::Segment,
+            Done::Sample { during, .. } => self.shown.unwrap_or_else(|| work_in(during)),
+            Done::Refinement => Work::Solve,
+        };
+        if let Some(span) = self.span.replace(Span::start()) {
+            count(kind, &span);
         }
     }
 
@@ -140,7 +145,7 @@ impl<B: Board> SerialLine for Devices<'_, B> {
 impl<B: Board> Telemetry for Devices<'_, B> {
     fn tell(&mut self, message: &Message, frame: Option<&[u8]>) {
         let span = Span::start();
-        self.shown = Some(if matches!(message, Message::Segment(_)) { Work::Segment } else { Work::Other });
+        self.shown = Some(Work::Other);
         log(message);
         if let Some(frame) = frame {
             self.board.show(frame);
@@ -217,8 +222,8 @@ impl<B: Board> Archive for Devices<'_, B> {
     }
 }
 
-/// Logs the milestones of a run, for readers who do not receive the telemetry. The log has codes and numbers in place of the
-/// texts: formatting numbers on the target would link panics, and a hundred kilobytes.
+/// Logs the milestones of a run, for readers who do not receive the telemetry. The log has codes and numbers in place
+/// of the texts: formatting numbers on the target would link panics, and a hundred kilobytes.
 fn log(message: &Message) {
     match message {
         Message::State { time_us, state, .. } => {

@@ -22,10 +22,6 @@ use cortex_m_rt::entry;
 use devices::Devices;
 use rins_selfcal::base::imu_identity::ImuIdentity;
 use rins_selfcal::base::restart::Task as Supervised;
-#[cfg(not(feature = "optional-states"))]
-use rins_selfcal::estimator::BASIC_STATES;
-#[cfg(feature = "optional-states")]
-use rins_selfcal::estimator::FULL_STATES;
 use rins_selfcal::estimator::MAX_SEGMENTS;
 use rins_selfcal::gimbal::Gimbal;
 use rins_selfcal::gimbal::axis::AxisLimits;
@@ -44,14 +40,7 @@ pub type Scalar = f64;
 #[cfg(feature = "single-precision")]
 pub type Scalar = f32;
 
-/// Number of states of the filter in this image.
-#[cfg(not(feature = "optional-states"))]
-const STATES: usize = BASIC_STATES;
-/// Number of states of the filter in this image.
-#[cfg(feature = "optional-states")]
-const STATES: usize = FULL_STATES;
-
-type ImageCalibrator = Calibrator<Scalar, MAX_SEGMENTS, STATES>;
+type ImageCalibrator = Calibrator<Scalar, MAX_SEGMENTS>;
 
 #[entry]
 fn main() -> ! {
@@ -125,7 +114,7 @@ fn power_up<'m>(
     link: &'m mut Link,
     startup: &mut Startup,
     calibrator: &'m mut ImageCalibrator,
-) -> Result<Instrument<'m, Scalar, STATES>, ConfigError> {
+) -> Result<Instrument<'m, Scalar>, ConfigError> {
     defmt::info!("scheme {=str}", startup.config().scheme.name.as_str());
     if let Some(ImuIdentity { product, serial }) = board.parts().imu {
         defmt::info!("IMU {=u16}, serial number {=u32}", product, serial);
@@ -146,7 +135,7 @@ fn replay(
     config: &CalibratorConfig,
     calibrator: &mut ImageCalibrator,
 ) -> Result<(), ()> {
-    let mut recording = Recording::new(config, link, calibrator, &mut Devices::new(board)).map_err(|_| ())?;
+    let mut recording = Recording::new(config, link, calibrator);
     begin(board, &[AxisLimits::default(); 2], &[MotorAndLoad::default(); 2]);
     while board.powered() {
         watchdog::report(Supervised::Main, board.now_us());

@@ -73,7 +73,7 @@ use rins_selfcal::link::Link;
 
 /// Depth of the sample queue plus one: 5 s at 200 Hz. The main loop needs up to 4 s to erase a sector of the flash.
 const QUEUE_LENGTH: usize = 1024;
-// The queue is too large for the data TCM.
+// Not initialized at the start, which would take time.
 #[unsafe(link_section = ".axi")]
 static mut QUEUE: MaybeUninit<SampleQueue<Scalar, QUEUE_LENGTH>> = MaybeUninit::uninit();
 

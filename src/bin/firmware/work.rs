@@ -50,7 +50,7 @@ pub enum Work {
     Move,
     /// A sample that ends a segment.
     Segment,
-    /// A piece of the final pass.
+    /// A piece of a pass over all segments.
     Solve,
     /// A sample that is corrected.
     Correct,

@@ -13,7 +13,7 @@ use rins_selfcal::base::angle::Angle;
 use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::restart::Restart;
 use rins_selfcal::base::sample::{CorrectedSample, RawSample, SampleStatus};
-use rins_selfcal::estimator::{BASIC_STATES, MAX_SEGMENTS};
+use rins_selfcal::estimator::MAX_SEGMENTS;
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::gimbal::servo::MotorAndLoad;
 use rins_selfcal::gimbal::travel::LocateError;
@@ -35,7 +35,7 @@ const AT_REST: Reading = Reading {
     temperature_c: 25.0,
 };
 
-type Memories = Calibrator<f64, MAX_SEGMENTS, BASIC_STATES>;
+type Memories = Calibrator<f64, MAX_SEGMENTS>;
 
 thread_local! {
     static CALIBRATOR: RefCell<Box<Memories>> = RefCell::new(Box::new(Memories::UNCONFIGURED));

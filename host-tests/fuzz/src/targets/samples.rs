@@ -5,7 +5,6 @@ use host_tests::bench::power_up::{Switched, in_process, shared};
 use host_tests::virtual_unit::driven::DrivenRins;
 use host_tests::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::method::Method;
-use rins_selfcal::estimator::BASIC_STATES;
 use rins_selfcal::link::{
     Answer, Command, Hello, Item, LinkCounts, Payload, Refusal, Setting, SettingName, Status, UNLOCK_WORD,
 };
@@ -70,7 +69,7 @@ pub fn record(number: u32) -> StoredCalibration {
         temperature_c: 25.0,
         chi_square: 200.0,
         degrees_of_freedom: 190,
-        software_version: Hello::new::<f64>(BASIC_STATES).software,
+        software_version: Hello::new::<f64>().software,
         verdict: StoredVerdict::default(),
         imu: None,
     }
@@ -86,8 +85,7 @@ fn messages() -> Vec<(u8, Vec<u8>)> {
         messages.push(kept(message));
         off.set(matches!(message, Message::Corrected { .. }));
     };
-    in_process::<f64, BASIC_STATES, _>(&Assignment::SelfCalibrate(config), None, &bench, note)
-        .expect("a valid assignment");
+    in_process::<f64, _>(&Assignment::SelfCalibrate(config), None, &bench, note).expect("a valid assignment");
     messages.push(kept(&Message::Refused(ConfigError::Travel { leg: 3, axis: 1 })));
     messages
 }
@@ -122,7 +120,7 @@ fn answers() -> Vec<Answer> {
     let refusals = [Refusal::NotUnderstood, Refusal::NotNow(State::Parking), Refusal::Config(ConfigError::Limits)];
     let plain = [
         Answer::Done,
-        Answer::Hello(Hello::new::<f64>(BASIC_STATES)),
+        Answer::Hello(Hello::new::<f64>()),
         Answer::Status(status),
         Answer::Estimate { segments: 7, estimate: record.estimate() },
         Answer::Calibration(record),

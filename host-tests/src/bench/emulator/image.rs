@@ -48,13 +48,11 @@ impl Board {
     }
 }
 
-/// The target of an image: board, filter size and IMU.
+/// The target of an image: board and IMU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Variant {
     /// The board.
     pub board: Board,
-    /// Whether the filter has room for the optional states.
-    pub optional_states: bool,
     /// The board's IMU.
     pub imu: Imu,
 }
@@ -62,19 +60,18 @@ pub struct Variant {
 impl Variant {
     /// The features, combined in one name.
     pub fn features(self) -> String {
-        let states = if self.optional_states { ",optional-states" } else { "" };
         let imu = match self.imu {
             Imu::Adis16495 => "",
             Imu::Kvh1750 => ",kvh1750",
         };
-        format!("{}{states}{imu}", self.board.name())
+        format!("{}{imu}", self.board.name())
     }
 }
 
 impl From<Board> for Variant {
-    /// The board without optional states and with an ADIS16495.
+    /// The board with an ADIS16495.
     fn from(board: Board) -> Self {
-        Self { board, optional_states: false, imu: Imu::Adis16495 }
+        Self { board, imu: Imu::Adis16495 }
     }
 }
 

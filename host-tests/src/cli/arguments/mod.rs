@@ -1,6 +1,7 @@
 //! Arguments that several commands share.
 
 pub mod axes;
+pub mod hardware;
 pub mod log;
 pub mod method;
 pub mod scheme;

@@ -1,5 +1,6 @@
 //! Description of the virtual unit.
 
+use super::hardware::HardwareArguments;
 use super::value::{number_in, of_option};
 use crate::calibration::virtual_run::{Stream, VirtualRun, derived_seed};
 use crate::cli::files::NamedFile;
@@ -20,21 +21,25 @@ pub struct DescriptionArguments {
     /// Site, noise and rate of the unit [default: Bai's site, noise "navigation", 200 Hz]
     #[arg(long, value_name = "UNIT.toml")]
     config: Option<PathBuf>,
+    #[command(flatten)]
+    hardware: HardwareArguments,
 }
 
 impl DescriptionArguments {
-    /// The unit description from its file or by default, with the noise replaced if it is given.
+    /// The unit description from its file or by default, with noise and hardware replaced if they are given. Unless its
+    /// file says where it is, the unit is at Bai's site.
     pub fn config(&self) -> anyhow::Result<UnitConfig> {
         let mut unit = self.config.as_ref().map_or_else(|| Ok(UnitConfig::default()), |path| UnitConfig::read(path))?;
         if let Some(noise) = &self.noise {
             unit.noise = of_option("--noise", noise_named(noise))?;
         }
-        Ok(unit)
+        self.hardware.apply(unit.somewhere())
     }
 
     /// The input files.
-    pub fn inputs(&self) -> [NamedFile<'_>; 2] {
-        [("--noise", self.noise.as_deref().map(Path::new)), ("--config", self.config.as_deref())]
+    pub fn inputs(&self) -> [NamedFile<'_>; 3] {
+        let noise = ("--noise", self.noise.as_deref().map(Path::new));
+        [noise, ("--config", self.config.as_deref()), self.hardware.input()]
     }
 }
 
@@ -60,15 +65,16 @@ impl VirtualArguments {
     }
 
     /// The input files of the unit and of its errors.
-    pub fn inputs<'a>(&'a self, errors: &'a str) -> [NamedFile<'a>; 3] {
-        let [noise, config] = self.description.inputs();
-        [("--errors", Some(Path::new(errors))), noise, config]
+    pub fn inputs<'a>(&'a self, errors: &'a str) -> [NamedFile<'a>; 4] {
+        let [noise, config, hardware] = self.description.inputs();
+        [("--errors", Some(Path::new(errors))), noise, config, hardware]
     }
 }
 
 #[derive(Debug, Args)]
 pub struct UnitArguments {
-    /// Errors: table1, table3, real, random, random:1deg, random:tactical, a file, or the content of a file in one line
+    /// Errors: table1, table3, real, typical, typical:0.5, random, random:1deg, random:tactical, a file, or the content
+    /// of a file in one line
     #[arg(long, value_name = "NAME|FILE", default_value = "real")]
     errors: String,
     #[command(flatten)]
@@ -81,7 +87,7 @@ impl UnitArguments {
     }
 
     /// The input files that describe the unit.
-    pub fn inputs(&self) -> [NamedFile<'_>; 3] {
+    pub fn inputs(&self) -> [NamedFile<'_>; 4] {
         self.of_unit.inputs(&self.errors)
     }
 
