@@ -290,7 +290,7 @@ pub struct Enlargement {
 }
 
 impl Enlargement {
-    fn between(configured: &Hardware, found: &Hardware) -> Option<Self> {
+    pub(crate) fn between(configured: &Hardware, found: &Hardware) -> Option<Self> {
         let size = HARDWARE.iter().find(|size| size.get(configured) < size.get(found))?;
         let [configured, found] = [configured, found].map(|hardware| size.get(hardware) / size.unit_si);
         Some(Self { key: size.key, unit: size.unit, configured, found })

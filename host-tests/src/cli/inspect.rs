@@ -6,7 +6,9 @@ use super::{files, progress};
 use crate::base::quantity::{fixed, significant, states};
 use crate::files::json_file::write_json;
 use crate::files::scheme_file::write_scheme;
-use crate::files::unit_file::{Noise, Origin, UnitConfig};
+use crate::files::unit_file::{Origin, UnitConfig};
+use crate::inspect::noise::ChannelNoise;
+use crate::inspect::shapes::Process;
 use crate::inspect::{Inspection, Request, Sampling, SegmentSeen};
 use crate::log::Mapping;
 use crate::plan::prediction::Observed;
@@ -67,7 +69,7 @@ pub fn run(arguments: &InspectArguments) -> anyhow::Result<Ending> {
     });
     drop(counter);
     let found = found?;
-    write(arguments, &unit, &origin, &found)?;
+    write(arguments, &origin, &found)?;
     say!("{}", text(&arguments.log, &found));
     for (name, path) in
         outputs.iter().filter_map(|(name, path)| Some((name.trim_start_matches("--write-"), path.as_ref()?)))
@@ -80,13 +82,13 @@ pub fn run(arguments: &InspectArguments) -> anyhow::Result<Ending> {
     }
 }
 
-fn write(arguments: &InspectArguments, unit: &UnitConfig, origin: &Origin, found: &Inspection) -> anyhow::Result<()> {
+fn write(arguments: &InspectArguments, origin: &Origin, found: &Inspection) -> anyhow::Result<()> {
     if let Some(path) = &arguments.write_mapping {
         let mapping = found.mapping.clone().unwrap_or_default();
         write_text(path, &toml::to_string(&mapping)?)?;
     }
     if let Some(path) = &arguments.write_config {
-        write_unit(path, &UnitConfig { noise: found.noise, ..*unit }, &origin.default_site_keys())?;
+        write_unit(path, &found.unit, &origin.default_site_keys())?;
     }
     if let Some(path) = &arguments.write_scheme {
         let scheme = found
@@ -224,24 +226,31 @@ fn scheme(found: &Inspection) -> String {
 }
 
 fn noise(found: &Inspection) -> String {
-    let row = |channel: &crate::inspect::noise::ChannelNoise| {
+    let row = |channel: &ChannelNoise| {
         let accel = channel.channel.starts_with("accel");
         let (white, white_unit) = if accel { (MICRO_G, "ug/sqrt(Hz)") } else { (DEG_SQRT_H, "deg/sqrt(h)") };
         let (bias, bias_unit) = if accel { (MICRO_G, "ug") } else { (DEG_H, "deg/h") };
-        let cells = channel.figures.map_or_else(
-            || ["-".to_string(), "-".into(), "-".into()],
-            |figures| {
-                let longest = format!("{} at {} s", significant(figures.excess), significant(figures.longest_s));
-                [significant(figures.white / white), significant(figures.instability / bias), longest]
-            },
+        let shown = |process, unit_si: f64| {
+            let size = channel.processes.size(process);
+            size.map_or_else(|| "-".to_string(), |size| significant(size / unit_si))
+        };
+        let longest = channel.curve.last().map_or_else(
+            || "-".to_string(),
+            |point| format!("{} at {} s", significant(point.deviation / bias), significant(point.tau_s)),
         );
-        let [white, bias, excess] = cells;
-        vec![channel.channel.into(), white, white_unit.into(), bias, bias_unit.into(), excess]
+        vec![
+            channel.channel.into(),
+            shown(Process::White, white),
+            white_unit.into(),
+            shown(Process::Floor, bias),
+            bias_unit.into(),
+            longest,
+        ]
     };
-    let columns = ["channel", "white noise", "", "bias instability", "", "over white noise"];
-    let mut text =
-        format!("Allan deviation at the stops\n{}\n", table::of_numbers(&columns, found.channels.iter().map(row)));
-    if let Some(encoders) = found.encoders {
+    let columns = ["channel", "white noise", "", "floor", "", "deviation"];
+    let channels = table::of_numbers(&columns, found.stops.channels.iter().map(row));
+    let mut text = format!("Allan deviation at the stops\n{channels}\n");
+    if let Some(encoders) = found.residuals.as_ref().and_then(|residuals| residuals.encoders) {
         let [low, high] = encoders.range_arcsec.map(significant);
         text += &format!(
             "encoders: the segments agree with a noise of {} arcsec ({low} to {high}), {} degrees of freedom\n",
@@ -249,12 +258,12 @@ fn noise(found: &Inspection) -> String {
             encoders.degrees_of_freedom
         );
     }
-    text + &format!("\nfor the configuration:\n    [noise]\n{}", toml_of(&found.noise))
-}
-
-fn toml_of(noise: &Noise) -> String {
-    let toml = toml::to_string(noise).unwrap_or_default();
-    toml.lines().map(|line| format!("    {line}\n")).collect()
+    let rows = found.rows.iter().map(|row| {
+        let [value, from] = row.described();
+        vec![row.key.into(), value, row.unit.into(), from]
+    });
+    let columns = ["for the configuration", "", "", ""];
+    text + &format!("\n{}\n", table::of_words(&columns, rows))
 }
 
 fn observable(observed: &Observed) -> String {

@@ -1,27 +1,30 @@
 //! An inspection of a log: its input and its findings.
 
 use super::guess::{Guess, Taken};
-use super::noise::{ChannelNoise, EncoderNoise};
+use super::noise::StopNoise;
 use super::passage::{Gap, Passage};
+use super::residuals::{self, Residuals};
+use super::rows::{self, Row};
 use super::shape::{Shape, ShapeError};
 use super::sketch::{Sketch, SketchError};
 use super::turned::Likeness;
 use super::{noise, turned};
 use crate::base::quantity::significant;
 use crate::calibration::{Precision, Setup, covariance};
-use crate::files::unit_file::{Noise, UnitConfig};
+use crate::files::unit_file::UnitConfig;
 use crate::log::{Layout, LogError, LogReader, Mapping, Moment};
 use crate::plan::prediction::Observed;
 use rins_selfcal::base::method::Method;
-use rins_selfcal::base::units::DEG;
+use rins_selfcal::base::sample::CHANNELS;
+use rins_selfcal::base::units::{ARCSEC, DEG};
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::{Segment, SegmentKind};
 use rins_selfcal::verdict::{Reason, wiring};
 use serde::Serialize;
 use std::path::Path;
 
-/// Least ratio of the Allan deviation at the longest averaging time to the deviation of white noise that is reported.
-const EXCESS: f64 = 1.6;
+/// Root mean square of the angles by which the axes hunt that is reported, rad.
+const HUNTING_RAD: f64 = 0.01 * ARCSEC;
 /// Largest difference between the gravity of the site and of the accelerometers, as a fraction of gravity. A larger
 /// difference comes from a wrong site, unit or scale.
 const GRAVITY_OFF: f64 = 2e-3;
@@ -78,12 +81,15 @@ pub struct Inspection {
     pub sampling: Sampling,
     /// Stops and moves.
     pub segments: Vec<SegmentSeen>,
-    /// The noise to configure.
-    pub noise: Noise,
+    /// The unit description with the rows that the log shows.
+    #[serde(flatten)]
+    pub unit: UnitConfig,
+    /// The rows of noise and hardware that a log may show.
+    pub rows: Vec<Row>,
     /// Noise of the channels at the stops.
-    pub channels: Vec<ChannelNoise>,
-    /// Noise of the encoders, by the disagreement between the segments.
-    pub encoders: Option<EncoderNoise>,
+    pub stops: StopNoise,
+    /// What the residuals of the solution show. `None` without stops and moves.
+    pub residuals: Option<Residuals>,
     /// The scheme of the library whose angles are nearest to the log's.
     pub nearest_scheme: Option<Likeness>,
     /// The scheme of the log.
@@ -148,11 +154,10 @@ impl Request<'_> {
         let reader = LogReader::open_as(self.log, &layout)?;
         let (passage, stopped_by) = Passage::over(reader, |rows| on_rows("stops and moves", rows));
         let (layout, mapping) = self.aligned(&passage, layout, guess.as_ref())?;
-        let channels =
-            noise::channels(LogReader::open_as(self.log, &layout)?, &passage, |rows| on_rows("noise", rows))?;
+        let stops = noise::at_stops(LogReader::open_as(self.log, &layout)?, &passage, |rows| on_rows("noise", rows))?;
         let columns = guess.as_ref().map_or_else(Vec::new, |guess| guess.columns.clone());
         let remarks = guess.map_or_else(Vec::new, |guess| guess.remarks);
-        let mut found = self.concluded(&passage, channels);
+        let mut found = self.concluded(&passage, stops);
         found.remarks.splice(0..0, remarks);
         Ok(Inspection { columns, mapping, stopped_by: stopped_by.map(|error| error.to_string()), ..found })
     }
@@ -187,17 +192,21 @@ impl Request<'_> {
         Ok(if layout == Layout::standard(self.log) { (layout, None) } else { (layout, Some(mapping)) })
     }
 
-    fn concluded(&self, passage: &Passage, channels: Vec<ChannelNoise>) -> Inspection {
-        let seen = noise::of_channels(&channels, &self.unit.noise);
-        let whole: Vec<Segment<f64>> = passage.segments.clone();
-        let moves = whole.iter().any(|segment| segment.kind() == SegmentKind::Move);
-        let setup =
-            |noise: Noise| Setup { noise, ..Setup::new(&self.unit, passage.rate_hz, Method::Joint, Precision::F64) };
-        let encoders = if moves { noise::encoders(&setup(seen), &whole) } else { None };
-        let noise = encoders.map_or(seen, |found| seen_or_configured(&found, seen));
+    fn concluded(&self, passage: &Passage, noise: StopNoise) -> Inspection {
+        let segments = &passage.segments;
+        let mut unit = self.unit;
+        let mut rows = rows::of_stops(&noise.channels, &pulses(passage), &unit);
+        rows.iter().for_each(|row| row.write(&mut unit));
+        let moves = segments.iter().any(|segment| segment.kind() == SegmentKind::Move);
+        let residuals = if moves { Residuals::of(segments, passage.counts, passage.rate_hz, &unit) } else { None };
+        if let Some(residuals) = &residuals {
+            let row = residuals.row(&unit);
+            row.write(&mut unit);
+            rows.push(row);
+        }
         let observed = moves.then(|| {
-            let setup = setup(noise);
-            Observed::new(&setup, &covariance(&*noise::estimator(&setup, &whole)))
+            let setup = Setup::new(&unit, passage.rate_hz, Method::Joint, Precision::F64);
+            Observed::new(&setup, &covariance(&*residuals::estimator(&setup, segments)))
         });
         let stops = turned::stops(&passage.segments);
         let mut found = Inspection {
@@ -205,9 +214,10 @@ impl Request<'_> {
             mapping: None,
             sampling: sampling(passage),
             segments: passage.segments.iter().map(seen_segment).collect(),
-            noise,
-            channels,
-            encoders,
+            unit,
+            rows,
+            stops: noise,
+            residuals,
             nearest_scheme: turned::nearest(&stops),
             scheme: turned::scheme(&stops, passage.pace),
             observed,
@@ -229,34 +239,27 @@ impl Request<'_> {
                 "the accelerometers show {seen:.4} m/s^2 at rest, the site has {expected:.4}: check unit, scale, site"
             ));
         }
-        for channel in &found.channels {
-            let Some(figures) = channel.figures.filter(|figures| figures.excess > EXCESS) else { continue };
+        if found.stops.hunting_rad > HUNTING_RAD {
             remarks.push(format!(
-                "{}: the Allan deviation is {} times that of white noise at {} s: the bias drifts, or the base moves",
-                channel.channel,
-                significant(figures.excess),
-                significant(figures.longest_s)
+                "the servos hunt by {} arcsec, root mean square; what the encoders see of it is no noise of the sensors",
+                significant(found.stops.hunting_rad / ARCSEC)
             ));
         }
+        remarks.extend(found.residuals.iter().flat_map(|residuals| residuals.remarks(&self.unit)));
         let broken = found.segments.iter().filter(|segment| segment.is_broken).count();
         if broken > 0 {
             remarks.push(format!(
                 "{broken} stops and moves have gaps above 0.1 s: a replay leaves them out and rejects the run"
             ));
         }
-        if found.observed.is_some() && found.encoders.is_none() {
-            remarks.push("the segments do not show the encoder repeatability: the configured value is kept".into());
-        }
         remarks
     }
 }
 
-/// Keeps the configured error of the encoders if it agrees with the segments. Otherwise takes the error with which the
-/// segments agree best.
-fn seen_or_configured(found: &EncoderNoise, noise: Noise) -> Noise {
-    let [low, high] = found.range_arcsec;
-    let agrees = (low..=high).contains(&noise.encoder_repeatability_arcsec);
-    if agrees { noise } else { Noise { encoder_repeatability_arcsec: found.arcsec, ..noise } }
+/// The increments that the channels are known to have, m/s and rad; 0 for channels without.
+fn pulses(passage: &Passage) -> [f64; CHANNELS] {
+    let last = passage.segments.iter().rev().find_map(Segment::standing);
+    last.map_or([0.0; CHANNELS], |last| last.increments.map(|increment| f64::from(increment) / passage.rate_hz))
 }
 
 fn sampling(passage: &Passage) -> Sampling {

@@ -223,13 +223,13 @@ impl Turning {
     }
 }
 
-fn between(from: &RawSample<f64>, to: &RawSample<f64>) -> [f64; 2] {
+pub(super) fn between(from: &RawSample<f64>, to: &RawSample<f64>) -> [f64; 2] {
     let turn = |from: Angle, to: Angle| ticks_to_rad(to.since(from).into());
     [turn(from.outer, to.outer), turn(from.inner, to.inner)]
 }
 
 /// A small turn of both axes in the rotation frame, as V of (M7).
-fn in_r(from: &RawSample<f64>, [outer, inner]: [f64; 2]) -> [f64; 3] {
+pub(super) fn in_r(from: &RawSample<f64>, [outer, inner]: [f64; 2]) -> [f64; 3] {
     let (sin, cos) = (from.inner.rad::<f64>() + 0.5 * inner).sin_cos();
     [cos * outer, -sin * outer, inner]
 }

@@ -1,0 +1,196 @@
+//! What the residuals of a solution show: an encoder error, or something that has a name.
+//!
+//! The encoder error with which the segments agree is that whose chi-square equals its degrees of freedom. Any error of
+//! the model enlarges the chi-square. So the encoders get a new number only if the residuals are unstructured:
+//! - with this number, the likelihood-ratio tests of the solver name no effect, no change and no wrong setting, and
+//! - no size of the hardware that the verdict names explains the residuals without it.
+
+use super::rows::{Row, three_digits};
+use crate::base::quantity::significant;
+use crate::calibration::{Enlargement, HOST_SEGMENTS, Precision, Setup};
+use crate::files::unit_file::UnitConfig;
+use rins_selfcal::base::hardware::Hardware;
+use rins_selfcal::base::method::Method;
+use rins_selfcal::estimator::{Estimator, EstimatorConfig, Solution};
+use rins_selfcal::segment::Segment;
+use rins_selfcal::segment::intake::IntakeCounts;
+use rins_selfcal::verdict::{Assessment, Reason, Verdict, VerdictLimits, is_good_fit, judge};
+use serde::Serialize;
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+/// Range of encoder errors that is searched, arcsec.
+const ENCODERS_ARCSEC: [f64; 2] = [0.02, 200.0];
+/// Halvings of the logarithmic range, which give the encoder error to 1 %.
+const HALVINGS: u32 = 10;
+/// Probability beyond three sigma on one side.
+const TAIL: f64 = 0.00135;
+
+/// Error of the encoders with which the segments agree with the model.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct EncoderNoise {
+    /// Encoder error for which the chi-square equals its degrees of freedom, arcsec.
+    pub arcsec: f64,
+    /// Encoder errors three sigma below and above, arcsec.
+    pub range_arcsec: [f64; 2],
+    /// Degrees of freedom.
+    pub degrees_of_freedom: u32,
+}
+
+/// What the residuals show.
+#[derive(Clone, Debug, Serialize)]
+pub struct Residuals {
+    /// The encoder error with which the segments agree. `None` if none of the range makes them agree.
+    pub encoders: Option<EncoderNoise>,
+    /// Whether the configured encoder error disagrees with the segments because the residuals are unstructured noise.
+    pub is_noise: bool,
+    /// What the verdict names with the configured encoder error.
+    pub named: Vec<String>,
+    /// Size of the hardware that would explain what the verdict names.
+    pub enlargement: Option<Enlargement>,
+}
+
+impl Residuals {
+    /// The residuals of the segments of a log with the noise and the hardware of a unit.
+    pub fn of(segments: &[Segment<f64>], counts: IntakeCounts, rate_hz: f64, unit: &UnitConfig) -> Option<Self> {
+        let log = Log { segments, counts, rate_hz };
+        let (solution, verdict) = log.judged(unit)?;
+        let named = verdict.reasons.iter().filter(|reason| is_named(reason)).map(Reason::to_string).collect();
+        let hardware = unit.hardware();
+        let enlarged = verdict.enlarged(&hardware);
+        let encoders = log.encoders(unit, solution.degrees_of_freedom);
+        let configured = unit.noise.encoder_repeatability_arcsec;
+        let disagrees = encoders.filter(|found| !(found.range_arcsec[0]..=found.range_arcsec[1]).contains(&configured));
+        let is_noise = disagrees.is_some_and(|found| {
+            let names_nothing =
+                log.judged(&with_encoders(unit, found.arcsec)).is_some_and(|(_, verdict)| names_nothing(&verdict));
+            names_nothing && !enlarged.is_some_and(|enlarged| log.is_explained(unit, &enlarged))
+        });
+        let enlargement = enlarged.and_then(|enlarged| Enlargement::between(&hardware, &enlarged));
+        Some(Self { encoders, is_noise, named, enlargement })
+    }
+
+    /// The row of the encoders.
+    pub fn row(&self, unit: &UnitConfig) -> Row {
+        let seen = self.encoders.filter(|_| self.is_noise).map(|found| found.arcsec);
+        let configured = unit.noise.encoder_repeatability_arcsec;
+        Row { key: "encoder_repeatability_arcsec", unit: "arcsec", seen, configured }
+    }
+
+    /// What the user should know.
+    pub fn remarks(&self, unit: &UnitConfig) -> Vec<String> {
+        let mut remarks = self.named.clone();
+        if let Some(Enlargement { key, unit, configured, found }) = self.enlargement {
+            let [configured, found] = [configured, found].map(significant);
+            remarks.push(format!(
+                "{key} of [hardware] stays at {configured} {unit}, but {found} would explain what is named; replay --adapt tries it"
+            ));
+        }
+        let too_small = |found: &EncoderNoise| found.range_arcsec[0] > unit.noise.encoder_repeatability_arcsec;
+        if !self.is_noise && self.encoders.as_ref().is_some_and(too_small) {
+            remarks
+                .push("the residuals are larger than configured and not noise of the encoders: that row stays".into());
+        }
+        remarks
+    }
+}
+
+/// Whether a reason names what the residuals show.
+fn is_named(reason: &Reason) -> bool {
+    matches!(reason, Reason::Hardware { .. } | Reason::Changing(_) | Reason::Setting(_))
+}
+
+fn names_nothing(verdict: &Verdict) -> bool {
+    !verdict.reasons.iter().any(is_named)
+}
+
+fn with_encoders(unit: &UnitConfig, arcsec: f64) -> UnitConfig {
+    let mut unit = *unit;
+    unit.noise.encoder_repeatability_arcsec = arcsec;
+    unit
+}
+
+/// An estimator that has processed these segments.
+pub fn estimator(setup: &Setup, segments: &[Segment<f64>]) -> Box<Estimator<f64, HOST_SEGMENTS>> {
+    let mut estimator = Box::new(Estimator::new());
+    estimator.restart(&EstimatorConfig { gate_sigma: None, ..setup.config().estimator });
+    for segment in segments {
+        let _ = estimator.add(segment);
+    }
+    estimator
+}
+
+/// The segments of a log.
+struct Log<'a> {
+    segments: &'a [Segment<f64>],
+    counts: IntakeCounts,
+    rate_hz: f64,
+}
+
+impl Log<'_> {
+    fn solved(&self, setup: &Setup) -> Option<(Solution, Box<Estimator<f64, HOST_SEGMENTS>>)> {
+        let mut estimator = estimator(setup, self.segments);
+        while !estimator.solve_piece() {}
+        Some((*estimator.solution()?, estimator))
+    }
+
+    fn judged(&self, unit: &UnitConfig) -> Option<(Solution, Verdict)> {
+        let setup = Setup::new(unit, self.rate_hz, Method::Joint, Precision::F64);
+        self.judged_by(&setup)
+    }
+
+    fn judged_by(&self, setup: &Setup) -> Option<(Solution, Verdict)> {
+        let (solution, estimator) = self.solved(setup)?;
+        let config = estimator.config();
+        let assessment = Assessment {
+            solution: &solution,
+            prior_sigmas: &config.prior_sigmas(),
+            segments: estimator.segments(),
+            noise: &config.noise,
+            hardware: &config.hardware,
+            effect_sigmas: &config.effect_sigmas(),
+            site: &solution.site(config),
+            counts: self.counts,
+            stored: None,
+        };
+        let verdict = judge(&assessment, &VerdictLimits::default());
+        Some((solution, verdict))
+    }
+
+    /// Whether the segments agree with the model if the hardware has these sizes.
+    fn is_explained(&self, unit: &UnitConfig, hardware: &Hardware) -> bool {
+        let setup = Setup::new(unit, self.rate_hz, Method::Joint, Precision::F64);
+        self.judged_by(&Setup { hardware: *hardware, ..setup }).is_some_and(|(solution, verdict)| {
+            names_nothing(&verdict) && is_good_fit(solution.fit.chi_square, solution.degrees_of_freedom, hardware)
+        })
+    }
+
+    /// The encoder error with which the segments agree with the model. `None` if they agree with the smallest error of
+    /// the range, or do not agree with the largest.
+    fn encoders(&self, unit: &UnitConfig, degrees_of_freedom: u32) -> Option<EncoderNoise> {
+        let distribution = ChiSquared::new(f64::from(degrees_of_freedom)).ok()?;
+        let with = |chi_square: f64| self.with_chi_square(unit, chi_square);
+        let arcsec = with(f64::from(degrees_of_freedom))?;
+        let low = with(distribution.inverse_cdf(1.0 - TAIL)).unwrap_or(0.0);
+        let high = with(distribution.inverse_cdf(TAIL)).unwrap_or(f64::INFINITY);
+        let range_arcsec = [low, high].map(three_digits);
+        Some(EncoderNoise { arcsec: three_digits(arcsec), range_arcsec, degrees_of_freedom })
+    }
+
+    /// The encoder error that gives this chi-square. The chi-square falls as the encoder error grows, so the range is
+    /// halved.
+    fn with_chi_square(&self, unit: &UnitConfig, chi_square: f64) -> Option<f64> {
+        let above = |arcsec: f64| {
+            let setup = Setup::new(&with_encoders(unit, arcsec), self.rate_hz, Method::Joint, Precision::F64);
+            Some(self.solved(&setup)?.0.fit.chi_square > chi_square)
+        };
+        let [mut low, mut high] = ENCODERS_ARCSEC;
+        if !above(low)? || above(high)? {
+            return None;
+        }
+        for _ in 0..HALVINGS {
+            let middle = (low * high).sqrt();
+            if above(middle)? { low = middle } else { high = middle }
+        }
+        Some((low * high).sqrt())
+    }
+}

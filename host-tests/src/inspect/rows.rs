@@ -1,0 +1,143 @@
+//! The rows of a unit description that the stops of a log support, each with its number.
+//!
+//! | in the Allan curves | row |
+//! |---|---|
+//! | white noise | `accel_vrw_ug_sqrt_hz`, `gyro_arw_deg_sqrt_h` |
+//! | floor, walk | `accel_floor_ug`, `accel_walk_ug_sqrt_h` and those of the gyros |
+//! | a grid of values, or noise of the angle without one | `gyro_pulse_arcsec`, `accel_pulse_mm_s` |
+//! | rocking | `base_rocking_arcsec` |
+//! | ramp | none: a warm-up, which has its size |
+//!
+//! A row that the stops do not tell stays as configured. So do pulses and rocking without a grid, which no run repeats
+//! exactly, up to the configured size.
+
+use super::allan::AllanPoint;
+use super::noise::ChannelNoise;
+use super::shapes::{Process, Processes};
+use crate::base::quantity::significant;
+use crate::files::unit_file::UnitConfig;
+use rins_selfcal::base::hardware::{HARDWARE, HardwareSize};
+use rins_selfcal::base::sample::CHANNELS;
+use rins_selfcal::base::units::{DEG_SQRT_H, MICRO_G};
+use serde::Serialize;
+
+/// A channel whose white noise is larger than the triad's mean by more than this factor sets that of the triad.
+const ALIKE: f64 = 1.15;
+
+/// A row of a unit description.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Row {
+    /// Its key.
+    pub key: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+    /// The number that the log shows, in its unit. `None` if the row stays as configured.
+    pub seen: Option<f64>,
+    /// The configured number, in its unit.
+    pub configured: f64,
+}
+
+impl Row {
+    /// A row of `[hardware]`, or an Allan floor or a walk of `[noise]`, with what a log shows of it, SI.
+    fn of(unit: &UnitConfig, key: &'static str, seen_si: Option<f64>) -> Self {
+        let size = size(key);
+        let seen = seen_si.map(|seen| three_digits((seen / size.unit_si).min(size.largest)));
+        Self { key, unit: size.unit, seen, configured: size.get(&unit.hardware()) / size.unit_si }
+    }
+
+    /// The number of the row.
+    pub fn value(&self) -> f64 {
+        self.seen.unwrap_or(self.configured)
+    }
+
+    /// The number in words.
+    pub fn described(&self) -> [String; 2] {
+        let from = if self.seen.is_some() { "seen" } else { "not told by the log: stays as configured" };
+        [significant(self.value()), from.into()]
+    }
+
+    /// Writes the row into a unit description, if the log shows it.
+    pub fn write(&self, unit: &mut UnitConfig) {
+        let Some(seen) = self.seen else { return };
+        let noise = &mut unit.noise;
+        match self.key {
+            "accel_vrw_ug_sqrt_hz" => noise.accel_vrw_ug_sqrt_hz = seen,
+            "gyro_arw_deg_sqrt_h" => noise.gyro_arw_deg_sqrt_h = seen,
+            "encoder_repeatability_arcsec" => noise.encoder_repeatability_arcsec = seen,
+            "accel_floor_ug" => noise.accel_floor_ug = Some(seen),
+            "accel_walk_ug_sqrt_h" => noise.accel_walk_ug_sqrt_h = Some(seen),
+            "gyro_floor_deg_h" => noise.gyro_floor_deg_h = Some(seen),
+            "gyro_walk_deg_h_sqrt_h" => noise.gyro_walk_deg_h_sqrt_h = Some(seen),
+            key => size(key).set(&mut unit.hardware.0, seen * size(key).unit_si),
+        }
+    }
+}
+
+fn size(key: &str) -> &'static HardwareSize {
+    HARDWARE.iter().find(|size| size.key == key).expect("a key of the hardware")
+}
+
+/// The rows of the sensors and the base. `pulses` are the increments that the channels are known to have, m/s and rad, 0
+/// for a channel without.
+pub fn of_stops(channels: &[ChannelNoise], pulses: &[f64; CHANNELS], unit: &UnitConfig) -> Vec<Row> {
+    let (accels, gyros) = channels.split_at(channels.len() / 2);
+    let (accel_pulses, gyro_pulses) = pulses.split_at(CHANNELS / 2);
+    let [of_accels, of_gyros] = [(accels, &Process::OF_ACCELEROMETER[..]), (gyros, &Process::OF_GYRO)]
+        .map(|(triad, known)| together(triad, known));
+    let pulse = |key: &'static str, pulses: &[f64], processes: &Processes| {
+        // The error of a pulse is distributed evenly.
+        let like_pulses = processes.size(Process::Angle).map(|rms| rms * 12.0_f64.sqrt());
+        let known = Some(pulses.iter().copied().fold(0.0, f64::max)).filter(|pulse| *pulse > 0.0);
+        Row::of(unit, key, known.or(larger(unit, key, like_pulses)))
+    };
+    let white = |key, symbol, unit_si: f64, triad: &[ChannelNoise], processes: &Processes, configured| {
+        let seen = white(triad, processes).map(|white| three_digits(white / unit_si));
+        Row { key, unit: symbol, seen, configured }
+    };
+    let (vrw, arw) = (unit.noise.accel_vrw_ug_sqrt_hz, unit.noise.gyro_arw_deg_sqrt_h);
+    let rocking = larger(unit, "base_rocking_arcsec", of_gyros.size(Process::Rocking).map(|rms| rms * 1.5_f64.sqrt()));
+    vec![
+        white("accel_vrw_ug_sqrt_hz", "ug/sqrt(Hz)", MICRO_G, accels, &of_accels, vrw),
+        Row::of(unit, "accel_floor_ug", of_accels.size(Process::Floor)),
+        Row::of(unit, "accel_walk_ug_sqrt_h", of_accels.size(Process::Walk)),
+        pulse("accel_pulse_mm_s", accel_pulses, &of_accels),
+        white("gyro_arw_deg_sqrt_h", "deg/sqrt(h)", DEG_SQRT_H, gyros, &of_gyros, arw),
+        Row::of(unit, "gyro_floor_deg_h", of_gyros.size(Process::Floor)),
+        Row::of(unit, "gyro_walk_deg_h_sqrt_h", of_gyros.size(Process::Walk)),
+        pulse("gyro_pulse_arcsec", gyro_pulses, &of_gyros),
+        // The three gyros share the rocking about two axes.
+        Row::of(unit, "base_rocking_arcsec", rocking),
+    ]
+}
+
+/// A size, SI, if it is larger than the configured size.
+fn larger(unit: &UnitConfig, key: &str, seen_si: Option<f64>) -> Option<f64> {
+    seen_si.filter(|seen| *seen > size(key).get(&unit.hardware()))
+}
+
+/// The processes in the mean of the curves of a triad.
+fn together(triad: &[ChannelNoise], known: &[Process]) -> Processes {
+    let Some(first) = triad.first() else { return Processes::default() };
+    let count = triad.len() as f64;
+    let mean = |(place, point): (usize, &AllanPoint)| {
+        let squares = triad.iter().filter_map(|channel| Some(channel.curve.get(place)?.deviation.powi(2)));
+        let deviation = (squares.sum::<f64>() / count).sqrt();
+        AllanPoint { deviation, scatter: point.scatter / count.sqrt(), ..*point }
+    };
+    let curve: Vec<AllanPoint> = first.curve.iter().enumerate().map(mean).collect();
+    Processes::of(&curve, known)
+}
+
+/// White noise of a triad, which has one number for its three channels: that of their mean curve, or the noise of the
+/// noisiest channel if it is clearly larger.
+fn white(triad: &[ChannelNoise], together: &Processes) -> Option<f64> {
+    let mean = together.size(Process::White)?;
+    let of_channel = triad.iter().filter_map(|channel| channel.processes.size(Process::White));
+    let most = of_channel.fold(0.0, f64::max);
+    Some(if most > ALIKE * mean { most } else { mean })
+}
+
+/// Rounds to three significant digits, which is all that the estimate is worth in a file.
+pub fn three_digits(value: f64) -> f64 {
+    format!("{value:.2e}").parse().unwrap_or(value)
+}
