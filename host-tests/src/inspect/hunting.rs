@@ -17,8 +17,9 @@ use rins_selfcal::segment::Segment;
 
 /// Number of series: the channels, and what the encoders predict.
 pub const SERIES: usize = CHANNELS + 9;
-/// Averaging times over which a channel is compared with the encoders, s: the periods of servos that hunt.
-const PERIODS_S: [f64; 2] = [0.02, 1.01];
+/// Averaging times over which a channel is compared with the encoders, s: the periods of servos that hunt. Over shorter
+/// times the errors of single readings are larger than the hunting.
+const PERIODS_S: [f64; 2] = [0.07, 1.01];
 /// A series that the series before it explain up to this fraction adds nothing.
 const EXPLAINED: f64 = 1e-6;
 
@@ -31,6 +32,8 @@ const TILT: usize = CHANNELS + 6;
 pub struct Series {
     force: [f64; 3],
     last: Option<RawSample<f64>>,
+    /// Turn from the reading before the last one to the last one, rad.
+    step: Option<[f64; 3]>,
     rate: Option<[f64; 3]>,
     turned: [f64; 3],
 }
@@ -39,20 +42,22 @@ impl Series {
     /// Starts at a stop.
     pub fn at(stop: &Segment<f64>) -> Self {
         let force = stop.standing().map_or([0.0; 3], |standing| standing.force_a.into());
-        Self { force, last: None, rate: None, turned: [0.0; 3] }
+        Self { force, last: None, step: None, rate: None, turned: [0.0; 3] }
     }
 
-    /// All series at the next sample. `None` for the first two samples, which show no acceleration of the axes.
+    /// All series at the sample before this one. The encoders are read in the middle of its interval, so that the next
+    /// reading completes its rate. `None` until three readings show an acceleration.
     pub fn step(&mut self, sample: &RawSample<f64>, interval_s: f64) -> Option<[f64; SERIES]> {
         let last = self.last.replace(*sample)?;
-        let step = in_r(&last, between(&last, sample));
-        let rate = step.map(|angle| angle / interval_s);
-        self.turned = std::array::from_fn(|axis| self.turned[axis] + step[axis]);
+        let to_next = in_r(&last, between(&last, sample));
+        let to_last = self.step.replace(to_next)?;
+        let rate = std::array::from_fn(|axis| 0.5 * (to_last[axis] + to_next[axis]) / interval_s);
+        self.turned = std::array::from_fn(|axis| self.turned[axis] + to_last[axis]);
         let before = self.rate.replace(rate)?;
         let ([fx, fy, fz], [x, y, z]) = (self.force, self.turned);
         let tilt = [fy * z - fz * y, fz * x - fx * z, fx * y - fy * x];
         let acceleration = std::array::from_fn(|axis| (rate[axis] - before[axis]) / interval_s);
-        let groups: [[f64; 3]; 5] = [sample.force_a.into(), sample.omega_g.into(), rate, acceleration, tilt];
+        let groups: [[f64; 3]; 5] = [last.force_a.into(), last.omega_g.into(), rate, acceleration, tilt];
         Some(std::array::from_fn(|series| groups[series / 3][series % 3]))
     }
 }

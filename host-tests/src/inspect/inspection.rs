@@ -4,7 +4,7 @@ use super::guess::{Guess, Taken};
 use super::noise::StopNoise;
 use super::passage::{Gap, Passage};
 use super::residuals::{self, Residuals};
-use super::rows::{self, Row};
+use super::rows::{self, Row, Steps};
 use super::shape::{Shape, ShapeError};
 use super::sketch::{Sketch, SketchError};
 use super::turned::Likeness;
@@ -15,7 +15,6 @@ use crate::files::unit_file::UnitConfig;
 use crate::log::{Layout, LogError, LogReader, Mapping, Moment};
 use crate::plan::prediction::Observed;
 use rins_selfcal::base::method::Method;
-use rins_selfcal::base::sample::CHANNELS;
 use rins_selfcal::base::units::{ARCSEC, DEG};
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::{Segment, SegmentKind};
@@ -195,7 +194,7 @@ impl Request<'_> {
     fn concluded(&self, passage: &Passage, noise: StopNoise) -> Inspection {
         let segments = &passage.segments;
         let mut unit = self.unit;
-        let mut rows = rows::of_stops(&noise.channels, &pulses(passage), &unit);
+        let mut rows = rows::of_stops(&noise.channels, &Steps::of(segments, passage.rate_hz.recip()), &unit);
         rows.iter().for_each(|row| row.write(&mut unit));
         let moves = segments.iter().any(|segment| segment.kind() == SegmentKind::Move);
         let residuals = if moves { Residuals::of(segments, passage.counts, passage.rate_hz, &unit) } else { None };
@@ -254,12 +253,6 @@ impl Request<'_> {
         }
         remarks
     }
-}
-
-/// The increments that the channels are known to have, m/s and rad; 0 for channels without.
-fn pulses(passage: &Passage) -> [f64; CHANNELS] {
-    let last = passage.segments.iter().rev().find_map(Segment::standing);
-    last.map_or([0.0; CHANNELS], |last| last.increments.map(|increment| f64::from(increment) / passage.rate_hz))
 }
 
 fn sampling(passage: &Passage) -> Sampling {

@@ -2,19 +2,18 @@
 //!
 //! The encoder error with which the segments agree is that whose chi-square equals its degrees of freedom. Any error of
 //! the model enlarges the chi-square. So the encoders get a new number only if the residuals are unstructured:
-//! - with this number, the likelihood-ratio tests of the solver name no effect, no change and no wrong setting, and
-//! - no size of the hardware that the verdict names explains the residuals without it.
+//! - with the configured number, the likelihood-ratio tests of the solver name no effect of the hardware, and
+//! - with the new number, they name nothing at all. An error that explains most of the chi-square is named with any number.
 
 use super::rows::{Row, three_digits};
 use crate::base::quantity::significant;
 use crate::calibration::{Enlargement, HOST_SEGMENTS, Precision, Setup};
 use crate::files::unit_file::UnitConfig;
-use rins_selfcal::base::hardware::Hardware;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::estimator::{Estimator, EstimatorConfig, Solution};
 use rins_selfcal::segment::Segment;
 use rins_selfcal::segment::intake::IntakeCounts;
-use rins_selfcal::verdict::{Assessment, Reason, Verdict, VerdictLimits, is_good_fit, judge};
+use rins_selfcal::verdict::{Assessment, Reason, Verdict, VerdictLimits, judge};
 use serde::Serialize;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
@@ -60,11 +59,10 @@ impl Residuals {
         let encoders = log.encoders(unit, solution.degrees_of_freedom);
         let configured = unit.noise.encoder_repeatability_arcsec;
         let disagrees = encoders.filter(|found| !(found.range_arcsec[0]..=found.range_arcsec[1]).contains(&configured));
-        let is_noise = disagrees.is_some_and(|found| {
-            let names_nothing =
-                log.judged(&with_encoders(unit, found.arcsec)).is_some_and(|(_, verdict)| names_nothing(&verdict));
-            names_nothing && !enlarged.is_some_and(|enlarged| log.is_explained(unit, &enlarged))
-        });
+        let is_noise = enlarged.is_none()
+            && disagrees.is_some_and(|found| {
+                log.judged(&with_encoders(unit, found.arcsec)).is_some_and(|(_, verdict)| !names_any(&verdict))
+            });
         let enlargement = enlarged.and_then(|enlarged| Enlargement::between(&hardware, &enlarged));
         Some(Self { encoders, is_noise, named, enlargement })
     }
@@ -99,8 +97,8 @@ fn is_named(reason: &Reason) -> bool {
     matches!(reason, Reason::Hardware { .. } | Reason::Changing(_) | Reason::Setting(_))
 }
 
-fn names_nothing(verdict: &Verdict) -> bool {
-    !verdict.reasons.iter().any(is_named)
+fn names_any(verdict: &Verdict) -> bool {
+    verdict.reasons.iter().any(is_named)
 }
 
 fn with_encoders(unit: &UnitConfig, arcsec: f64) -> UnitConfig {
@@ -127,19 +125,15 @@ struct Log<'a> {
 }
 
 impl Log<'_> {
-    fn solved(&self, setup: &Setup) -> Option<(Solution, Box<Estimator<f64, HOST_SEGMENTS>>)> {
-        let mut estimator = estimator(setup, self.segments);
+    fn solved(&self, unit: &UnitConfig) -> Option<(Solution, Box<Estimator<f64, HOST_SEGMENTS>>)> {
+        let setup = Setup::new(unit, self.rate_hz, Method::Joint, Precision::F64);
+        let mut estimator = estimator(&setup, self.segments);
         while !estimator.solve_piece() {}
         Some((*estimator.solution()?, estimator))
     }
 
     fn judged(&self, unit: &UnitConfig) -> Option<(Solution, Verdict)> {
-        let setup = Setup::new(unit, self.rate_hz, Method::Joint, Precision::F64);
-        self.judged_by(&setup)
-    }
-
-    fn judged_by(&self, setup: &Setup) -> Option<(Solution, Verdict)> {
-        let (solution, estimator) = self.solved(setup)?;
+        let (solution, estimator) = self.solved(unit)?;
         let config = estimator.config();
         let assessment = Assessment {
             solution: &solution,
@@ -154,14 +148,6 @@ impl Log<'_> {
         };
         let verdict = judge(&assessment, &VerdictLimits::default());
         Some((solution, verdict))
-    }
-
-    /// Whether the segments agree with the model if the hardware has these sizes.
-    fn is_explained(&self, unit: &UnitConfig, hardware: &Hardware) -> bool {
-        let setup = Setup::new(unit, self.rate_hz, Method::Joint, Precision::F64);
-        self.judged_by(&Setup { hardware: *hardware, ..setup }).is_some_and(|(solution, verdict)| {
-            names_nothing(&verdict) && is_good_fit(solution.fit.chi_square, solution.degrees_of_freedom, hardware)
-        })
     }
 
     /// The encoder error with which the segments agree with the model. `None` if they agree with the smallest error of
@@ -179,10 +165,7 @@ impl Log<'_> {
     /// The encoder error that gives this chi-square. The chi-square falls as the encoder error grows, so the range is
     /// halved.
     fn with_chi_square(&self, unit: &UnitConfig, chi_square: f64) -> Option<f64> {
-        let above = |arcsec: f64| {
-            let setup = Setup::new(&with_encoders(unit, arcsec), self.rate_hz, Method::Joint, Precision::F64);
-            Some(self.solved(&setup)?.0.fit.chi_square > chi_square)
-        };
+        let above = |arcsec: f64| Some(self.solved(&with_encoders(unit, arcsec))?.0.fit.chi_square > chi_square);
         let [mut low, mut high] = ENCODERS_ARCSEC;
         if !above(low)? || above(high)? {
             return None;

@@ -8,8 +8,9 @@
 //! | rocking | `base_rocking_arcsec` |
 //! | ramp | none: a warm-up, which has its size |
 //!
-//! A row that the stops do not tell stays as configured. So do pulses and rocking without a grid, which no run repeats
-//! exactly, up to the configured size.
+//! A row that the stops do not tell stays as configured. Noise of the angle that has no grid, and rocking, change their
+//! rows only if they are larger than configured. They are not told apart from errors of single readings of the encoders,
+//! by which hunting is removed, and stay as configured unless they are clearly larger than these.
 
 use super::allan::AllanPoint;
 use super::noise::ChannelNoise;
@@ -19,10 +20,37 @@ use crate::files::unit_file::UnitConfig;
 use rins_selfcal::base::hardware::{HARDWARE, HardwareSize};
 use rins_selfcal::base::sample::CHANNELS;
 use rins_selfcal::base::units::{DEG_SQRT_H, MICRO_G};
+use rins_selfcal::segment::Segment;
+use rins_selfcal::segment::readings::Readings;
 use serde::Serialize;
 
 /// A channel whose white noise is larger than the triad's mean by more than this factor sets that of the triad.
 const ALIKE: f64 = 1.15;
+
+/// Noise of the angle is told apart from errors of single readings if it is larger than these by this factor.
+const CLEARLY: f64 = 2.0;
+
+/// What the core knows of the outputs and of the encoders after all stops.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Steps {
+    /// Increments of the channels that are known to have pulses, m/s and rad; 0 for the others.
+    pub pulses: [f64; CHANNELS],
+    /// Standard deviation of single readings of the encoders, rad.
+    pub reading_rad: f64,
+}
+
+impl Steps {
+    /// By the segments of a log with this interval.
+    pub fn of(segments: &[Segment<f64>], interval_s: f64) -> Self {
+        let stops = || segments.iter().filter_map(Segment::standing);
+        let increments = stops().last().map_or([0.0; CHANNELS], |last| last.increments);
+        let readings = stops().flat_map(|stop| stop.readings.iter().map(Readings::variance));
+        Self {
+            pulses: increments.map(|increment| f64::from(increment) * interval_s),
+            reading_rad: readings.fold(0.0, f64::max).sqrt(),
+        }
+    }
+}
 
 /// A row of a unit description.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -77,36 +105,36 @@ fn size(key: &str) -> &'static HardwareSize {
     HARDWARE.iter().find(|size| size.key == key).expect("a key of the hardware")
 }
 
-/// The rows of the sensors and the base. `pulses` are the increments that the channels are known to have, m/s and rad, 0
-/// for a channel without.
-pub fn of_stops(channels: &[ChannelNoise], pulses: &[f64; CHANNELS], unit: &UnitConfig) -> Vec<Row> {
+/// The rows of the sensors and the base.
+pub fn of_stops(channels: &[ChannelNoise], steps: &Steps, unit: &UnitConfig) -> Vec<Row> {
     let (accels, gyros) = channels.split_at(channels.len() / 2);
-    let (accel_pulses, gyro_pulses) = pulses.split_at(CHANNELS / 2);
+    let (accel_pulses, gyro_pulses) = steps.pulses.split_at(CHANNELS / 2);
     let [of_accels, of_gyros] = [(accels, &Process::OF_ACCELEROMETER[..]), (gyros, &Process::OF_GYRO)]
         .map(|(triad, known)| together(triad, known));
-    let pulse = |key: &'static str, pulses: &[f64], processes: &Processes| {
-        // The error of a pulse is distributed evenly.
-        let like_pulses = processes.size(Process::Angle).map(|rms| rms * 12.0_f64.sqrt());
+    // The error of a pulse is distributed evenly, and the three gyros share the rocking about two axes.
+    let [like_pulses, like_rocking] = [12.0_f64, 1.5].map(f64::sqrt);
+    let pulse = |key: &'static str, pulses: &[f64], processes: &Processes, least: f64| {
         let known = Some(pulses.iter().copied().fold(0.0, f64::max)).filter(|pulse| *pulse > 0.0);
-        Row::of(unit, key, known.or(larger(unit, key, like_pulses)))
+        let alike = processes.size(Process::Angle).filter(|rms| *rms > least);
+        Row::of(unit, key, known.or(larger(unit, key, alike.map(|rms| rms * like_pulses))))
     };
+    let least = CLEARLY * steps.reading_rad;
+    let rocking = of_gyros.size(Process::Rocking).filter(|rms| *rms > least).map(|rms| rms * like_rocking);
     let white = |key, symbol, unit_si: f64, triad: &[ChannelNoise], processes: &Processes, configured| {
         let seen = white(triad, processes).map(|white| three_digits(white / unit_si));
         Row { key, unit: symbol, seen, configured }
     };
     let (vrw, arw) = (unit.noise.accel_vrw_ug_sqrt_hz, unit.noise.gyro_arw_deg_sqrt_h);
-    let rocking = larger(unit, "base_rocking_arcsec", of_gyros.size(Process::Rocking).map(|rms| rms * 1.5_f64.sqrt()));
     vec![
         white("accel_vrw_ug_sqrt_hz", "ug/sqrt(Hz)", MICRO_G, accels, &of_accels, vrw),
         Row::of(unit, "accel_floor_ug", of_accels.size(Process::Floor)),
         Row::of(unit, "accel_walk_ug_sqrt_h", of_accels.size(Process::Walk)),
-        pulse("accel_pulse_mm_s", accel_pulses, &of_accels),
+        pulse("accel_pulse_mm_s", accel_pulses, &of_accels, 0.0),
         white("gyro_arw_deg_sqrt_h", "deg/sqrt(h)", DEG_SQRT_H, gyros, &of_gyros, arw),
         Row::of(unit, "gyro_floor_deg_h", of_gyros.size(Process::Floor)),
         Row::of(unit, "gyro_walk_deg_h_sqrt_h", of_gyros.size(Process::Walk)),
-        pulse("gyro_pulse_arcsec", gyro_pulses, &of_gyros),
-        // The three gyros share the rocking about two axes.
-        Row::of(unit, "base_rocking_arcsec", rocking),
+        pulse("gyro_pulse_arcsec", gyro_pulses, &of_gyros, least),
+        Row::of(unit, "base_rocking_arcsec", larger(unit, "base_rocking_arcsec", rocking)),
     ]
 }
 

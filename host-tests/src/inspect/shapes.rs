@@ -51,6 +51,11 @@ impl Process {
     /// The processes of a gyro.
     pub const OF_GYRO: [Self; 6] = [Self::White, Self::Floor, Self::Walk, Self::Ramp, Self::Angle, Self::Rocking];
 
+    /// Whether the process grows slowly. Beside white noise it is the larger one at long averaging times only.
+    fn is_slow(self) -> bool {
+        matches!(self, Self::Floor | Self::Walk | Self::Ramp)
+    }
+
     fn variance(self, tau_s: f64) -> f64 {
         match self {
             Self::Angle => 3.0 / (tau_s * tau_s),
@@ -80,24 +85,22 @@ impl Processes {
     /// The fewest of these processes that explain a curve. None if the curve is too short.
     pub fn of(curve: &[AllanPoint], known: &[Process]) -> Self {
         let points: Vec<&AllanPoint> = curve.iter().filter(|point| point.tau_s > SHORTEST_S).collect();
-        let mut found = Vec::new();
-        let mut fit = Fit::of(&points, &found);
-        // Each round adds a process or ends. A process that the others replace is dropped, and does not come back.
+        let (mut fit, mut found) = (Fit::of(&points, &[]), Vec::new());
+        // Each round adds a process and drops one that the others replace, or ends.
         for _ in known.iter().take(points.len().saturating_sub(1)) {
-            let with = |process: &Process| [&found[..], &[*process]].concat();
-            let new = known.iter().filter(|process| !found.contains(process)).map(with);
-            let fits = new.map(|processes| (Fit::of(&points, &processes), processes));
-            let best = fits.min_by(|(a, _), (b, _)| a.deviance.total_cmp(&b.deviance));
-            let Some((better, processes)) = best.filter(|(better, _)| fit.deviance - better.deviance > TELLING) else {
+            let new = known.iter().filter(|process| !found.contains(*process));
+            let Some((better, more)) = best(&points, new.map(|process| [&found[..], &[*process]].concat())) else {
                 break;
             };
-            (fit, found) = (better, processes);
-            let without =
-                |process: &Process| found.iter().copied().filter(|other| other != process).collect::<Vec<_>>();
-            let fits = found.iter().map(without).map(|processes| (Fit::of(&points, &processes), processes));
-            let best = fits.min_by(|(a, _), (b, _)| a.deviance.total_cmp(&b.deviance));
-            if let Some((simpler, processes)) = best.filter(|(simpler, _)| simpler.deviance - fit.deviance < TELLING) {
-                (fit, found) = (simpler, processes);
+            if fit.deviance - better.deviance <= TELLING {
+                break;
+            }
+            (fit, found) = (better, more);
+            let without = |process: &Process| found.iter().copied().filter(|other| other != process).collect();
+            if let Some((simpler, fewer)) = best(&points, found.iter().map(without))
+                && simpler.deviance - fit.deviance < TELLING
+            {
+                (fit, found) = (simpler, fewer);
             }
         }
         Self(found.into_iter().zip(fit.variances.iter().map(|variance| variance.sqrt())).collect())
@@ -107,6 +110,15 @@ impl Processes {
     pub fn size(&self, process: Process) -> Option<f64> {
         self.0.iter().find(|(found, _)| *found == process).map(|(_, size)| *size)
     }
+}
+
+/// The processes of largest likelihood, among those in which no slow process takes the place of white noise.
+fn best(points: &[&AllanPoint], choices: impl Iterator<Item = Vec<Process>>) -> Option<(Fit, Vec<Process>)> {
+    let sound = |processes: &Vec<Process>| {
+        processes.contains(&Process::White) || !processes.iter().any(|process| process.is_slow())
+    };
+    let fits = choices.filter(sound).map(|processes| (Fit::of(points, &processes), processes));
+    fits.min_by(|(a, _), (b, _)| a.deviance.total_cmp(&b.deviance))
 }
 
 /// Sizes of largest likelihood.
