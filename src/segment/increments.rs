@@ -39,7 +39,7 @@ impl Divisor {
 
     /// Notes that the output has changed.
     fn see(&mut self, before: f32, now: f32, difference: f32) {
-        // Rounding, or the first difference was a knock.
+        // Rounding of the same value, or noise beside a large first step: the end of a move shows no pulses.
         let is_small = difference <= TOLERANCE * self.divisor;
         // A knock, or the start of a move.
         let is_large = self.is_known() && difference > LARGEST_DIFFERENCE * self.divisor;
@@ -144,6 +144,9 @@ mod tests {
         assert_eq!(known(noise), 0.0);
         assert_eq!(known([1.0; 400]), 0.0, "a channel that does not change shows nothing");
         assert_eq!(known((0..400).map(|n| f64::from(n / 10) * step)), 0.0, "steps without return are a motion");
+        let arrival = [3.0, 1.0, 0.0].map(|steps| steps * step);
+        let at_rest: std::vec::Vec<f64> = (0..4000).map(|_| 0.01 * random() * step).collect();
+        assert_eq!(known(arrival.into_iter().chain(at_rest)), 0.0, "noise after the end of a move");
     }
 
     #[test]

@@ -69,7 +69,7 @@ pub fn run(arguments: &InspectArguments) -> anyhow::Result<Ending> {
     });
     drop(counter);
     let found = found?;
-    write(arguments, &origin, &found)?;
+    write(arguments, &unit, &origin, &found)?;
     say!("{}", text(&arguments.log, &found));
     for (name, path) in
         outputs.iter().filter_map(|(name, path)| Some((name.trim_start_matches("--write-"), path.as_ref()?)))
@@ -82,13 +82,14 @@ pub fn run(arguments: &InspectArguments) -> anyhow::Result<Ending> {
     }
 }
 
-fn write(arguments: &InspectArguments, origin: &Origin, found: &Inspection) -> anyhow::Result<()> {
+fn write(arguments: &InspectArguments, unit: &UnitConfig, origin: &Origin, found: &Inspection) -> anyhow::Result<()> {
     if let Some(path) = &arguments.write_mapping {
         let mapping = found.mapping.clone().unwrap_or_default();
         write_text(path, &toml::to_string(&mapping)?)?;
     }
     if let Some(path) = &arguments.write_config {
-        write_unit(path, &found.unit, &origin.default_site_keys())?;
+        let seen = UnitConfig { noise: found.noise, hardware: found.hardware, ..*unit };
+        write_unit(path, &seen, &origin.default_site_keys())?;
     }
     if let Some(path) = &arguments.write_scheme {
         let scheme = found

@@ -11,7 +11,8 @@ use super::turned::Likeness;
 use super::{noise, turned};
 use crate::base::quantity::significant;
 use crate::calibration::{Precision, Setup, covariance};
-use crate::files::unit_file::UnitConfig;
+use crate::files::hardware::HardwareTable;
+use crate::files::unit_file::{Noise, UnitConfig};
 use crate::log::{Layout, LogError, LogReader, Mapping, Moment};
 use crate::plan::prediction::Observed;
 use rins_selfcal::base::method::Method;
@@ -80,12 +81,14 @@ pub struct Inspection {
     pub sampling: Sampling,
     /// Stops and moves.
     pub segments: Vec<SegmentSeen>,
-    /// The unit description with the rows that the log shows.
-    #[serde(flatten)]
-    pub unit: UnitConfig,
+    /// The noise to configure.
+    pub noise: Noise,
+    /// The imperfections of the hardware to configure.
+    pub hardware: HardwareTable,
     /// The rows of noise and hardware that a log may show.
     pub rows: Vec<Row>,
     /// Noise of the channels at the stops.
+    #[serde(flatten)]
     pub stops: StopNoise,
     /// What the residuals of the solution show. `None` without stops and moves.
     pub residuals: Option<Residuals>,
@@ -191,10 +194,10 @@ impl Request<'_> {
         Ok(if layout == Layout::standard(self.log) { (layout, None) } else { (layout, Some(mapping)) })
     }
 
-    fn concluded(&self, passage: &Passage, noise: StopNoise) -> Inspection {
+    fn concluded(&self, passage: &Passage, at_stops: StopNoise) -> Inspection {
         let segments = &passage.segments;
         let mut unit = self.unit;
-        let mut rows = rows::of_stops(&noise.channels, &Steps::of(segments, passage.rate_hz.recip()), &unit);
+        let mut rows = rows::of_stops(&at_stops.channels, &Steps::of(segments, passage.rate_hz.recip()), &unit);
         rows.iter().for_each(|row| row.write(&mut unit));
         let moves = segments.iter().any(|segment| segment.kind() == SegmentKind::Move);
         let residuals = if moves { Residuals::of(segments, passage.counts, passage.rate_hz, &unit) } else { None };
@@ -213,9 +216,10 @@ impl Request<'_> {
             mapping: None,
             sampling: sampling(passage),
             segments: passage.segments.iter().map(seen_segment).collect(),
-            unit,
+            noise: unit.noise,
+            hardware: unit.hardware,
             rows,
-            stops: noise,
+            stops: at_stops,
             residuals,
             nearest_scheme: turned::nearest(&stops),
             scheme: turned::scheme(&stops, passage.pace),
