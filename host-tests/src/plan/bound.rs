@@ -20,7 +20,7 @@
 //! updates. `max g` is taken on a grid of 3 deg. g is a trigonometric polynomial of degree 2 in each angle, so the true
 //! maximum is at most 1 / cos^2(3 deg) times the maximum on the grid.
 
-use super::information::Forecast;
+use super::forecast::Forecast;
 use super::objective::{Criterion, Objective};
 use super::request::{PlanRequest, Travel};
 use crate::base::quantity::states;

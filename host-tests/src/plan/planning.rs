@@ -1,7 +1,7 @@
 //! Planning: from a request to a scheme.
 
 use super::bound::lower_bound;
-use super::information::Forecast;
+use super::forecast::Forecast;
 use super::prediction::duration_s;
 use super::request::PlanRequest;
 use super::search::{Problem, search};

@@ -6,7 +6,8 @@
 //! annealing loop has a dozen lines. The crate argmin has an annealer, but it brings its own random numbers. The steps,
 //! the rest of this file, are specific to schemes.
 
-use super::information::{Forecast, LegModel};
+use super::forecast::Forecast;
+use super::leg_model::LegModel;
 use super::objective::Objective;
 use super::request::Travel;
 use crate::calibration::virtual_run::{SETTLING_S, Stream, derived_seed};
@@ -306,7 +307,7 @@ impl<'a> Chain<'a> {
 
     fn value(&mut self, stands: &mut [Leg], exponent: f64) -> Option<f64> {
         let legs = self.fitted(stands)?;
-        let information = self.problem.forecast.information(stands, &legs, |_, _, _| ());
+        let information = self.problem.forecast.information(stands, &legs);
         self.problem.objective.value(&information, exponent)
     }
 
@@ -316,7 +317,7 @@ impl<'a> Chain<'a> {
         let sample_s = self.problem.sample_s;
         let on_grid = |stop_s: f64| ComplexField::floor(stop_s / sample_s + 1e-6) * sample_s;
         stands.iter_mut().for_each(|stand| stand.stop_s = on_grid(stand.stop_s));
-        let information = self.problem.forecast.information(&stands, &legs, |_, _, _| ());
+        let information = self.problem.forecast.information(&stands, &legs);
         Some((self.problem.objective.value(&information, f64::INFINITY)?, stands))
     }
 }
