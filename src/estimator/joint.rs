@@ -48,7 +48,7 @@ pub(super) const SEGMENTS_PER_PIECE: usize = 1;
 const ROUNDING_EPSILONS: f64 = 0.5;
 
 /// Turn over which an axis arrives from a side, rad. Hunting turns it less.
-const LEAST_TURN_RAD: f64 = 1e-2;
+pub const LEAST_TURN_RAD: f64 = 1e-2;
 
 /// An encoder step may change at the start or at the end of a move instead of half way. The error is then half of the
 /// step, and this is the square of one half.

@@ -13,5 +13,5 @@ mod two_stage;
 pub use configuration::{
     BEFORE_EFFECTS, BEFORE_PARAMETERS, EstimatorConfig, HeadingSource, KNOWN_LATITUDE_RAD, STATES,
 };
-pub use joint::{Estimator, MAX_SEGMENTS};
+pub use joint::{Estimator, LEAST_TURN_RAD, MAX_SEGMENTS};
 pub use solution::{EffectEstimates, Estimate, Fit, LargestInnovation, OBSERVED_RATIO, SegmentInnovations, Solution};

@@ -6,8 +6,11 @@
 
 use super::information::{Information, STATES};
 use super::leg_model::LegModel;
+use super::shared_noise::{SharedNoise, Window};
 use crate::calibration::Setup;
+use rins_selfcal::base::hardware::Hardware;
 use rins_selfcal::base::linear::{Matrix, Vector};
+use rins_selfcal::base::site::Site;
 use rins_selfcal::estimator::EstimatorConfig;
 use rins_selfcal::estimator::rehearsal::{BLOCK_LOSS_S, stop_segment, usable_s};
 use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETERS};
@@ -26,6 +29,7 @@ const LEAST_ENCODER_SIGMA_RAD: f64 = 5e-9;
 pub struct Forecast {
     model: MeasurementModel<f64>,
     config: EstimatorConfig,
+    site: Site,
     turning: Turning,
     /// Settling time of the accelerometers after a move, s.
     settling_s: f64,
@@ -42,8 +46,9 @@ impl Forecast {
         let all = encoder.chain(config.prior_sigmas());
         let mut prior_sigmas = Vector::<f64, STATES>::zeros();
         prior_sigmas.iter_mut().zip(all).for_each(|(prior, sigma)| *prior = sigma);
-        let model = MeasurementModel::new(&InstrumentErrors::default(), &setup.known_site());
-        Self { model, config, turning, settling_s: settling_s.max(GUARD_S), prior_sigmas }
+        let site = setup.known_site();
+        let model = MeasurementModel::new(&InstrumentErrors::default(), &site);
+        Self { model, config, site, turning, settling_s: settling_s.max(GUARD_S), prior_sigmas }
     }
 
     /// Derivative of the mean specific force at a stop by the parameters, (3 x 28), SI.
@@ -58,24 +63,59 @@ impl Forecast {
 
     /// The information after all stops.
     pub fn information<L: Borrow<LegModel>>(&self, stands: &[Leg], legs: &[L]) -> Information {
+        if self.config.hardware == Hardware::IDEAL {
+            self.with_white_noise(stands, legs)
+        } else {
+            let legs: Vec<&LegModel> = legs.iter().map(Borrow::borrow).collect();
+            let windows = self.windows(stands, &legs);
+            SharedNoise::new(&self.config, &self.site, &legs, &windows).information(&self.prior_sigmas)
+        }
+    }
+
+    /// The information for ideal hardware: the encoder errors are the only ones that measurements share.
+    fn with_white_noise<L: Borrow<LegModel>>(&self, stands: &[Leg], legs: &[L]) -> Information {
         let mut information = Information::prior(self.prior_sigmas);
         let Noise { accel_psd_sqrt, gyro_psd_sqrt, .. } = self.config.noise;
         let (accel_psd, gyro_psd) = (accel_psd_sqrt * accel_psd_sqrt, gyro_psd_sqrt * gyro_psd_sqrt);
         for (number, (stand, leg)) in stands.iter().zip(legs).enumerate() {
-            let (is_first, is_last) = (number == 0, number + 1 == stands.len());
             let leg: &LegModel = leg.borrow();
-            if !is_first {
-                let window_s = leg.move_s + 2.0 * GUARD_S + BLOCK_LOSS_S;
+            if number > 0 {
                 information.renew_encoder_errors();
-                information.add_rows(&leg.turn, gyro_psd * window_s);
+                information.add_rows(&leg.turn, gyro_psd * window_s(leg));
             }
-            let usable_s = usable_s(stand.stop_s, self.settling_s, is_first, is_last);
+            let usable_s = self.usable_s(stand, number, stands.len());
             information.add_rows(&leg.force, accel_psd / usable_s);
             // The rotation is per second, so its variance is that of the mean rate.
             information.add_rows(&leg.rest, gyro_psd / usable_s);
         }
         information
     }
+
+    fn usable_s(&self, stand: &Leg, number: usize, count: usize) -> f64 {
+        usable_s(stand.stop_s, self.settling_s, number == 0, number + 1 == count)
+    }
+
+    /// When each stop and each move is.
+    fn windows(&self, stands: &[Leg], legs: &[&LegModel]) -> Vec<Window> {
+        let mut windows = Vec::with_capacity(2 * stands.len());
+        let mut from_s = 0.0;
+        for (number, (stand, leg)) in stands.iter().zip(legs).enumerate() {
+            if number > 0 {
+                windows.push(Window { from_s, duration_s: window_s(leg) });
+                // The window of a move ends after the guard time, and the accelerometers may need longer.
+                from_s += window_s(leg) + self.settling_s - GUARD_S;
+            }
+            let duration_s = self.usable_s(stand, number, stands.len());
+            windows.push(Window { from_s, duration_s });
+            from_s += duration_s;
+        }
+        windows
+    }
+}
+
+/// Duration of the window of a move, s.
+fn window_s(leg: &LegModel) -> f64 {
+    leg.move_s + 2.0 * GUARD_S + BLOCK_LOSS_S
 }
 
 #[cfg(test)]
@@ -86,6 +126,8 @@ mod tests {
     use crate::plan::prediction::predicted_sigmas_si;
     use crate::virtual_unit::unit::VirtualUnit;
     use rins_selfcal::base::method::Method;
+    use rins_selfcal::base::units::{ARCSEC, DEG_H, MICRO_G};
+    use rins_selfcal::model::effects::SiteSigmas;
     use rins_selfcal::model::error_model::PARAMETER_INFO;
     use rins_selfcal::scheme::Scheme;
 
@@ -105,15 +147,25 @@ mod tests {
     /// time, so 1 % of the sigma.
     #[test]
     fn the_forecast_agrees_with_the_core() {
-        let plain = setup();
-        let agree = |found: [f64; PARAMETERS], core: [f64; PARAMETERS], within: f64| {
+        let agree = |setup: &Setup, scheme: &Scheme, within: f64| {
+            let (found, core) = (sigmas(setup, scheme), predicted_sigmas_si(setup, scheme));
             for ((found, core), info) in found.iter().zip(&core).zip(&PARAMETER_INFO) {
                 assert!((found / core - 1.0).abs() < within, "{}: {found} for {core}", info.name);
             }
         };
+        let ideal = setup();
+        // What the profile leaves out has a size too.
+        let hardware = Hardware {
+            accel_walk: (20.0 * MICRO_G / 60.0) as f32,
+            gyro_walk: (0.02 * DEG_H / 60.0) as f32,
+            base_drift: (3.0 * ARCSEC / 3600.0) as f32,
+            ..Hardware::NAVIGATION
+        };
+        let real = Setup { hardware, site_sigmas: SiteSigmas::GIVEN, ..setup() };
         for (stop_s, within) in [(10.0, 0.004), (3.0, 0.01)] {
-            let scheme = Scheme::bai(stop_s, 1);
-            agree(sigmas(&plain, &scheme), predicted_sigmas_si(&plain, &scheme), within);
+            agree(&ideal, &Scheme::bai(stop_s, 1), within);
+            agree(&real, &Scheme::bai(stop_s, 1), within);
         }
+        agree(&real, &Scheme::named("fast-180").expect("in the library"), 0.004);
     }
 }

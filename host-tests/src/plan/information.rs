@@ -7,6 +7,7 @@
 //! An encoder error belongs to one stop and to the two moves that meet at the stop. After both moves are added, the
 //! error is eliminated exactly (Schur complement), and the error of the next stop takes its place.
 
+use super::triangle::{factorize, substitute};
 use rins_selfcal::base::linear::{ComplexField, Matrix, Vector};
 use rins_selfcal::model::error_model::PARAMETERS;
 use rins_selfcal::model::measurement::{ENCODER_ERRORS, Prediction};
@@ -84,21 +85,7 @@ impl Information {
     /// the encoder errors. `None` if the information is not positive definite.
     pub fn factor(&self) -> Option<Matrix<f64, STATES, STATES>> {
         let mut factor = self.lower;
-        for column in 0..STATES {
-            let pivot = factor[(column, column)];
-            if pivot.is_nan() || pivot <= 0.0 {
-                return None;
-            }
-            let (done, rest) = factor.as_mut_slice().split_at_mut((column + 1) * STATES);
-            let of_column = &mut done[column * STATES..];
-            let root = ComplexField::sqrt(pivot).recip();
-            of_column[column..].iter_mut().for_each(|entry| *entry *= root);
-            for (other, entries) in (column + 1..).zip(rest.chunks_exact_mut(STATES)) {
-                let of_other = of_column[other];
-                let entries = entries.iter_mut().zip(&*of_column).skip(other);
-                entries.for_each(|(entry, of_entry)| *entry -= of_other * of_entry);
-            }
-        }
+        factorize(factor.as_mut_slice(), STATES)?;
         Some(factor)
     }
 
@@ -108,13 +95,7 @@ impl Information {
         let state = ENCODER_ERRORS + parameter;
         let mut column = Vector::<f64, STATES>::zeros();
         column[state] = self.prior_sigmas[state];
-        for pivot in state..STATES {
-            let of_pivot = &factor.as_slice()[pivot * STATES..(pivot + 1) * STATES];
-            let value = column[pivot] / of_pivot[pivot];
-            column[pivot] = value;
-            let below = column.iter_mut().zip(of_pivot).skip(pivot + 1);
-            below.for_each(|(entry, of_entry)| *entry -= value * of_entry);
-        }
+        substitute(factor.as_slice(), column.as_mut_slice(), state);
         column
     }
 

@@ -22,20 +22,42 @@ pub struct LegModel {
     pub force: Prediction<f64>,
     /// Rotation over one second of rest.
     pub rest: Prediction<f64>,
+    /// The move.
+    pub moved: Segment<f64>,
+    /// One second of the stop.
+    pub at_rest: Segment<f64>,
 }
 
 impl LegModel {
     /// The leg between two stops; the first stop has no move before it.
     pub fn new(model: &MeasurementModel<f64>, turning: &Turning, from: &Leg, to: &Leg) -> Self {
-        let turn = move_segment(from, to, turning);
-        let at_rest = stop_segment(to, 1.0);
+        let (moved, at_rest) = (move_segment(from, to, turning), stop_segment(to, 1.0));
         let mut rest = model.rotation(&rest_segment(to));
         // The encoder error is the same at both ends, so it cancels.
         rest.by_encoder_errors.fill(0.0);
-        let (turn, force) = (model.rotation(&turn), model.force_at_stop(&at_rest));
+        rest.by_geometry.fill(0.0);
         let of_rotation = ROUNDING * EARTH_RATE_RAD_S;
-        let (turn, rest) = (rounded(turn, of_rotation), rounded(rest, of_rotation));
-        Self { move_s: turning.move_s(from, to), turn, force: rounded(force, ROUNDING), rest }
+        Self {
+            move_s: turning.move_s(from, to),
+            turn: rounded(model.rotation(&moved), of_rotation),
+            force: rounded(model.force_at_stop(&at_rest), ROUNDING),
+            rest: rounded(rest, of_rotation),
+            moved,
+            at_rest,
+        }
+    }
+
+    /// Rotation over a stop of this duration.
+    pub fn rest_of(&self, duration_s: f64) -> Prediction<f64> {
+        let Prediction { value, by_parameters, in_g, by_attitude_rate, by_earth_rate, .. } = self.rest;
+        Prediction {
+            value: value * duration_s,
+            by_parameters: by_parameters * duration_s,
+            in_g: in_g * duration_s,
+            by_attitude_rate: by_attitude_rate * duration_s,
+            by_earth_rate: by_earth_rate * duration_s,
+            ..self.rest
+        }
     }
 }
 
@@ -53,7 +75,10 @@ fn rest_segment(stand: &Leg) -> Segment<f64> {
 /// `by_attitude`.
 fn rounded(mut prediction: Prediction<f64>, by_attitude: f64) -> Prediction<f64> {
     let round = |value: &mut f64, unit: f64| *value = ComplexField::round(*value / unit) * unit;
-    prediction.by_encoder_errors.iter_mut().for_each(|value| round(value, ROUNDING));
+    let all = prediction.by_encoder_errors.iter_mut().chain(prediction.by_geometry.iter_mut());
+    let all = all.chain(prediction.by_attitude_rate.iter_mut()).chain(prediction.by_earth_rate.iter_mut());
+    all.chain(prediction.in_g.iter_mut()).for_each(|value| round(value, ROUNDING));
+    prediction.value.iter_mut().for_each(|value| round(value, by_attitude));
     for (parameter, mut column) in prediction.by_parameters.column_iter_mut().enumerate() {
         let unit = if parameter < block::ATTITUDE { ROUNDING } else { by_attitude };
         column.iter_mut().for_each(|value| round(value, unit));

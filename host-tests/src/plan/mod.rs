@@ -2,7 +2,8 @@
 //! a given time.
 //!
 //! - `leg_model`: the measurement model of one leg; `information`: the information about the parameters
-//! - `forecast`: the information of a scheme, from its geometry alone, in 0.05 ms
+//! - `forecast`: the information of a scheme, from its geometry alone, in 0.05 ms for ideal hardware
+//! - `shared_noise`: the same with the imperfections of the hardware; `triangle`: the Cholesky factor
 //! - `objective`: the chosen parameters and their weights
 //! - `search`: simulated annealing over the stops
 //! - `bound`: the lower bound of any scheme
@@ -20,6 +21,8 @@ mod planning;
 pub mod prediction;
 mod request;
 mod search;
+mod shared_noise;
+mod triangle;
 
 pub use planning::*;
 pub use request::*;
