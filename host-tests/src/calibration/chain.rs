@@ -168,6 +168,9 @@ pub trait Chain: Send {
     /// Ends the last stop if `finish` has not, solves, and judges.
     fn conclude(&mut self) -> Outcome;
 
+    /// Solves the segments so far for hardware of other sizes. Returns the sigmas of the parameters, SI units.
+    fn sigmas_with(&mut self, hardware: &Hardware) -> [f64; PARAMETERS];
+
     /// Present covariance of all states, SI units; zero for states that are not estimated.
     fn covariance(&self) -> Matrix<f64, STATES, STATES>;
 }
@@ -218,6 +221,11 @@ impl<T: Real> Chain for CoreChain<T> {
         record.note(&Message::Judged(verdict));
         let outcome = std::mem::take(record).outcome(&setup).expect("solved and judged");
         Outcome { enlargement: enlarged.and_then(|to| Enlargement::between(&self.setup.hardware, &to)), ..outcome }
+    }
+
+    fn sigmas_with(&mut self, hardware: &Hardware) -> [f64; PARAMETERS] {
+        self.calibrator.take_hardware(hardware);
+        self.calibrator.conclude(&mut |_| ()).estimate.sigmas
     }
 
     fn covariance(&self) -> Matrix<f64, STATES, STATES> {

@@ -13,10 +13,12 @@ use crate::calibration::refusal::check_axes;
 use crate::files::json_file::write_json;
 use crate::page::plot::write_sigmas;
 use crate::plan::bound::of_scheme;
-use crate::plan::prediction::{Prediction, RankAt, SegmentGain};
+use crate::plan::costs::{HardwareCost, HardwareCosts};
+use crate::plan::prediction::{Prediction, RankAt, SegmentGain, silent_run};
 use crate::result::table;
 use clap::Args;
 use rayon::prelude::*;
+use rins_selfcal::base::hardware::Hardware;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::model::error_model::INSTALLATION_STATES;
 use rins_selfcal::scheme::Scheme;
@@ -66,7 +68,10 @@ pub fn run(arguments: &ObservabilityArguments) -> anyhow::Result<Ending> {
     }
     let (setup, scheme) = inputs(arguments)?;
     check_axes(&scheme, &arguments.axes.axes())?;
-    let prediction = predicted(&setup, &scheme);
+    let mut prediction = predicted(&setup, &scheme);
+    if setup.method == Method::Joint && setup.hardware != Hardware::IDEAL {
+        prediction.hardware = Some(HardwareCosts::new(&setup, &silent_run(&setup, &scheme)));
+    }
     if let Some(path) = &arguments.json {
         write_json(path, &prediction)?;
     }
@@ -151,10 +156,12 @@ fn text(prediction: &Prediction) -> String {
     } else {
         format!("not observed: {}\n", prediction.unobserved.join(", "))
     };
+    let costs =
+        prediction.hardware.as_ref().map_or_else(String::new, |hardware| costs(hardware, prediction.worst_arcsec));
     format!(
         "scheme {}, {:.1} s, {} method\n\nBai's 12 states, stacked along the scheme\n{}\ninformation gained, bits, and worst \
          sigma of Bai's 12\n{}\nsigmas of Bai's 12 against time, arcsec\n{}\nall states: rank {} of {}, condition \
-         number {}, weakest direction: {}\n{hidden}worst of Bai's 12: {} arcsec{}{}\n\n{}",
+         number {}, weakest direction: {}\n{hidden}worst of Bai's 12: {} arcsec{}{}\n\n{costs}{}",
         prediction.scheme,
         prediction.duration_s,
         prediction.method,
@@ -171,6 +178,25 @@ fn text(prediction: &Prediction) -> String {
         }),
         prediction.time_to_1_arcsec_s.map_or_else(String::new, |time_s| format!("; 1 arcsec after {time_s:.1} s")),
         sigmas(prediction)
+    )
+}
+
+/// What each imperfection of the hardware costs, with this worst sigma of Bai's twelve.
+fn costs(hardware: &HardwareCosts, worst_arcsec: f64) -> String {
+    let row = |cost: &HardwareCost| {
+        let by = worst_arcsec - cost.worst_without_arcsec;
+        vec![
+            cost.key.into(),
+            significant(cost.size),
+            significant(cost.worst_without_arcsec),
+            format!("{:.1} %", by / worst_arcsec * 100.0),
+        ]
+    };
+    let columns = ["hardware", "size", "worst without it, arcsec", "lower by"];
+    format!(
+        "what each imperfection of the hardware costs; without all of them the worst of Bai's 12 is {} arcsec\n{}\n",
+        significant(hardware.worst_of_ideal_arcsec),
+        table::of_numbers(&columns, hardware.each.iter().map(row))
     )
 }
 

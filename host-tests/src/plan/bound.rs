@@ -1,7 +1,9 @@
 //! Lower bound of the sigmas of any scheme of a given duration.
 //!
-//! Gyros, encoders, non-perpendicularity and the hardware are taken as perfect. Then 14 parameters are left,
-//! which the accelerometers must find. Their information is the sum over the attitudes x of the stops,
+//! Gyros, encoders, non-perpendicularity and all imperfections of the hardware are taken as perfect, those of the
+//! accelerometers too: each can only add to the variances. So the bound holds for a unit with any hardware, and it is
+//! tight only for ideal hardware. Then 14 parameters are left, which the accelerometers must find. Their information is
+//! the sum over the attitudes x of the stops,
 //! ```text
 //! J = sum over x of t(x) S(x),   S = H^T H / psd,   sum of t(x) <= T_acc
 //! ```

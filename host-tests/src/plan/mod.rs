@@ -9,9 +9,10 @@
 //! - `bound`: the lower bound of any scheme
 //! - `request`: the request; `planning`: the search with its result
 //! - `observability`: rank and condition number of a scheme
-//! - `prediction`: the sigmas that the core reaches with a scheme
+//! - `prediction`: the sigmas that the core reaches with a scheme; `costs`: what each imperfection of the hardware costs
 
 pub mod bound;
+pub mod costs;
 mod forecast;
 mod information;
 mod leg_model;

@@ -3,6 +3,7 @@
 //! The covariance depends on the geometry only, not on the values of the measurements. So the core processes the
 //! readings of a perfect unit without noise, and its configuration has the noise of the real unit.
 
+use super::costs::HardwareCosts;
 use super::observability::{along_scheme, of_covariance};
 use crate::base::quantity::{STATES, states};
 use crate::calibration::virtual_run::VirtualRun;
@@ -80,6 +81,8 @@ pub struct Prediction {
     pub worst_arcsec: f64,
     /// Lower bound of the largest sigma for any scheme of this duration, arcsec, if it was computed.
     pub least_possible_arcsec: Option<f64>,
+    /// What the imperfections of the hardware cost, if it was computed.
+    pub hardware: Option<HardwareCosts>,
     /// Time at which the largest sigma of Bai's twelve states has fallen to 1 arcsec, s.
     pub time_to_1_arcsec_s: Option<f64>,
     /// States that are not observed.
@@ -161,6 +164,7 @@ impl Prediction {
             condition_number: observed.condition_number,
             worst_arcsec: segments.last().map_or(f64::INFINITY, SegmentGain::worst_arcsec),
             least_possible_arcsec: None,
+            hardware: None,
             time_to_1_arcsec_s: segments.iter().find(below).map(|gain| gain.time_s),
             weakest_direction: observed.weakest_direction,
             unobserved: observed.unobserved,
@@ -225,7 +229,7 @@ pub fn duration_s(setup: &Setup, scheme: &Scheme) -> f64 {
 }
 
 /// A run of a perfect unit without noise, level and facing north.
-fn silent_run(setup: &Setup, scheme: &Scheme) -> VirtualRun {
+pub fn silent_run(setup: &Setup, scheme: &Scheme) -> VirtualRun {
     let unit =
         VirtualUnit { site: setup.known_site(), noise: Noise::NONE, rate_hz: setup.rate_hz, ..VirtualUnit::default() };
     VirtualRun { unit, scheme: scheme.clone(), seed: 0 }
