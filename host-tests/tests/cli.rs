@@ -597,7 +597,7 @@ fn a_run_on_command_stands_by_and_one_without_enough_time_says_what_is_missing()
     let stdout = run(2, &[&["calibrate", "--report", &report], &terms[..]].concat());
     assert!(stdout.contains("arcsec, but 0.500 arcsec or less is required"), "{stdout}");
     assert!(
-        stdout.contains("[cut-short] the run ended after leg 7 of 8, because its longest permitted time was over"),
+        stdout.contains("[cut-short] the run ended after leg 11 of 13, because its longest permitted time was over"),
         "{stdout}"
     );
 }

@@ -14,6 +14,7 @@ use host_tests::virtual_unit::imperfections::Imperfections;
 use host_tests::virtual_unit::presets;
 use host_tests::virtual_unit::unit::{Effects, VirtualUnit};
 use rins_selfcal::base::method::Method;
+use rins_selfcal::base::units::ARCSEC;
 use rins_selfcal::model::error_model::{INSTALLATION_STATES, block};
 use rins_selfcal::scheme::Scheme;
 use std::fs;
@@ -87,6 +88,9 @@ fn hunting_is_no_noise_of_the_sensors() {
         // 75 s at the stops and three channels have 4000 degrees of freedom at 0.08 s: 1.1 %. Five sigma.
         assert_eq!(keys(&found), WHITE, "{name}");
         assert!(near(seen(&found, WHITE[0]), 10.0, 0.06) && near(seen(&found, WHITE[1]), 0.001, 0.06), "{name}");
+        // Both axes hunt in quadrature. The octave nearest to half of the slowest period shows half of it.
+        let hunting_arcsec = found.stops.hunting_rad / ARCSEC;
+        assert!((0.45..1.05).contains(&(hunting_arcsec / arcsec)), "{name}: {hunting_arcsec}");
         assert_accepted_and_right(&name, &outcome, &run);
     }
 }
@@ -106,8 +110,8 @@ fn pulses_and_rocking_have_their_own_rows() {
     let gyros = |arcsec: f64| Imperfections { gyro_pulse_arcsec: arcsec, ..Imperfections::default() };
     let accels = Imperfections { accel_pulse_mm_s: 0.1, ..Imperfections::default() };
     let rocking = Imperfections { base_rocking_arcsec: 0.6, ..Imperfections::default() };
-    // An increment is exact. The rocking is the sum of 24 waves of given amplitudes, and 75 s show its slowest waves a few
-    // times.
+    // An increment is exact. The rocking is the sum of 24 waves of given amplitudes, and 75 s show its slowest waves a
+    // few times.
     for (name, hardware, key, size, part) in [
         ("pulses_0.1", gyros(0.1), "gyro_pulse_arcsec", 0.1, 0.01),
         ("pulses_0.5", gyros(0.5), "gyro_pulse_arcsec", 0.5, 0.01),
@@ -132,7 +136,7 @@ fn floor_and_walk_have_each_their_own_number() {
     let walk = Effects { accel_bias_walk_ug_sqrt_h: 100.0, gyro_bias_walk_deg_h_sqrt_h: 0.3, ..Effects::default() };
     let long = |effects: Effects| run_of(effects, Noise::navigation(), Scheme::bai(100.0, 1), 50.0);
     let (found, _) = inspected("floor", &long(floor));
-    // From 5 s on the floor is larger than the white noise: three channels and 1900 s have 1000 degrees of freedom there:
+    // From 5 s on the floor is larger than the white noise. Three channels and 1900 s have 1000 degrees of freedom there:
     // 2 %. The flicker of the virtual unit is a sum of octaves, whose floor differs by some percent.
     assert!(near(seen(&found, "accel_floor_ug"), 8.0, 0.15), "{:?}", found.rows);
     assert_eq!(seen(&found, "accel_walk_ug_sqrt_h"), None);

@@ -106,15 +106,19 @@ const POSITIONS_16: [(i8, i8); 16] = {
     positions
 };
 
-const PLANNED: &str = "planned by `rins plan`, best of several random seeds; outer axis within -360..0 deg, \
-                       inner axis within -270..0 deg, navigation-grade noise";
+const PLANNED: &str = "planned by `rins plan`; outer axis within -360..0 deg, inner axis within -270..0 deg, stops at \
+                       multiples of 45 deg, noise and hardware of navigation grade";
+
+const PLANNED_FOR_IDEAL: &str = "planned by `rins plan`, best of several random seeds; outer axis within -360..0 deg, \
+                                 inner axis within -270..0 deg, noise of navigation grade, ideal hardware";
 
 /// Names of all schemes, for messages.
-pub const NAMES: &str =
-    "bai, bai-y, 19-position, 8-position, 16-position, fast-60, fast-90, fast-120, fast-180, fast-300";
+pub const NAMES: &str = "bai, bai-y, 19-position, 8-position, 16-position, \
+                         fast-60, fast-90, fast-120, fast-180, fast-300, \
+                         ideal-60, ideal-90, ideal-120, ideal-180, ideal-300";
 
 /// All schemes of the library.
-pub const LIBRARY: [LibraryScheme; 10] = [
+pub const LIBRARY: [LibraryScheme; 15] = [
     LibraryScheme {
         name: "bai",
         source: "Bai et al., Sensors 2019, 19, 4005, section 4; our reading: the inner axis is z, and the \
@@ -153,16 +157,144 @@ pub const LIBRARY: [LibraryScheme; 10] = [
     LibraryScheme {
         name: "fast-60",
         source: PLANNED,
-        command: Some("rins plan --time 60 --limits=-360..0,-270..0 --evaluations 300000 --out fast-60.toml"),
+        command: Some(
+            "rins plan --time 60 --limits=-360..0,-270..0 --angles 45 --evaluations 200000 --out fast-60.toml",
+        ),
+        stops: Stops::Legs {
+            first_stop_s: 2.23,
+            legs: &[
+                (-90.0, 0.0, 2.94),
+                (-90.0, -90.0, 4.925),
+                (-90.0, -180.0, 2.63),
+                (-135.0, -225.0, 2.515),
+                (-180.0, -135.0, 3.24),
+                (-270.0, -90.0, 2.22),
+                (-315.0, -135.0, 2.885),
+            ],
+        },
+    },
+    LibraryScheme {
+        name: "fast-90",
+        source: PLANNED,
+        command: Some(
+            "rins plan --time 90 --limits=-360..0,-270..0 --angles 45 --evaluations 200000 --out fast-90.toml",
+        ),
+        stops: Stops::Legs {
+            first_stop_s: 5.835,
+            legs: &[
+                (-90.0, 0.0, 8.365),
+                (-225.0, -45.0, 3.71),
+                (-135.0, -135.0, 2.88),
+                (-90.0, -90.0, 6.7),
+                (-45.0, -135.0, 3.29),
+                (-90.0, -180.0, 6.77),
+                (-90.0, -270.0, 7.055),
+                (-180.0, -270.0, 3.175),
+            ],
+        },
+    },
+    LibraryScheme {
+        name: "fast-120",
+        source: PLANNED,
+        command: Some(
+            "rins plan --time 120 --limits=-360..0,-270..0 --angles 45 --evaluations 200000 --out fast-120.toml",
+        ),
+        stops: Stops::Legs {
+            first_stop_s: 5.34,
+            legs: &[
+                (-90.0, 0.0, 4.545),
+                (-135.0, -90.0, 4.56),
+                (-90.0, -135.0, 3.695),
+                (-90.0, -225.0, 5.465),
+                (-180.0, -270.0, 7.245),
+                (-270.0, -270.0, 5.39),
+                (-360.0, -180.0, 4.255),
+                (-315.0, -225.0, 3.185),
+                (-270.0, -180.0, 5.825),
+                (-270.0, -90.0, 7.485),
+                (-270.0, 0.0, 5.625),
+            ],
+        },
+    },
+    LibraryScheme {
+        name: "fast-180",
+        source: PLANNED,
+        command: Some(
+            "rins plan --time 180 --limits=-360..0,-270..0 --angles 45 --evaluations 200000 --out fast-180.toml",
+        ),
+        stops: Stops::Legs {
+            first_stop_s: 10.635,
+            legs: &[
+                (-90.0, 0.0, 3.99),
+                (-180.0, 0.0, 7.05),
+                (-270.0, 0.0, 8.33),
+                (-270.0, -90.0, 10.695),
+                (-270.0, -180.0, 6.9),
+                (-270.0, -270.0, 10.765),
+                (-180.0, -225.0, 5.995),
+                (-90.0, -225.0, 9.425),
+                (-90.0, -135.0, 6.175),
+                (-90.0, -45.0, 5.9),
+                (-180.0, -90.0, 5.66),
+                (-270.0, -135.0, 5.71),
+                (-360.0, -180.0, 7.025),
+            ],
+        },
+    },
+    LibraryScheme {
+        name: "fast-300",
+        source: PLANNED,
+        command: Some(
+            "rins plan --time 300 --limits=-360..0,-270..0 --angles 45 --evaluations 200000 --out fast-300.toml",
+        ),
+        stops: Stops::Legs {
+            first_stop_s: 10.54,
+            legs: &[
+                (-90.0, 0.0, 5.44),
+                (-90.0, -45.0, 3.99),
+                (-135.0, -90.0, 5.44),
+                (-225.0, -45.0, 5.655),
+                (-270.0, -90.0, 7.865),
+                (-270.0, -135.0, 6.81),
+                (-180.0, -135.0, 7.625),
+                (-90.0, -90.0, 9.4),
+                (0.0, -180.0, 8.47),
+                (-90.0, -180.0, 9.68),
+                (-135.0, -225.0, 4.92),
+                (-180.0, -225.0, 6.215),
+                (-270.0, -270.0, 11.525),
+                (-315.0, -225.0, 3.915),
+                (-270.0, -180.0, 9.97),
+                (-270.0, -90.0, 11.55),
+                (-270.0, 0.0, 11.205),
+                (-225.0, 0.0, 3.4),
+                (-135.0, 0.0, 8.785),
+                (-45.0, 0.0, 6.615),
+                (-135.0, -90.0, 6.5),
+                (-45.0, -135.0, 7.03),
+                (-90.0, -225.0, 5.645),
+                (-45.0, -270.0, 4.745),
+            ],
+        },
+    },
+    LibraryScheme {
+        name: "ideal-60",
+        source: PLANNED_FOR_IDEAL,
+        command: Some(
+            "rins plan --time 60 --limits=-360..0,-270..0 --evaluations 300000 --hardware ideal --out ideal-60.toml",
+        ),
         stops: Stops::Legs {
             first_stop_s: 6.245,
             legs: &[(-90.2, -14.6, 8.775), (-98.8, -117.9, 7.64), (0.0, -186.9, 5.69), (-103.0, -249.1, 6.375)],
         },
     },
     LibraryScheme {
-        name: "fast-90",
-        source: PLANNED,
-        command: Some("rins plan --time 90 --limits=-360..0,-270..0 --evaluations 300000 --seed 2 --out fast-90.toml"),
+        name: "ideal-90",
+        source: PLANNED_FOR_IDEAL,
+        command: Some(
+            "rins plan --time 90 --limits=-360..0,-270..0 --evaluations 300000 --seed 2 --hardware ideal \
+             --out ideal-90.toml",
+        ),
         stops: Stops::Legs {
             first_stop_s: 2.7,
             legs: &[
@@ -175,9 +307,11 @@ pub const LIBRARY: [LibraryScheme; 10] = [
         },
     },
     LibraryScheme {
-        name: "fast-120",
-        source: PLANNED,
-        command: Some("rins plan --time 120 --limits=-360..0,-270..0 --evaluations 300000 --out fast-120.toml"),
+        name: "ideal-120",
+        source: PLANNED_FOR_IDEAL,
+        command: Some(
+            "rins plan --time 120 --limits=-360..0,-270..0 --evaluations 300000 --hardware ideal --out ideal-120.toml",
+        ),
         stops: Stops::Legs {
             first_stop_s: 6.315,
             legs: &[
@@ -192,9 +326,11 @@ pub const LIBRARY: [LibraryScheme; 10] = [
         },
     },
     LibraryScheme {
-        name: "fast-180",
-        source: PLANNED,
-        command: Some("rins plan --time 180 --limits=-360..0,-270..0 --evaluations 300000 --out fast-180.toml"),
+        name: "ideal-180",
+        source: PLANNED_FOR_IDEAL,
+        command: Some(
+            "rins plan --time 180 --limits=-360..0,-270..0 --evaluations 300000 --hardware ideal --out ideal-180.toml",
+        ),
         stops: Stops::Legs {
             first_stop_s: 9.735,
             legs: &[
@@ -210,10 +346,11 @@ pub const LIBRARY: [LibraryScheme; 10] = [
         },
     },
     LibraryScheme {
-        name: "fast-300",
-        source: PLANNED,
+        name: "ideal-300",
+        source: PLANNED_FOR_IDEAL,
         command: Some(
-            "rins plan --time 300 --limits=-360..0,-270..0 --evaluations 300000 --seed 2 --out fast-300.toml",
+            "rins plan --time 300 --limits=-360..0,-270..0 --evaluations 300000 --seed 2 --hardware ideal \
+             --out ideal-300.toml",
         ),
         stops: Stops::Legs {
             first_stop_s: 17.75,

@@ -159,8 +159,8 @@ fn text(prediction: &Prediction) -> String {
     let costs =
         prediction.hardware.as_ref().map_or_else(String::new, |hardware| costs(hardware, prediction.worst_arcsec));
     format!(
-        "scheme {}, {:.1} s, {} method\n\nBai's 12 states, stacked along the scheme\n{}\ninformation gained, bits, and worst \
-         sigma of Bai's 12\n{}\nsigmas of Bai's 12 against time, arcsec\n{}\nall states: rank {} of {}, condition \
+        "scheme {}, {:.1} s, {} method\n\nBai's 12 states, stacked along the scheme\n{}\ninformation gained, bits, and \
+         worst sigma of Bai's 12\n{}\nsigmas of Bai's 12 against time, arcsec\n{}\nall states: rank {} of {}, condition \
          number {}, weakest direction: {}\n{hidden}worst of Bai's 12: {} arcsec{}{}\n\n{costs}{}",
         prediction.scheme,
         prediction.duration_s,

@@ -19,6 +19,7 @@ use crate::plan::{PlanRequest, Planned, plan};
 use crate::result::table;
 use anyhow::ensure;
 use clap::Args;
+use rins_selfcal::base::hardware::Hardware;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::units::DEG;
 use rins_selfcal::model::error_model::PARAMETER_INFO;
@@ -47,9 +48,9 @@ pub struct PlanArguments {
     /// Acceleration of the moves, deg/s^2
     #[arg(long, value_name = "DEG_S2", default_value_t = 20.0, value_parser = pace, allow_negative_numbers = true)]
     acceleration: f64,
-    /// Stop at multiples of this angle, deg, or at any angle (free)
-    #[arg(long, value_name = "DEG|free", default_value = "free", value_parser = angle_step)]
-    angles: AngleStep,
+    /// Stop at multiples of this angle, deg, or at any angle (free) [default: free for ideal hardware, otherwise 45]
+    #[arg(long, value_name = "DEG|free", value_parser = angle_step)]
+    angles: Option<AngleStep>,
     /// Settling time of the accelerometers after a move, s; the firmware always waits at least 0.3 s
     #[arg(long, value_name = "S", default_value_t = 0.3, value_parser = settling, allow_negative_numbers = true)]
     settling: f64,
@@ -62,7 +63,7 @@ pub struct PlanArguments {
     #[command(flatten)]
     unit: DescriptionArguments,
     /// Number of schemes to evaluate; the search time is proportional to this number
-    #[arg(long, value_name = "N", default_value_t = 1_500_000, value_parser = clap::value_parser!(u64).range(100..))]
+    #[arg(long, value_name = "N", default_value_t = 300_000, value_parser = clap::value_parser!(u64).range(100..))]
     evaluations: u64,
     /// Seed of all random numbers
     #[arg(long, default_value_t = 1)]
@@ -86,7 +87,7 @@ impl PlanArguments {
             turning: Turning { rate_rad_s: self.axis_rate * DEG, acceleration_rad_s2: self.acceleration * DEG },
             settling_s: self.settling,
             travel: self.limits.and_then(|limits| limits.0).unwrap_or_default(),
-            angle_step_rad: self.angles.0,
+            angle_step_rad: self.angles.map_or_else(|| usual_step_rad(&unit.hardware()), |step| step.0),
             objective,
             evaluations: self.evaluations,
             seed: self.seed,
@@ -97,6 +98,12 @@ impl PlanArguments {
 /// Step of the stop angles, rad; `None` allows any angle.
 #[derive(Clone, Copy, Debug)]
 struct AngleStep(Option<f64>);
+
+/// Step of the stop angles for a unit with this hardware. Errors that have no state, such as the wobble twice a turn,
+/// are taken as independent from stop to stop. Stops that are close to each other would share them.
+fn usual_step_rad(hardware: &Hardware) -> Option<f64> {
+    (*hardware != Hardware::IDEAL).then_some(45.0 * DEG)
+}
 
 fn angle_step(text: &str) -> Result<AngleStep, String> {
     if text == "free" { Ok(AngleStep(None)) } else { Ok(AngleStep(Some(number_in(text, 0.01, 180.0)? * DEG))) }

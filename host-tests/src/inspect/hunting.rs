@@ -6,9 +6,9 @@
 //! gyro            phi'     (phi'' for a delay between gyros and encoders)
 //! accelerometer   f x phi, phi''
 //! ```
-//! The installation errors, the lever arm and the delay are unknown but constant. So one regression over all stops finds
-//! how each channel follows the encoders, and its residual is the noise. A regression adds no noise of the encoders: if
-//! the encoders see nothing but their own noise, the coefficients are near zero.
+//! The installation errors, the lever arm and the delay are unknown but constant. So one regression over all stops
+//! finds how each channel follows the encoders, and its residual is the noise. A regression adds no noise of the
+//! encoders: if the encoders see nothing but their own noise, the coefficients are near zero.
 
 use super::allan::{AllanDeviation, Products};
 use super::passage::{between, in_r};
@@ -98,15 +98,15 @@ fn residual(products: &Products<SERIES>, channel: usize, predictors: &[usize]) -
     weights
 }
 
-/// Root mean square of the angles by which the axes hunt, rad. The second differences of a wave have six times its mean
-/// square on average over its phases.
+/// Root mean square of the angles by which the axes hunt, rad. The second differences of a wave over half of its period
+/// have 16 times its mean square. The octaves come near to half of the period, and show no more.
 pub fn size_rad(allan: &AllanDeviation<SERIES>) -> f64 {
     let square = |axis: usize| {
         let mut weights = [0.0; SERIES];
         weights[RATE + axis] = 1.0;
         let curve = allan.curve(&weights);
         let near = curve.iter().filter(|point| (PERIODS_S[0]..PERIODS_S[1]).contains(&point.tau_s));
-        near.map(|point| (point.deviation * point.tau_s).powi(2) / 3.0).fold(0.0, f64::max)
+        near.map(|point| (point.deviation * point.tau_s).powi(2) / 8.0).fold(0.0, f64::max)
     };
     (0..3).map(square).sum::<f64>().sqrt()
 }

@@ -244,7 +244,7 @@ impl Request<'_> {
         }
         if found.stops.hunting_rad > HUNTING_RAD {
             remarks.push(format!(
-                "the servos hunt by {} arcsec, root mean square; what the encoders see of it is no noise of the sensors",
+                "the servos hunt by {} arcsec, root mean square; what the encoders see is no noise of the sensors",
                 significant(found.stops.hunting_rad / ARCSEC)
             ));
         }

@@ -1,10 +1,11 @@
 //! What the residuals of a solution show: an encoder error, or something that has a name.
 //!
 //! The encoder error with which the segments agree is that whose chi-square equals its degrees of freedom. Any error of
-//! the model enlarges the chi-square, and hardware that is better than its sizes reduces it. So the encoders never get a
-//! smaller number than configured, and they get a larger one only if the residuals are unstructured:
+//! the model enlarges the chi-square, and hardware that is better than its sizes reduces it. So the encoders never get
+//! a smaller number than configured, and they get a larger one only if the residuals are unstructured:
 //! - with the configured number, the likelihood-ratio tests of the solver name no effect of the hardware, and
-//! - with the new number, they name nothing at all. An error that explains most of the chi-square is named with any number.
+//! - with the new number, they name nothing at all. An error that explains most of the chi-square is named with any
+//!   number.
 
 use super::rows::{Row, three_digits};
 use crate::base::quantity::significant;
@@ -85,7 +86,7 @@ impl Residuals {
         if let Some(Enlargement { key, unit, configured, found }) = self.enlargement {
             let [configured, found] = [configured, found].map(significant);
             remarks.push(format!(
-                "{key} of [hardware] stays at {configured} {unit}, but {found} would explain what is named; replay --adapt tries it"
+                "{key} of [hardware] stays at {configured} {unit}; {found} would explain what is named, as replay --adapt tries"
             ));
         }
         let too_small = |found: &EncoderNoise| found.range_arcsec[0] > unit.noise.encoder_repeatability_arcsec;

@@ -9,8 +9,8 @@
 //! | ramp | none: a warm-up, which has its size |
 //!
 //! A row that the stops do not tell stays as configured. Noise of the angle that has no grid, and rocking, change their
-//! rows only if they are larger than configured. They are not told apart from errors of single readings of the encoders,
-//! by which hunting is removed, and stay as configured unless they are clearly larger than these.
+//! rows only if they are larger than configured. They are not told apart from errors of single readings of the
+//! encoders, by which hunting is removed, and stay as configured unless they are clearly larger than these.
 
 use super::allan::AllanPoint;
 use super::noise::ChannelNoise;
@@ -43,7 +43,7 @@ impl Steps {
     /// By the segments of a log with this interval.
     pub fn of(segments: &[Segment<f64>], interval_s: f64) -> Self {
         let stops = || segments.iter().filter_map(Segment::standing);
-        let increments = stops().last().map_or([0.0; CHANNELS], |last| last.increments);
+        let increments = stops().next_back().map_or([0.0; CHANNELS], |last| last.increments);
         let readings = stops().flat_map(|stop| stop.readings.iter().map(Readings::variance));
         Self {
             pulses: increments.map(|increment| f64::from(increment) * interval_s),

@@ -9,7 +9,8 @@
 //! - `bound`: the lower bound of any scheme
 //! - `request`: the request; `planning`: the search with its result
 //! - `observability`: rank and condition number of a scheme
-//! - `prediction`: the sigmas that the core reaches with a scheme; `costs`: what each imperfection of the hardware costs
+//! - `prediction`: the sigmas that the core reaches with a scheme
+//! - `costs`: what each imperfection of the hardware costs
 
 pub mod bound;
 pub mod costs;
