@@ -99,6 +99,22 @@ impl EstimatorConfig {
         }
     }
 
+    /// Prior sigma of the latitude, rad. The two-stage method takes the latitude as known.
+    pub(super) fn latitude_sigma_rad(&self) -> f64 {
+        match self.method {
+            Method::Joint => self.site_sigmas.latitude_rad,
+            Method::TwoStage => 0.0,
+        }
+    }
+
+    /// The hardware that the method takes into account. The two-stage method takes it as ideal.
+    pub fn modelled_hardware(&self) -> &Hardware {
+        match self.method {
+            Method::Joint => &self.hardware,
+            Method::TwoStage => &Hardware::IDEAL,
+        }
+    }
+
     /// Used until a configuration arrives.
     pub(super) const UNKNOWN: Self = Self {
         method: Method::Joint,
@@ -165,7 +181,7 @@ pub(super) fn prior_sigmas<T: Real>(config: &EstimatorConfig) -> Vector<T, STATE
             *sigma = real(prior);
         }
     }
-    let heading = sigmas.iter_mut().nth(BEFORE_EFFECTS - 1);
+    let heading = sigmas.get_mut(BEFORE_PARAMETERS + block::HEADING);
     if let (HeadingSource::Configured { sigma_rad, .. }, Some(heading)) = (config.heading, heading) {
         *heading = real(sigma_rad);
     }

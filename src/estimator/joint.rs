@@ -74,6 +74,8 @@ pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS> {
     pub(super) latitude_sigma_rad: f64,
     /// Latitude from the coarse alignment, rad.
     pub(super) coarse_latitude_rad: f64,
+    /// Last step of the latitude about which the measurements are linearized, rad.
+    pub(super) latitude_step_rad: f64,
     /// Gains of stage 1 of the two-stage method.
     pub(super) stage_one_gains: StageOneGains<T>,
     pub(super) fit: Fit,
@@ -117,6 +119,7 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
             start_latitude_rad: 0.0,
             latitude_sigma_rad: 0.0,
             coarse_latitude_rad: 0.0,
+            latitude_step_rad: 0.0,
             stage_one_gains: StageOneGains::NONE,
             fit: Fit::NONE,
             reference_us: 0,
@@ -136,7 +139,7 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         self.configure(config);
         self.site = config.site;
         self.start_latitude_rad = config.site.latitude_rad;
-        self.latitude_sigma_rad = config.site_sigmas.latitude_rad;
+        self.latitude_sigma_rad = config.latitude_sigma_rad();
         self.segments.clear();
         self.left_out = 0;
         self.start.fill(T::zero());
@@ -278,7 +281,8 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         if let Some(deviation) = latitude.and_then(|state| self.filter.state_mut().get_mut(state)) {
             // A poor early estimate must not leave the Earth.
             let latitude_rad = self.site.latitude_rad + deviation.widened();
-            self.site.latitude_rad = latitude_rad.clamp(-FRAC_PI_2, FRAC_PI_2);
+            let latitude_rad = latitude_rad.clamp(-FRAC_PI_2, FRAC_PI_2);
+            self.latitude_step_rad = latitude_rad - core::mem::replace(&mut self.site.latitude_rad, latitude_rad);
             *deviation = T::zero();
         }
     }
@@ -485,7 +489,7 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
     fn take_in(
         &mut self,
         measured: &Vector3<T>,
-        // The last two are those of each sensor by its own noise: its flicker, or its errors at the two ends.
+        // The last two are the derivatives of each sensor by its own noise: its flicker, or its errors at the two ends.
         derivatives: (&Prediction<T>, &EffectColumns<T>, [f64; 2]),
         variance: Vector3<T>,
         usage: Use,
@@ -628,5 +632,22 @@ mod tests {
         let model = MeasurementModel::new(&InstrumentErrors::default(), &config.site);
         let variance = estimator.ends_variance(1, &turn, &model, &model.rotation(&turn)) / noisy.variance();
         assert!((variance - Vector3::new(1.0, 1.0, 0.0)).norm() < 1e-6, "{variance}");
+    }
+
+    #[test]
+    fn a_day_between_two_stops_only_renews_the_flicker() {
+        let Assignment::SelfCalibrate(config) = Assignment::default() else { unreachable!() };
+        let mut estimator = Estimator::<f64>::new();
+        estimator.restart(&config.calibrator.estimator);
+        let first = Segment::quiet_stop(60_000_000);
+        let second = Segment { start_us: 86_400_000_000, ..first };
+        assert!(estimator.add(&first) && estimator.add(&second));
+        let deviations = estimator.filter.variances().map(f64::sqrt);
+        assert!(deviations.iter().all(|sigma| sigma.is_finite()), "{deviations}");
+        let flicker = effects::flicker_sigmas(&config.calibrator.estimator.hardware);
+        for (sigma, prior) in deviations.iter().skip(BEFORE_FLICKER).zip(flicker) {
+            // The second stop alone tells little of them.
+            assert!(*sigma > 0.5 * prior && *sigma <= prior * (1.0 + 1e-9), "{sigma} of {prior}");
+        }
     }
 }

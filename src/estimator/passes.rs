@@ -103,7 +103,7 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         // it.
         self.nominal = self.start;
         self.start_latitude_rad = self.config.site.latitude_rad;
-        self.latitude_sigma_rad = self.config.site_sigmas.latitude_rad;
+        self.latitude_sigma_rad = self.config.latitude_sigma_rad();
         if self.latitude_sigma_rad > KNOWN_LATITUDE_RAD {
             self.start_latitude_rad = self.coarse_latitude_rad;
         }
@@ -230,14 +230,17 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         ended
     }
 
-    /// Whether the step of every parameter since the sweep before is within the limit.
+    /// Whether the step of every parameter and of the latitude since the sweep before is within the limit.
     fn has_converged(&self, before: &Vector<T, PARAMETERS>) -> bool {
         let step = self.nominal - before;
         let variances = self.filter.variances();
         let part = CONVERGED_PART + ROUNDING_NOISE_EPSILONS * T::EPSILON;
         let limit = real::<T>(part * part);
         let moved = |(step, variance): (&T, &T)| *step * *step > limit * *variance;
+        let latitude_step = real(self.latitude_step_rad);
+        let latitude = self.state_of(effect::LATITUDE).and_then(|state| variances.get(state));
         !step.iter().zip(variances.iter().skip(BEFORE_PARAMETERS)).any(moved)
+            && !latitude.is_some_and(|variance| moved((&latitude_step, variance)))
     }
 
     fn solved(&self, sweeps: u8, converged: bool) -> Solution {

@@ -69,7 +69,7 @@ pub fn move_segment<T: Real>(from: &Leg, to: &Leg, turning: &Turning) -> Segment
         integrals.late_sin_inner_s += si * outer_way * middle_s;
         integrals.harmonics.add((so as f32, co as f32), (si as f32, ci as f32), outer_way as f32);
         let way_r = [ci * outer_way, -si * outer_way, inner_way];
-        integrals.gyro_path.add(way_r.map(|way| (way / time_s) as f32), time_s as f32);
+        integrals.gyro_path.add(way_r.map(|way| way as f32), time_s as f32);
         since_s += time_s;
     };
     add([0.0; 2], guard_s, [0.0; 2]);
@@ -122,8 +122,7 @@ pub fn unobserved<T: Real, const SEGMENTS: usize>(
     estimator: &mut Estimator<T, SEGMENTS>,
     scheme: &Scheme,
 ) -> Option<u8> {
-    let ideal = (Hardware::IDEAL, SiteSigmas::EXACT);
-    let config = EstimatorConfig { hardware: ideal.0, site_sigmas: ideal.1, ..*estimator.config() };
+    let config = EstimatorConfig { hardware: Hardware::IDEAL, site_sigmas: SiteSigmas::EXACT, ..*estimator.config() };
     estimator.restart(&config);
     let model = MeasurementModel::<T>::new(&InstrumentErrors::default(), &config.site);
     let turning = scheme.turning();

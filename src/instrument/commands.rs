@@ -179,8 +179,10 @@ fn read<T: Real>(item: Item, run: &Run<'_, T>, outside: &mut impl Surroundings<T
         }
         Item::Setting(name) => Ok(Answer::Setting(Setting::of(run.config(), name))),
         Item::Estimate | Item::Covariance { .. } if segments == 0 => Err(Refusal::Nothing),
-        // Between two pieces of the pass after a stop the estimate is incomplete.
-        Item::Estimate | Item::Covariance { .. } if estimator.is_refreshing() => Err(Refusal::NotNow(run.state())),
+        // Between two pieces of the pass after a stop the estimate is incomplete, and so it stays if the run ends there.
+        Item::Estimate | Item::Covariance { .. } if estimator.is_refreshing() => {
+            Err(idle(run.state()).err().unwrap_or(Refusal::Nothing))
+        }
         Item::Estimate => Ok(Answer::Estimate { segments, estimate: estimator.estimate() }),
         Item::Covariance { row } if usize::from(row) < PARAMETERS => {
             let values = estimator.covariance_row(row.into()).map(Real::widened).data.0[0];

@@ -35,9 +35,6 @@ pub const EFFECTS: usize = EFFECT_STATES + 18;
 const HOUR_S: f64 = 3600.0;
 const MGAL: f64 = 1e-5;
 
-/// Largest error of an encoder or an axis in a unit that works, rad.
-const LARGEST_GEOMETRY_RAD: f64 = 60.0 * ARCSEC;
-
 /// Blocks of the effects, as ranges of indices.
 pub mod effect {
     use core::ops::Range;
@@ -83,6 +80,8 @@ const WARM_UP_PART: f64 = 0.8;
 pub const FLICKER_STATES: usize = 6;
 /// Time constants of the flicker, s. The fastest part is noise of each stop.
 const FLICKER_S: [f64; 3] = [4.0, 30.0, 250.0];
+/// Smallest decay of the flicker between two segments. It is as good as none, and the filter can divide by it in `f32`.
+const LEAST_DECAY: f64 = 1e-6;
 /// Natural logarithm of the ratio of two successive time constants.
 const FLICKER_SPACING: f64 = 2.07;
 /// Random walk of a gyro's bias that is as uncertain after some minutes as its flicker, in units of the floor per
@@ -93,9 +92,9 @@ const GYRO_FLICKER_WALK: f64 = 0.17;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SiteSigmas {
-    /// Of the latitude, rad.
+    /// Sigma of the latitude, rad.
     pub latitude_rad: f64,
-    /// Of gravity at the given latitude, from height and anomaly, m/s^2.
+    /// Sigma of gravity at the given latitude, from height and anomaly, m/s^2.
     pub gravity_m_s2: f64,
 }
 
@@ -266,11 +265,16 @@ pub fn size_of(effect: usize) -> Option<&'static HardwareSize> {
 /// Whether a unit that works can have an effect of this value, SI. A larger value has another cause.
 pub fn is_possible(effect: usize, value: f64) -> bool {
     let largest = match size_of(effect) {
-        _ if effect::GEOMETRY.contains(&effect) => LARGEST_GEOMETRY_RAD,
         Some(size) => size.largest * size.unit_si,
         None => f64::INFINITY,
     };
     value.abs() <= largest
+}
+
+/// Whether an effect is a motion of the axes: wobble or sag.
+pub fn is_of_axes(effect: usize) -> bool {
+    let first_of_axes = effect::GEOMETRY.start + BACKLASH + 2;
+    (first_of_axes..effect::GEOMETRY.end).contains(&effect)
 }
 
 /// Whether an effect is an error of the configured site.
@@ -301,7 +305,8 @@ impl<T: Real> Situation<T> {
         self.from_s + self.duration_s * real(0.5) - self.reference_s
     }
 
-    /// Mean of the warm-up over the segment: 1 at the start of the run if it were not measured from the reference time.
+    /// Mean of the warm-up over the segment, minus its value at the reference time. At the start of the run the warm-up
+    /// is 1.
     fn warm_up(&self, tau_s: f64) -> T {
         let tau: T = real(tau_s);
         let at = |time_s: T| (-time_s / tau).exp();
@@ -429,10 +434,10 @@ pub fn by_flicker(duration_s: f64) -> [f64; 2] {
     [medium, slow].map(|tau_s| ComplexField::sqrt(mean_part(tau_s, duration_s)))
 }
 
-/// Factors by which the medium and the slow flicker decay over a time, s.
+/// Factors by which the medium and the slow flicker decay over a time, s. They are at least 1e-6.
 pub fn flicker_decay(time_s: f64) -> [f64; 2] {
     let [_, medium, slow] = FLICKER_S;
-    [medium, slow].map(|tau_s| ComplexField::exp(-time_s / tau_s))
+    [medium, slow].map(|tau_s| ComplexField::exp(-time_s / tau_s).max(LEAST_DECAY))
 }
 
 /// Growth of the variance of an accelerometer bias and of a gyro bias, per second.
@@ -618,6 +623,13 @@ mod tests {
         }
         let site = Site { latitude_rad: Site::default().latitude_rad + 1e-5, ..Site::default() };
         differs(effect::LATITUDE, integrated(&turn, &Gyros { site, ..plain }), 1e-5, 1e-3);
+    }
+
+    #[test]
+    fn every_effect_but_the_errors_of_the_site_has_a_size() {
+        for (effect, info) in EFFECT_INFO.iter().enumerate() {
+            assert_eq!(size_of(effect).is_none(), is_of_site(effect), "{}", info.name);
+        }
     }
 
     #[test]

@@ -54,8 +54,8 @@ pub struct Prediction<T: Real> {
     pub by_parameters: Matrix<T, 3, PARAMETERS>,
     /// Derivative by the encoder errors (3 x 4), per rad.
     pub by_encoder_errors: Matrix<T, 3, ENCODER_ERRORS>,
-    /// Derivative by the effects of encoders and axes (3 x 28), per rad. The columns of the backlash are zero, because
-    /// it depends on the segments before.
+    /// Derivative by the effects of encoders and axes (3 x 28), per rad. For a move, the columns of the backlash are the
+    /// axes at its start, to be multiplied by the change of the sense of arrival. For a stop they are zero.
     pub by_geometry: Matrix<T, 3, GEOMETRY>,
     /// Specific force in the sensors' axes, in g. For gyros, its integral over the segment, s.
     pub in_g: Vector3<T>,

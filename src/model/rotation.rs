@@ -133,9 +133,9 @@ impl<T: Real> GimbalAxes<T> {
 /// effects of some tenths of an arcsec.
 const STEPS: u32 = 12;
 
-/// Derivatives by the effects whose integrals are not measured, in r: harmonics 3 and 4, backlash, wobble and sag. Those by
-/// the backlash are for its step at the start of the move, where the teeth change sides: the axes at the start. While
-/// both axes turn, they are taken to turn equally far until the shorter way ends, as they do at one rate.
+/// Derivatives by the effects whose integrals are not measured, in r: harmonics 3 and 4, backlash, wobble and sag. The
+/// teeth change sides at the start of the move, so the derivatives by the backlash are the axes at the start. While both
+/// axes turn, they are taken to turn equally far until the shorter way ends, as they do at one rate.
 fn along_way<T: Real>(segment: &Segment<T>) -> [Vector3<T>; GEOMETRY - HARMONICS] {
     let mut sums = [Vector3::zeros(); GEOMETRY - HARMONICS];
     let ways = [segment.turned.outer, segment.turned.inner];

@@ -175,7 +175,10 @@ impl<T: Real, const SEGMENTS: usize> Calibrator<T, SEGMENTS> {
             return Some(false);
         }
         let (chi_square, degrees_of_freedom) = self.estimator.refresh_piece()?;
-        Some(self.meets(limits) && is_good_fit(chi_square, degrees_of_freedom, &self.estimator.config().hardware))
+        Some(
+            self.meets(limits)
+                && is_good_fit(chi_square, degrees_of_freedom, self.estimator.config().modelled_hardware()),
+        )
     }
 
     fn meets(&self, limits: &VerdictLimits) -> bool {
@@ -226,7 +229,7 @@ impl<T: Real, const SEGMENTS: usize> Calibrator<T, SEGMENTS> {
             prior_sigmas: &self.estimator.config().prior_sigmas(),
             segments: self.estimator.segments(),
             noise: &self.estimator.config().noise,
-            hardware: &self.estimator.config().hardware,
+            hardware: self.estimator.config().modelled_hardware(),
             effect_sigmas: &self.estimator.config().effect_sigmas(),
             site: &solution.site(self.estimator.config()),
             counts: self.intake.counts(),

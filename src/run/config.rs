@@ -2,10 +2,11 @@
 
 use crate::base::bounds::{Bound, first_outside};
 use crate::base::hardware::{HARDWARE, HardwareSize};
+use crate::base::method::Method;
 use crate::base::units::DEG;
 use crate::estimator::EstimatorConfig;
 use crate::estimator::rehearsal::SHORTEST_STOP_S;
-use crate::estimator::{HeadingSource, MAX_SEGMENTS};
+use crate::estimator::{HeadingSource, KNOWN_LATITUDE_RAD, MAX_SEGMENTS};
 use crate::gimbal::axis::{AXIS_AND_MOTOR_BOUNDS, AXIS_BOUNDS, AxisLimits};
 use crate::gimbal::fault::AXIS_NAMES;
 use crate::gimbal::servo::{MOTOR_BOUNDS, MotorAndLoad};
@@ -181,7 +182,7 @@ impl fmt::Display for ConfigError {
             },
             Self::Segments => write!(f, "the scheme has more than {MAX_SEGMENTS} stops and moves, which do not fit into memory"),
             Self::Site => f.write_str(
-                "the latitude must be within 90 deg, height and gravity must be finite, and their sigmas must not be negative",
+                "the latitude must be within 90 deg and known for the two-stage method, height and gravity must be finite, and their sigmas must be from 0 to 90 deg and to 1 m/s^2",
             ),
             Self::Scheme(error) => error.fmt(f),
             Self::TooFast(axis) => {
@@ -216,8 +217,8 @@ fn write_outside(f: &mut fmt::Formatter<'_>, number: BoundedNumber, axis: Option
 /// microseconds.
 const RATES_HZ: RangeInclusive<f64> = 50.0..=10_000.0;
 
-/// Largest sigma of the latitude, rad, and of gravity, m/s^2.
-const LARGEST_SITE_SIGMA: f64 = 10.0;
+/// Largest sigma of gravity, m/s^2.
+const LARGEST_GRAVITY_SIGMA: f64 = 1.0;
 
 fn positive(x: &f64) -> bool {
     x.is_finite() && *x > 0.0
@@ -256,7 +257,11 @@ impl SelfCalibrationConfig {
             return Err(ConfigError::Hardware(row as u8));
         }
         let sigmas = &estimator.site_sigmas;
-        if ![sigmas.latitude_rad, sigmas.gravity_m_s2].iter().all(|sigma| (0.0..=LARGEST_SITE_SIGMA).contains(sigma)) {
+        let is_unknown = sigmas.latitude_rad > KNOWN_LATITUDE_RAD && estimator.method == Method::TwoStage;
+        if is_unknown
+            || !(0.0..=90.1 * DEG).contains(&sigmas.latitude_rad)
+            || !(0.0..=LARGEST_GRAVITY_SIGMA).contains(&sigmas.gravity_m_s2)
+        {
             return Err(ConfigError::Site);
         }
         if !(-90.1 * DEG..=90.1 * DEG).contains(&site.latitude_rad) || !positive(&site.gravity_m_s2()) {

@@ -10,6 +10,8 @@ use crate::base::sample::{CHANNELS, RawSample};
 
 /// Largest deviation of a difference from a whole number of increments, in increments.
 const TOLERANCE: f32 = 0.05;
+/// A smaller part of an increment is rounding.
+const ROUNDING: f32 = 1e-3;
 /// A difference between successive samples at rest is at most this many increments of a pulse output.
 const LARGEST_DIFFERENCE: f32 = 40.0;
 /// Returns to an earlier value in one rest after which an increment is believed. Where a move ends and the next one
@@ -39,24 +41,30 @@ impl Divisor {
 
     /// Notes that the output has changed.
     fn see(&mut self, before: f32, now: f32, difference: f32) {
-        // Rounding of the same value, or noise beside a large first step: the end of a move shows no pulses.
-        let is_small = difference <= TOLERANCE * self.divisor;
-        // A knock, or the start of a move.
-        let is_large = self.is_known() && difference > LARGEST_DIFFERENCE * self.divisor;
-        if is_small || is_large {
+        if self.is_known() {
+            // Rounding of the same value. Or a knock, or the start of a move.
+            if difference <= TOLERANCE * self.divisor || difference > LARGEST_DIFFERENCE * self.divisor {
+                return;
+            }
+        } else if difference <= ROUNDING * self.divisor {
             return;
+        } else if difference * LARGEST_DIFFERENCE < self.divisor {
+            // What came before was a knock, or the end of a move.
+            *self = Self::UNKNOWN;
         }
         let returned = (now - self.left).abs() <= TOLERANCE * difference;
         self.seen = self.seen.saturating_add(returned.into()).min(ENOUGH);
         self.left = before;
         self.largest = self.largest.max(difference);
         let (mut a, mut b) = (self.divisor.max(difference), self.divisor.min(difference));
-        // Each remainder is at most half of the divisor before, so the loop ends.
-        while b > TOLERANCE * a && self.largest <= LARGEST_DIFFERENCE * b {
+        // Two differences are exact, and a remainder is none if it is small beside its divisor. Each remainder is at most
+        // half of the divisor before, so the loop ends.
+        while b > 0.0 && self.largest <= LARGEST_DIFFERENCE * b {
             let times = (a / b + 0.5) as u32 as f32;
-            (a, b) = (b, (a - times * b).abs());
+            let remainder = (a - times * b).abs();
+            (a, b) = (b, if remainder > TOLERANCE * b { remainder } else { 0.0 });
         }
-        if b > TOLERANCE * a {
+        if b > 0.0 {
             a = b;
         }
         self.divisor = a;
@@ -147,6 +155,9 @@ mod tests {
         let arrival = [3.0, 1.0, 0.0].map(|steps| steps * step);
         let at_rest: std::vec::Vec<f64> = (0..4000).map(|_| 0.01 * random() * step).collect();
         assert_eq!(known(arrival.into_iter().chain(at_rest)), 0.0, "noise after the end of a move");
+        let arrival = [36.0, 0.0, 1.0, 0.0].map(|steps| steps * step);
+        let at_rest: std::vec::Vec<f64> = (0..60).map(|n| [0.0, 1.0, 0.0, 2.0][n % 4] * step).collect();
+        assert!((f64::from(known(arrival.into_iter().chain(at_rest))) / step - 1.0).abs() < 1e-3, "pulses after it");
     }
 
     #[test]
@@ -173,5 +184,9 @@ mod tests {
         }
         assert_eq!(rest(&noise), 0.0);
         assert!((f64::from(rest(&pulses.collect::<std::vec::Vec<_>>())) / step - 1.0).abs() < 1e-3);
+        // A move begins with a step of 36 increments.
+        assert!(
+            (f64::from(rest(&[0.0, 1.0, 0.0, 1.0, 37.0, 90.0].map(|steps| steps * step))) / step - 1.0).abs() < 1e-3
+        );
     }
 }

@@ -115,11 +115,21 @@ impl Noise {
     }
 }
 
-/// What noise that is not white may add to the block means of a stop.
+/// What noise that is not white may add to the block means of a stop. For n blocks of length t:
+///
+/// ```text
+/// process                                  variance of the means     variance of the trend
+/// random walk, q per second                q t n / 6                 q t n^2 / 10
+/// slope of s per second                    s^2 t^2 n^2 / 12          s^2 t^2 n^3 / 12
+/// pulses of size p, two errors a mean      p^2 / (6 t^2)             3 / n of it
+/// 1/f of density h at 1 Hz, at most        h (1 + ln n)              h n
+/// rocking, an oscillation                  its power                 at most 0.6 n of its power
+/// ```
+/// The trend is [`Scatter::trend`](super::scatter::Scatter::trend): its weights grow in proportion to time.
 struct Coloured {
-    /// To their variance.
+    /// Variance that it adds to the block means.
     variance: f64,
-    /// To the variance of their trend.
+    /// Variance that it adds to the trend of the block means.
     trend: f64,
 }
 
@@ -217,6 +227,88 @@ mod tests {
         let mut stop = Segment::quiet_stop(10_000_000);
         stop.standing_mut().scatter = scatter;
         stop
+    }
+
+    const BLOCKS: usize = 60;
+    const BLOCK_S: f64 = 0.1;
+
+    /// Mean variance of the block means, and mean square of their trend, over 4000 stops with these block means.
+    fn simulated(mut stop: impl FnMut(&mut dyn FnMut() -> f64) -> [f64; BLOCKS]) -> [f64; 2] {
+        const STOPS: u32 = 4000;
+        let mut seed = 3_u64;
+        // A sum of twelve uniform numbers is normal enough.
+        let mut normal = move || {
+            let mut uniform = || {
+                seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (seed >> 11) as f64 / (1_u64 << 53) as f64
+            };
+            (0..12).map(|_| uniform()).sum::<f64>() - 6.0
+        };
+        let n = BLOCKS as f64;
+        let mut sums = [0.0; 2];
+        for _ in 0..STOPS {
+            let means = stop(&mut normal);
+            let mean = means.iter().sum::<f64>() / n;
+            let since_middle = |block: usize| block as f64 - (n - 1.0) / 2.0;
+            let by_time: f64 = means.iter().enumerate().map(|(block, x)| since_middle(block) * x).sum();
+            sums[0] += means.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / (n - 1.0);
+            sums[1] += by_time * by_time / (n * (n * n - 1.0) / 12.0);
+        }
+        sums.map(|sum| sum / f64::from(STOPS))
+    }
+
+    fn coloured(hardware: Hardware, channel: u8) -> [f64; 2] {
+        let Coloured { variance, trend } = Coloured::of(&hardware, channel, 0.0, BLOCK_S, BLOCKS as f64);
+        [variance, trend]
+    }
+
+    /// The relative sigma of the mean of 4000 squares is sqrt(2 / 4000) = 2.2 %.
+    #[test]
+    fn walks_and_pulses_are_as_large_as_simulated() {
+        let walk = coloured(Hardware { accel_walk: 1.0, ..Hardware::IDEAL }, 0);
+        let of_walk = simulated(|normal| {
+            let mut x = 0.0;
+            core::array::from_fn(|_| {
+                x += normal() * BLOCK_S.sqrt();
+                x
+            })
+        });
+        let pulses = coloured(Hardware { accel_pulse: 1.0, ..Hardware::IDEAL }, 0);
+        let of_pulses = simulated(|normal| {
+            // The error of a counter is as uncertain as a number between 0 and 1: its variance is 1 / 12.
+            let mut before = normal() / 12.0_f64.sqrt();
+            core::array::from_fn(|_| {
+                let error = core::mem::replace(&mut before, normal() / 12.0_f64.sqrt());
+                (before - error) / BLOCK_S
+            })
+        });
+        for (found, expected) in walk.iter().zip(of_walk).chain(pulses.iter().zip(of_pulses)) {
+            // Five sigma, and 3 % for the finite number of blocks.
+            assert!((found / expected - 1.0).abs() < 0.14, "{found} for {expected}");
+        }
+    }
+
+    /// 1/f noise as processes with exponential correlation, one octave after the other. The bounds of the stop are
+    /// upper ones, by no more than a factor of 2.
+    #[test]
+    fn flicker_is_at_most_as_large_as_allowed() {
+        let allowed = coloured(Hardware { accel_floor: 1.0, ..Hardware::IDEAL }, 0);
+        let of_flicker = simulated(|normal| {
+            let sigma = (FLICKER_DENSITY * core::f64::consts::LN_2).sqrt();
+            let mut means = [0.0; BLOCKS];
+            for octave in 0..12 {
+                let decay = (-0.5_f64.powi(octave)).exp();
+                let mut x = sigma * normal();
+                for mean in &mut means {
+                    *mean += x;
+                    x = decay * x + sigma * (1.0 - decay * decay).sqrt() * normal();
+                }
+            }
+            means
+        });
+        for (allowed, found) in allowed.iter().zip(of_flicker) {
+            assert!((1.0..2.0).contains(&(allowed / found)), "{allowed} allowed, {found} found");
+        }
     }
 
     #[test]

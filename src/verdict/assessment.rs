@@ -5,7 +5,7 @@ use crate::base::hardware::Hardware;
 use crate::base::linear::{ComplexField, Real};
 use crate::base::site::Site;
 use crate::estimator::{Estimate, Solution};
-use crate::model::effects::{EFFECTS, size_of};
+use crate::model::effects::{EFFECTS, is_of_axes, size_of};
 use crate::model::error_model::PARAMETERS;
 use crate::segment::Segment;
 use crate::segment::intake::IntakeCounts;
@@ -46,10 +46,11 @@ impl Verdict {
     }
 
     /// The configured hardware with the size enlarged that the verdict names as too small, to the size of the effect in
-    /// this unit; `None` if the verdict names none.
+    /// this unit; `None` if the verdict names none. Wobble and sag of the axes are never enlarged: the motion that they
+    /// cause resembles that of the wobble twice a turn, which has no state, and the wrong one would bend the result.
     pub fn enlarged(&self, configured: &Hardware) -> Option<Hardware> {
         let named = |reason: &Reason| match *reason {
-            Reason::Hardware { effect, size, sigma, .. } => {
+            Reason::Hardware { effect, size, sigma, .. } if !is_of_axes(effect.into()) => {
                 Some((size_of(effect.into())?, ComplexField::hypot(size, sigma)))
             }
             _ => None,

@@ -2,7 +2,7 @@
 //! number.
 //!
 //! Each bound follows from the distribution of its number under white noise of the configured size. All bounds together
-//! reject fewer than one good calibration in a thousand.
+//! reject about two good calibrations in a thousand.
 
 use super::assessment::{Assessment, Verdict};
 use super::fit::judge_fit;
@@ -311,6 +311,13 @@ mod tests {
             trends,
             ["[drift] accel x drifts during the stops: the mean square of its trends is 4.0 times that of white noise"]
         );
+        // Too little for one channel, and too much for a triad.
+        let trend = |case: &mut Case, channels: usize| {
+            let trend = 1.6 * 1e-4 / 0.1_f32.sqrt();
+            case.segments.iter_mut().for_each(|stop| stop.standing_mut().scatter.trend[..channels].fill(trend));
+        };
+        assert_eq!(reasons(|case| trend(case, 1)).len(), 0);
+        assert_eq!(reasons(|case| trend(case, 3)).len(), 1);
     }
 
     #[test]

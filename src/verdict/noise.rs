@@ -13,7 +13,8 @@ use crate::segment::white_noise::{ScatterRatios, chi_square_quantile};
 /// and one first stop, 1e-4 for 19 stops of 6 channels.
 const NOISE_Z: f64 = 4.8;
 
-/// Bound of a channel's squared trends over all stops, as a normal deviate: 3e-6 for one channel, 2e-5 for 6 channels.
+/// Bound of the squared trends of a channel, or of a triad, over all stops, as a normal deviate: 3e-6 for one of them,
+/// 3e-5 for 6 channels and 2 triads.
 const TRENDS_Z: f64 = 4.5;
 
 /// Stops whose variance is below this fraction of the variance of white noise explain a fit that is too good.
@@ -65,6 +66,8 @@ pub(super) fn judge_noise_levels(verdict: &mut Verdict, levels: &NoiseLevels) {
 
 /// Judges all stops together. This finds an increase of noise and a drift that are too small to show in a single stop.
 pub(super) fn judge_noise<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, levels: &NoiseLevels) {
+    // The flicker of a triad has one size, which shows in its three channels together before it shows in one.
+    let mut triads = [(Pooled::default(), None::<(u8, Pooled)>); 2];
     for channel in unnamed(levels) {
         let mut noise = Pooled::default();
         let mut trends = Pooled::default();
@@ -84,6 +87,18 @@ pub(super) fn judge_noise<T: Real>(verdict: &mut Verdict, assessment: &Assessmen
         if trends.exceeds(TRENDS_Z) {
             verdict.doubt(Reason::Trends { channel, ratio: trends.ratio() });
         }
+        let [accelerometers, gyros] = &mut triads;
+        let (all, worst) = if channel < 3 { accelerometers } else { gyros };
+        all.add(trends.ratio(), trends.freedom);
+        if worst.is_none_or(|(_, most)| trends.deviate() > most.deviate()) {
+            *worst = Some((channel, trends));
+        }
+    }
+    for (all, worst) in triads {
+        if let Some((channel, trends)) = worst.filter(|(_, trends)| all.exceeds(TRENDS_Z) && !trends.exceeds(TRENDS_Z))
+        {
+            verdict.doubt(Reason::Trends { channel, ratio: trends.ratio() });
+        }
     }
 }
 
@@ -101,7 +116,7 @@ impl Pooled {
     }
 
     fn ratio(&self) -> f64 {
-        self.sum / f64::from(self.freedom)
+        self.sum / f64::from(self.freedom.max(1))
     }
 
     /// An approximate normal deviate, to compare sums of different length.

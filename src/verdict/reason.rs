@@ -225,7 +225,7 @@ fn write_suspicion(f: &mut fmt::Formatter<'_>, suspicion: &Suspicion) -> fmt::Re
         }
         Change::Effect(effect) => {
             let ParameterInfo { name, unit, unit_si } = effect_info(effect);
-            write!(f, "{name} is {} {unit}", Fixed(size / unit_si, 2))
+            write!(f, "{name} is {} {unit}", Fixed(size / unit_si, decimals(unit)))
         }
         Change::Outlier(channel) => {
             let (size, unit) = if channel < 3 { (size / MICRO_G, "ug") } else { (size / ARCSEC, "arcsec") };
@@ -235,9 +235,14 @@ fn write_suspicion(f: &mut fmt::Formatter<'_>, suspicion: &Suspicion) -> fmt::Re
     write!(f, "; this is {} sigma, and the limit is {} sigma", Fixed(sigmas, 1), Fixed(limit, 1))
 }
 
+/// Decimals of a value in a unit of the effects. Rates and latitudes in degrees are small numbers.
+fn decimals(unit: &str) -> usize {
+    if unit.starts_with("deg") { 4 } else { 2 }
+}
+
 fn write_hardware(f: &mut fmt::Formatter<'_>, effect: u8, [size, sigma, configured]: [f64; 3]) -> fmt::Result {
     let ParameterInfo { name, unit, unit_si } = effect_info(effect);
-    let [size, sigma, configured] = [size, sigma, configured].map(|value| Fixed(value / unit_si, 2));
+    let [size, sigma, configured] = [size, sigma, configured].map(|value| Fixed(value / unit_si, decimals(unit)));
     write!(f, "{name} is {size} +- {sigma} {unit}, but only {configured} {unit} is configured")
 }
 

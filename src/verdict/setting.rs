@@ -15,8 +15,11 @@ use serde::{Deserialize, Serialize};
 
 /// Smallest chi-square that a wrong setting must explain: 5.5 sigma, probability 4e-8.
 const LEAST_EXPLAINED: f64 = 30.0;
-/// A wrong setting must explain this part of the chi-square beyond its expectation. The true cause explains nearly all.
+/// A wrong setting must explain this part of the chi-square beyond its expectation and chance. The true cause explains
+/// nearly all.
 const LEAST_PART: f64 = 0.8;
+/// What chance may add to the chi-square, in its sigmas.
+const CHANCE_SIGMAS: f64 = 2.0;
 /// An explanation is the only one if its chi-square is better by this much: a likelihood ratio of 90.
 const BETTER: f64 = 9.0;
 /// Largest misfit of the magnitude of the Earth rate, as a chi-square: 5 sigma, or a tenth of the error if that is
@@ -103,7 +106,8 @@ pub(super) fn wrong_setting(solution: &Solution, site: &Site, latitude_sigma_rad
     let heading = heading(&solution.settings);
     let by = |explanation: &Option<(WrongSetting, f64)>| explanation.map_or(0.0, |(_, explained)| explained);
     let (setting, explained) = if by(&latitude) > by(&heading) { latitude } else { heading }?;
-    let excess = solution.fit.chi_square - f64::from(solution.degrees_of_freedom);
+    let freedom = f64::from(solution.degrees_of_freedom);
+    let excess = solution.fit.chi_square - freedom - CHANCE_SIGMAS * ComplexField::sqrt(2.0 * freedom);
     let by_change = solution.suspicion.sigmas * solution.suspicion.sigmas;
     let explains = explained > LEAST_EXPLAINED && explained > LEAST_PART * excess && explained > by_change - BETTER;
     explains.then_some(Explanation { setting, only: explained > by_change + BETTER })

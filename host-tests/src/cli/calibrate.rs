@@ -223,7 +223,7 @@ fn conclude(
 ) -> anyhow::Result<Ending> {
     match ended {
         Ended::Judged(outcome) => {
-            let truth = Truth::new(&run.unit.errors);
+            let truth = Truth::new(outcome.truth.as_ref().unwrap_or(&run.unit.errors));
             let previous = arguments.previous.as_deref().map(Saved::read).transpose()?;
             let content = Content {
                 outcome,

@@ -16,8 +16,9 @@ use crate::result::report::CalibrationReport;
 use crate::result::saved::Saved;
 use crate::result::signals::Signals;
 use crate::result::table;
-use anyhow::Context;
+use anyhow::{Context, bail};
 use clap::Args;
+use rins_selfcal::base::method::Method;
 use rins_selfcal::model::error_model::PARAMETER_INFO;
 use rins_selfcal::run::telemetry::Progress;
 use rins_selfcal::segment::SegmentKind;
@@ -79,11 +80,15 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
     let previous = arguments.previous.as_deref().map(Saved::read).transpose()?;
     let (unit, origin) = unit(arguments)?;
     let unit = arguments.hardware.apply(unit)?;
+    let method = arguments.method.method();
+    if method == Method::TwoStage && unit.site.latitude_deg.is_none() {
+        bail!("--method two-stage needs the latitude: give latitude_deg in the table [site] of --config");
+    }
     let replay = Replay {
         path: log.into(),
         layout: arguments.source.layout()?,
         unit,
-        method: arguments.method.method(),
+        method,
         precision: arguments.method.precision,
         adapt: arguments.adapt,
     };

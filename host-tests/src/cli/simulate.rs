@@ -14,6 +14,7 @@ use crate::log::LogWriter;
 use anyhow::Context;
 use clap::Args;
 use rins_selfcal::base::method::Method;
+use rins_selfcal::model::error_model::InstrumentErrors;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
@@ -50,9 +51,9 @@ pub fn run(arguments: &SimulateArguments) -> anyhow::Result<Ending> {
     let scheme = arguments.scheme.scheme(Method::Joint)?;
     check_axes(&scheme, &arguments.axes.axes())?;
     let run = arguments.unit.run(&config, scheme)?;
-    let samples = write_log(&run, &arguments.out)?;
+    let (samples, errors) = write_log(&run, &arguments.out)?;
     if let Some(path) = &arguments.truth {
-        Truth::new(&run.unit.errors).write(path)?;
+        Truth::new(&errors).write(path)?;
     }
     if let Some(path) = &arguments.write_config {
         write_config(path, &config)?;
@@ -61,12 +62,13 @@ pub fn run(arguments: &SimulateArguments) -> anyhow::Result<Ending> {
     Ok(Ending::Done)
 }
 
-fn write_log(run: &VirtualRun, path: &Path) -> anyhow::Result<u64> {
-    let drive = run.drive();
+/// Returns the number of samples, and the errors at the end of the log.
+fn write_log(run: &VirtualRun, path: &Path) -> anyhow::Result<(u64, InstrumentErrors<f64>)> {
+    let mut drive = run.drive();
     let samples = drive.total_samples();
     let bar = progress::bar(samples, "samples");
     let mut writer = LogWriter::create(path, run.unit.effects.temperature_c.is_some())?;
-    for (number, reading) in (1..).zip(drive) {
+    for (number, reading) in (1..).zip(drive.by_ref()) {
         writer.write(&reading)?;
         if number % TICK == 0 {
             bar.set_position(number);
@@ -74,7 +76,7 @@ fn write_log(run: &VirtualRun, path: &Path) -> anyhow::Result<u64> {
     }
     drop(bar);
     writer.finish()?;
-    Ok(samples)
+    Ok((samples, drive.rins().errors_now()))
 }
 
 fn write_config(path: &Path, config: &UnitConfig) -> anyhow::Result<()> {

@@ -30,7 +30,7 @@
 use super::hardware::{self, HardwareTable};
 use super::toml_file::{TomlFile, TomlFileError};
 use crate::base::quantity::significant;
-use rins_selfcal::base::hardware::Hardware;
+use rins_selfcal::base::hardware::{HARDWARE, Hardware};
 use rins_selfcal::base::site::Site;
 use rins_selfcal::base::units::{ARCSEC, DEG, DEG_H, DEG_SQRT_H, MICRO_G};
 use rins_selfcal::model::effects::SiteSigmas;
@@ -169,8 +169,14 @@ impl Noise {
             ("gyro_floor_deg_h", self.gyro_floor_deg_h.unwrap_or(0.0)),
             ("gyro_walk_deg_h_sqrt_h", self.gyro_walk_deg_h_sqrt_h.unwrap_or(0.0)),
         ];
-        match values.iter().find(|(_, value)| !value.is_finite() || *value < 0.0) {
-            Some((key, _)) => Err((key, "must be finite and not negative")),
+        if let Some((key, _)) = values.iter().find(|(_, value)| !value.is_finite() || *value < 0.0) {
+            return Err((key, "must be finite and not negative"));
+        }
+        // Allan floors and walks are sizes of the hardware too.
+        let largest =
+            |key: &str| HARDWARE.iter().find(|size| size.key == key).map_or(f64::INFINITY, |size| size.largest);
+        match values.iter().find(|(key, value)| *value > largest(key)) {
+            Some((key, _)) => Err((key, "is larger than a size of the hardware can be")),
             None => Ok(()),
         }
     }
@@ -461,6 +467,9 @@ impl UnitConfig {
         }
         if self.site.latitude_deg.is_none() && self.site.latitude_sigma_deg.is_some() {
             return Err(("site", "latitude_sigma_deg", "needs latitude_deg"));
+        }
+        if self.site.height_m.is_none() && self.site.height_sigma_m.is_some() && self.site.gravity_m_s2.is_none() {
+            return Err(("site", "height_sigma_m", "needs height_m"));
         }
         self.noise.check().map_err(|(key, what)| ("noise", key, what))?;
         if !self.sampling.rate_hz.is_none_or(|rate| inside(rate, 1.0, 100_000.0)) {

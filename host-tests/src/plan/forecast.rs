@@ -13,6 +13,7 @@ use rins_selfcal::base::linear::{Matrix, Vector};
 use rins_selfcal::base::site::Site;
 use rins_selfcal::estimator::EstimatorConfig;
 use rins_selfcal::estimator::rehearsal::{BLOCK_LOSS_S, stop_segment, usable_s};
+use rins_selfcal::model::effects::SiteSigmas;
 use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETERS};
 use rins_selfcal::model::measurement::{ENCODER_ERRORS, MeasurementModel};
 use rins_selfcal::scheme::{Leg, Turning};
@@ -63,7 +64,8 @@ impl Forecast {
 
     /// The information after all stops.
     pub fn information<L: Borrow<LegModel>>(&self, stands: &[Leg], legs: &[L]) -> Information {
-        if self.config.hardware == Hardware::IDEAL {
+        let knows_site = self.config.site_sigmas == SiteSigmas::EXACT;
+        if self.config.hardware == Hardware::IDEAL && knows_site {
             self.with_white_noise(stands, legs)
         } else {
             let legs: Vec<&LegModel> = legs.iter().map(Borrow::borrow).collect();
@@ -127,7 +129,6 @@ mod tests {
     use crate::virtual_unit::unit::VirtualUnit;
     use rins_selfcal::base::method::Method;
     use rins_selfcal::base::units::{ARCSEC, DEG_H, MICRO_G};
-    use rins_selfcal::model::effects::SiteSigmas;
     use rins_selfcal::model::error_model::PARAMETER_INFO;
     use rins_selfcal::scheme::Scheme;
 
@@ -161,9 +162,11 @@ mod tests {
             base_drift: (3.0 * ARCSEC / 3600.0) as f32,
             ..Hardware::NAVIGATION
         };
+        let elsewhere = Setup { site_sigmas: SiteSigmas::GIVEN, ..setup() };
         let real = Setup { hardware, site_sigmas: SiteSigmas::GIVEN, ..setup() };
         for (stop_s, within) in [(10.0, 0.004), (3.0, 0.01)] {
             agree(&ideal, &Scheme::bai(stop_s, 1), within);
+            agree(&elsewhere, &Scheme::bai(stop_s, 1), within);
             agree(&real, &Scheme::bai(stop_s, 1), within);
         }
         agree(&real, &Scheme::named("fast-180").expect("in the library"), 0.004);

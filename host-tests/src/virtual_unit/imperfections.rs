@@ -30,13 +30,13 @@ pub type Wave = [f64; 2];
 pub struct WarmUp {
     /// Time constant, s.
     pub time_constant_s: f64,
-    /// Of the accelerometer biases, ug.
+    /// Amplitude of the accelerometer biases, ug.
     pub accel_ug: Vec3,
-    /// Of the gyro biases, deg/h.
+    /// Amplitude of the gyro biases, deg/h.
     pub gyro_deg_h: Vec3,
-    /// Of the accelerometer scale factors, ppm.
+    /// Amplitude of the accelerometer scale factors, ppm.
     pub accel_scale_ppm: Vec3,
-    /// Of the gyro scale factors, ppm.
+    /// Amplitude of the gyro scale factors, ppm.
     pub gyro_scale_ppm: Vec3,
 }
 

@@ -583,5 +583,5 @@ fn the_bytes_of_a_configuration_are_these() {
     let bytes = journal.memory().bytes();
     assert_eq!(bytes[..20], *b"RSU2\0\0\0\0\xae\x03\0\0\x04mine\x0242");
     let frame = &bytes[..16 + 0x3ae];
-    assert_eq!(u32::from_le_bytes(*frame.last_chunk().unwrap()), 2_871_965_317);
+    assert_eq!(u32::from_le_bytes(*frame.last_chunk().unwrap()), 4_102_912_359);
 }
