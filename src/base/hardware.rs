@@ -4,10 +4,9 @@
 //! effect has among units of one kind. The estimator takes it as its prior. An effect of size zero is absent and costs
 //! nothing.
 
-use crate::base::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM};
+use crate::base::units::{ARCSEC, DEG, DEG_H, HOUR_S, MICRO_G, PPM};
 use serde::{Deserialize, Serialize};
 
-const HOUR_S: f64 = 3600.0;
 const SQRT_HOUR: f64 = 60.0;
 
 /// Rate to which the size of the gyro scale against rate refers, rad/s.

@@ -15,6 +15,10 @@ pub const DEG_SQRT_H: f64 = DEG / 60.0;
 pub const MICRO_G: f64 = 9.806_65e-6;
 /// Standard gravity, m/s^2.
 pub const STANDARD_GRAVITY_M_S2: f64 = 1e6 * MICRO_G;
+/// One milligal, m/s^2.
+pub const MGAL: f64 = 1e-5;
+/// One hour, s.
+pub const HOUR_S: f64 = 3600.0;
 /// One part per million.
 pub const PPM: f64 = 1e-6;
 

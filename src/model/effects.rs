@@ -19,7 +19,7 @@
 use crate::base::hardware::{FLICKER_DENSITY, HARDWARE, Hardware, HardwareSize, REFERENCE_RATE_RAD_S};
 use crate::base::linear::{ComplexField, Matrix, Real, Vector3, columns as columns_of, real};
 use crate::base::site::EARTH_RATE_RAD_S;
-use crate::base::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM};
+use crate::base::units::{ARCSEC, DEG, DEG_H, HOUR_S, MGAL, MICRO_G, PPM};
 use crate::model::error_model::{ParameterInfo, block};
 use crate::model::measurement::{BACKLASH, GEOMETRY, Prediction};
 use crate::segment::Segment;
@@ -31,9 +31,6 @@ pub const EFFECT_STATES: usize = 59;
 
 /// Number of effects that are tested: those with a state, then those that are noise in the filter.
 pub const EFFECTS: usize = EFFECT_STATES + 18;
-
-const HOUR_S: f64 = 3600.0;
-const MGAL: f64 = 1e-5;
 
 /// Blocks of the effects, as ranges of indices.
 pub mod effect {

@@ -3,15 +3,13 @@
 use super::scale::WrongScale;
 use super::setting::WrongSetting;
 use crate::base::sample::CHANNELS;
-use crate::base::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM};
+use crate::base::units::{ARCSEC, DEG, DEG_H, HOUR_S, MICRO_G, PPM};
 use crate::estimator::constancy::{Change, Suspicion};
 use crate::model::effects::EFFECT_INFO;
 use crate::model::error_model::{PARAMETER_INFO, ParameterInfo, block};
 use crate::verdict::wiring::Wiring;
 use core::fmt;
 use serde::{Deserialize, Serialize};
-
-const HOUR_S: f64 = 3600.0;
 
 /// Names of the channels as reasons give them.
 pub const CHANNEL_NAMES: [&str; CHANNELS] = ["accel x", "accel y", "accel z", "gyro x", "gyro y", "gyro z"];

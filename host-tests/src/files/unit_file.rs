@@ -32,7 +32,7 @@ use super::toml_file::{TomlFile, TomlFileError};
 use crate::base::quantity::significant;
 use rins_selfcal::base::hardware::{HARDWARE, Hardware};
 use rins_selfcal::base::site::Site;
-use rins_selfcal::base::units::{ARCSEC, DEG, DEG_H, DEG_SQRT_H, MICRO_G};
+use rins_selfcal::base::units::{ARCSEC, DEG, DEG_SQRT_H, MGAL, MICRO_G};
 use rins_selfcal::model::effects::SiteSigmas;
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
@@ -154,6 +154,16 @@ impl Noise {
         self.rate_reference_arcsec_sqrt_s * ARCSEC / rate_hz.sqrt()
     }
 
+    /// Allan floors and walks, which are sizes of the hardware too: their keys, which are the same there, and values.
+    fn sizes_of_hardware(&self) -> [(&'static str, Option<f64>); 4] {
+        [
+            ("accel_floor_ug", self.accel_floor_ug),
+            ("accel_walk_ug_sqrt_h", self.accel_walk_ug_sqrt_h),
+            ("gyro_floor_deg_h", self.gyro_floor_deg_h),
+            ("gyro_walk_deg_h_sqrt_h", self.gyro_walk_deg_h_sqrt_h),
+        ]
+    }
+
     /// Checks that every number is finite and not negative.
     ///
     /// # Errors
@@ -164,18 +174,14 @@ impl Noise {
             ("gyro_arw_deg_sqrt_h", self.gyro_arw_deg_sqrt_h),
             ("encoder_repeatability_arcsec", self.encoder_repeatability_arcsec),
             ("rate_reference_arcsec_sqrt_s", self.rate_reference_arcsec_sqrt_s),
-            ("accel_floor_ug", self.accel_floor_ug.unwrap_or(0.0)),
-            ("accel_walk_ug_sqrt_h", self.accel_walk_ug_sqrt_h.unwrap_or(0.0)),
-            ("gyro_floor_deg_h", self.gyro_floor_deg_h.unwrap_or(0.0)),
-            ("gyro_walk_deg_h_sqrt_h", self.gyro_walk_deg_h_sqrt_h.unwrap_or(0.0)),
         ];
-        if let Some((key, _)) = values.iter().find(|(_, value)| !value.is_finite() || *value < 0.0) {
+        let given = self.sizes_of_hardware().map(|(key, value)| (key, value.unwrap_or(0.0)));
+        if let Some((key, _)) = values.iter().chain(&given).find(|(_, value)| !value.is_finite() || *value < 0.0) {
             return Err((key, "must be finite and not negative"));
         }
-        // Allan floors and walks are sizes of the hardware too.
         let largest =
             |key: &str| HARDWARE.iter().find(|size| size.key == key).map_or(f64::INFINITY, |size| size.largest);
-        match values.iter().find(|(key, value)| *value > largest(key)) {
+        match self.sizes_of_hardware().iter().find(|(key, value)| value.is_some_and(|value| value > largest(key))) {
             Some((key, _)) => Err((key, "is larger than a size of the hardware can be")),
             None => Ok(()),
         }
@@ -231,8 +237,6 @@ const HEIGHT_SIGMA_M: [f64; 2] = [30.0, 2000.0];
 const GRAVITY_SIGMA_MGAL: [f64; 2] = [20.0, 1.0];
 /// Change of gravity with height, mGal/m.
 const GRAVITY_BY_HEIGHT_MGAL_M: f64 = 0.3086;
-/// One milligal, m/s^2.
-const MGAL: f64 = 1e-5;
 
 /// `[sampling]`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -428,18 +432,12 @@ impl UnitConfig {
 
     /// The imperfections of the hardware, with Allan floors and walks as the noise gives them.
     pub fn hardware(&self) -> Hardware {
-        let Noise { accel_floor_ug, accel_walk_ug_sqrt_h, gyro_floor_deg_h, gyro_walk_deg_h_sqrt_h, .. } = self.noise;
-        const SQRT_HOUR: f64 = 60.0;
         let mut hardware = self.hardware.0;
-        let given = |size: &mut f32, value: Option<f64>, unit: f64| {
-            if let Some(value) = value {
-                *size = (value * unit) as f32;
+        for (key, value) in self.noise.sizes_of_hardware() {
+            if let (Some(size), Some(value)) = (HARDWARE.iter().find(|size| size.key == key), value) {
+                size.set(&mut hardware, value * size.unit_si);
             }
-        };
-        given(&mut hardware.accel_floor, accel_floor_ug, MICRO_G);
-        given(&mut hardware.accel_walk, accel_walk_ug_sqrt_h, MICRO_G / SQRT_HOUR);
-        given(&mut hardware.gyro_floor, gyro_floor_deg_h, DEG_H);
-        given(&mut hardware.gyro_walk, gyro_walk_deg_h_sqrt_h, DEG_H / SQRT_HOUR);
+        }
         hardware
     }
 

@@ -22,7 +22,7 @@ use rayon::prelude::*;
 use rins_selfcal::base::hardware::Hardware;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::site::Site;
-use rins_selfcal::base::units::{ARCSEC, DEG_H, MICRO_G};
+use rins_selfcal::base::units::{ARCSEC, DEG_H, HOUR_S, MICRO_G};
 use rins_selfcal::estimator::OBSERVED_RATIO;
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::model::effects::{EFFECT_INFO, effect};
@@ -67,12 +67,13 @@ impl ErrorSource {
     /// # Errors
     /// One line that names the file and, for its contents, line and key.
     pub fn named(name: &str) -> std::result::Result<Self, TomlFileError> {
-        match (name, name.strip_prefix("random:").and_then(random_errors)) {
-            ("real", _) => Ok(Self::Real),
-            ("random", _) => Ok(Self::Random(RandomErrors::default())),
-            ("typical", _) => Ok(Self::Typical(1.0)),
-            _ if typical(name).is_some() => Ok(Self::Typical(typical(name).unwrap_or(1.0))),
-            (_, Some(sizes)) => Ok(Self::Random(sizes)),
+        let random = name.strip_prefix("random:").and_then(random_errors);
+        match (name, random, typical(name)) {
+            ("real", ..) => Ok(Self::Real),
+            ("random", ..) => Ok(Self::Random(RandomErrors::default())),
+            ("typical", ..) => Ok(Self::Typical(1.0)),
+            (_, _, Some(factor)) => Ok(Self::Typical(factor)),
+            (_, Some(sizes), _) => Ok(Self::Random(sizes)),
             _ => match errors_named(name, 0) {
                 Err(TomlFileError::Name { name, .. }) => Err(TomlFileError::Name { name, known: Self::KNOWN }),
                 found => Ok(Self::Fixed(Box::new(found?))),
@@ -117,7 +118,6 @@ fn anywhere(seed: u64) -> Site {
 
 /// A unit with imperfections of these sizes, at a site whose configuration is wrong by typical errors times a factor.
 fn imperfect(hardware: &Hardware, site_factor: f64, seed: u64) -> UnitErrors {
-    const HOUR_S: f64 = 3600.0;
     let of = |size: f32, unit: f64| f64::from(size) / unit;
     let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed ^ DRIFT_SEED);
     let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };

@@ -21,7 +21,7 @@ use super::vec3::{
     Mat3, Vec3, add, add_scaled, apply, apply_transposed, cross, frame_rotation, inverse, multiply, scale, transpose,
     turn_frame,
 };
-use rins_selfcal::base::units::{ARCSEC, DEG_H, MICRO_G};
+use rins_selfcal::base::units::{ARCSEC, DEG_H, HOUR_S, MICRO_G};
 
 /// A vector that is linear in time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -110,8 +110,6 @@ pub struct RigidTruth {
 
 /// Nodes of two-point Gauss-Legendre quadrature, as fractions of an interval. Both weights are one half.
 const GAUSS_POINTS: [f64; 2] = [0.211_324_865_405_187_1, 0.788_675_134_594_812_9];
-
-const HOUR_S: f64 = 3600.0;
 
 impl RigidTruth {
     /// Computes the constant parts of a unit's truth.
