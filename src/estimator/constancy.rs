@@ -72,6 +72,8 @@ pub enum Change {
     Heading,
     /// An effect of the hardware, by index, is larger than its configured size permits.
     Effect(u8),
+    /// The effects of a kind, by number, are together this many times as large as their configured sizes permit.
+    Kind(u8),
 }
 
 impl Change {

@@ -157,6 +157,15 @@ impl<T: Real, const N: usize, const ABOVE: usize> UdFilter<T, N, ABOVE> {
         row
     }
 
+    /// Covariance of the states `i` and `j`.
+    pub fn covariance(&self, i: usize, j: usize) -> T {
+        let entry = |column: &[T], diagonal: usize, i: usize| {
+            if i == diagonal { T::one() } else { column.get(i).copied().unwrap_or(T::zero()) }
+        };
+        let columns = self.columns().enumerate().skip(i.max(j));
+        columns.fold(T::zero(), |sum, (k, (column, d))| sum + entry(column, k, i) * entry(column, k, j) * *d)
+    }
+
     /// Updates the filter with one scalar measurement, with the optimal gain. Returns the outcome and the gain, (N),
     /// which is zero if the measurement was not used.
     pub fn update(&mut self, measurement: &Measurement<T, N>) -> (Update<T>, Vector<T, N>) {

@@ -4,6 +4,7 @@ mod configuration;
 pub mod constancy;
 pub mod filter;
 mod joint;
+mod kinds;
 mod passes;
 pub mod rehearsal;
 mod solution;

@@ -4,7 +4,7 @@ use super::configuration::{EstimatorConfig, KNOWN_LATITUDE_RAD, STATES};
 use super::constancy::{SettingEvidence, Suspicion};
 use super::filter::entries_above_diagonal;
 use super::filter::{UdFilter, Update};
-use crate::base::linear::Real;
+use crate::base::linear::{Real, real};
 use crate::base::sample::CHANNELS;
 use crate::base::site::Site;
 use crate::model::effects::{EFFECT_STATES, effect};
@@ -78,6 +78,33 @@ impl Fit {
         }
         if normalized.abs() > self.largest.normalized.abs() {
             self.largest = LargestInnovation { normalized, segment: segment as u16, channel };
+        }
+    }
+}
+
+/// Largest variance of an innovation that is a test, in units of the variance of its noise. From larger ones, of 300 ug
+/// and more, the filter learns the parameters, whose priors are wider than any instrument.
+const LARGEST_PREDICTED: f64 = 1e4;
+
+/// Chi-square of the innovations of the accelerometers at the stops.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Forces {
+    pub(super) chi_square: f64,
+    /// Number of its terms.
+    pub(super) freedom: u32,
+}
+
+impl Forces {
+    pub(super) const NONE: Self = Self { chi_square: 0.0, freedom: 0 };
+
+    /// Counts the outcome of a measurement whose noise has this variance.
+    pub(super) fn note<T: Real>(&mut self, update: &Update<T>, noise: T) {
+        if let Update::Applied(innovation) = update
+            && innovation.variance < noise * real(LARGEST_PREDICTED)
+        {
+            let normalized = innovation.normalized().widened();
+            self.chi_square += normalized * normalized;
+            self.freedom += 1;
         }
     }
 }

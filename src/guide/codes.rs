@@ -66,7 +66,7 @@ fn of_reasons() -> Vec<Row<Reason>> {
         Reason::Gap { .. } => Reason::Gap { segment: 9, longest_us: 250_000 }, "gap";
         Reason::LeftOut(_) => Reason::LeftOut(1), "left-out";
         Reason::Changed { .. } => Reason::Changed { parameter: 0, sigmas: 11.5 }, "changed";
-        Reason::Hardware { .. } | Reason::Changing(Suspicion { change: Change::Effect(_), .. }) =>
+        Reason::Hardware { .. } | Reason::Changing(Suspicion { change: Change::Effect(_) | Change::Kind(_), .. }) =>
             Reason::Hardware { effect: 0, size: 2e-4, sigma: 3e-5, configured: 6e-5 }, "hardware-effect";
         Reason::UnknownLatitude { .. } => Reason::UnknownLatitude { sigma_rad: 0.1 }, "unknown-latitude";
     }

@@ -253,6 +253,40 @@ static SIZE_KEYS: [(Range<usize>, &str); 17] = [
     (effect::G_SENSITIVITY, "gyro_g_sensitivity_deg_h_g"),
 ];
 
+/// Largest number of effects of one kind.
+pub const LARGEST_KIND: usize = 12;
+
+/// Number of kinds of effects that have a state: one for each size of the hardware, and one for all motions of the axes.
+pub const KINDS: usize = 16;
+
+/// The kind behind the others: the flicker of the accelerometers.
+pub const FLICKER_KIND: u8 = KINDS as u8;
+
+/// The effects of a kind, counted from 0, by their indices. Those of one kind share a size, or resemble each other.
+pub fn kind(number: usize) -> impl Iterator<Item = u8> {
+    let [first, second] = match SIZE_KEYS.get(number) {
+        Some((effects, _)) if number + 1 < KINDS => [effects.clone(), 0..0],
+        _ if number < KINDS => [geometry(0, 2), geometry(18, 10)],
+        _ => [0..0, 0..0],
+    };
+    first.chain(second).map(|effect| effect as u8)
+}
+
+/// The sizes of the hardware of a kind, as keys of the unit description.
+pub fn kind_keys(number: u8) -> &'static str {
+    match SIZE_KEYS.get(usize::from(number)) {
+        Some((_, key)) if usize::from(number) + 1 < KINDS => key,
+        _ if number < FLICKER_KIND => "wobble_1_arcsec and sag_arcsec",
+        _ => "accel_floor_ug",
+    }
+}
+
+/// The size of the hardware of a kind; `None` for all motions of the axes.
+pub fn size_of_kind(number: u8) -> Option<&'static HardwareSize> {
+    let key = kind_keys(number);
+    HARDWARE.iter().find(|size| size.key == key)
+}
+
 /// The size of the hardware to which an effect belongs; `None` for an error of the configured site.
 pub fn size_of(effect: usize) -> Option<&'static HardwareSize> {
     let (_, key) = SIZE_KEYS.iter().find(|(effects, _)| effects.contains(&effect))?;

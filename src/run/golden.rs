@@ -92,6 +92,8 @@ fn the_bytes_of_every_reason_are_these() {
         Reason::Changed { .. } => Reason::Changed { parameter: 27, sigmas: 11.5 }, "17 1b 00 00 00 00 00 00 27 40";
         Reason::Changing(Suspicion { change: Change::Effect(_), .. }) => changing(Change::Effect(58)),
             "13 07 3a ac 02 00 00 00 00 00 00 e0 3f 00 00 00 00 00 00 18 40 00 00 00 00 00 00 14 40";
+        Reason::Changing(Suspicion { change: Change::Kind(_), .. }) => changing(Change::Kind(16)),
+            "13 08 10 ac 02 00 00 00 00 00 00 e0 3f 00 00 00 00 00 00 18 40 00 00 00 00 00 00 14 40";
         Reason::Hardware { .. } => Reason::Hardware { effect: 58, size: 0.5, sigma: 0.25, configured: 2.0 },
             "18 3a 00 00 00 00 00 00 e0 3f 00 00 00 00 00 00 d0 3f 00 00 00 00 00 00 00 40";
         Reason::UnknownLatitude { .. } => Reason::UnknownLatitude { sigma_rad: 0.5 }, "19 00 00 00 00 00 00 e0 3f";

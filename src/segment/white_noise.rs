@@ -206,6 +206,13 @@ pub fn chi_square_quantile(degrees_of_freedom: u32, z: f64) -> f64 {
     n * root * root * root
 }
 
+/// Normal deviate of a chi-square, the inverse of [`chi_square_quantile`].
+pub fn chi_square_deviate(degrees_of_freedom: u32, chi_square: f64) -> f64 {
+    let n = f64::from(degrees_of_freedom.max(1));
+    let part = 2.0 / (9.0 * n);
+    (ComplexField::cbrt(chi_square / n) - 1.0 + part) / ComplexField::sqrt(part)
+}
+
 #[cfg(test)]
 mod tests {
     use super::super::scatter::Scatter;
@@ -332,6 +339,7 @@ mod tests {
         for (freedom, table) in [(10, 29.588), (30, 59.703), (100, 149.449)] {
             let found = chi_square_quantile(freedom, 3.0902);
             assert!((found / table - 1.0).abs() < 0.01, "{freedom}: {found}");
+            assert!((chi_square_deviate(freedom, found) - 3.0902).abs() < 1e-9, "{freedom}");
         }
     }
 }

@@ -4,8 +4,9 @@ use super::reason::Reason;
 use crate::base::hardware::Hardware;
 use crate::base::linear::{ComplexField, Real};
 use crate::base::site::Site;
+use crate::estimator::constancy::{Change, Suspicion};
 use crate::estimator::{Estimate, Solution};
-use crate::model::effects::{EFFECTS, is_of_axes, size_of};
+use crate::model::effects::{self, EFFECTS, is_of_axes, size_of, size_of_kind};
 use crate::model::error_model::PARAMETERS;
 use crate::segment::Segment;
 use crate::segment::intake::IntakeCounts;
@@ -52,6 +53,11 @@ impl Verdict {
         let named = |reason: &Reason| match *reason {
             Reason::Hardware { effect, size, sigma, .. } if !is_of_axes(effect.into()) => {
                 Some((size_of(effect.into())?, ComplexField::hypot(size, sigma)))
+            }
+            Reason::Changing(Suspicion { change: Change::Kind(kind), size, .. }) => {
+                let row = size_of_kind(kind)?;
+                let of_axes = effects::kind(kind.into()).any(|effect| is_of_axes(effect.into()));
+                (!of_axes).then(|| (row, size * row.get(configured)))
             }
             _ => None,
         };

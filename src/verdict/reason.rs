@@ -5,7 +5,7 @@ use super::setting::WrongSetting;
 use crate::base::sample::CHANNELS;
 use crate::base::units::{ARCSEC, DEG, DEG_H, HOUR_S, MICRO_G, PPM};
 use crate::estimator::constancy::{Change, Suspicion};
-use crate::model::effects::EFFECT_INFO;
+use crate::model::effects::{EFFECT_INFO, kind_keys};
 use crate::model::error_model::{PARAMETER_INFO, ParameterInfo, block};
 use crate::verdict::wiring::Wiring;
 use core::fmt;
@@ -146,7 +146,7 @@ fn change_code(change: Change) -> &'static str {
         Change::Outlier(_) => "outlier",
         Change::EarthRate(_) => "earth-rate",
         Change::Heading => "heading-error",
-        Change::Effect(_) => "hardware-effect",
+        Change::Effect(_) | Change::Kind(_) => "hardware-effect",
     }
 }
 
@@ -224,6 +224,10 @@ fn write_suspicion(f: &mut fmt::Formatter<'_>, suspicion: &Suspicion) -> fmt::Re
         Change::Effect(effect) => {
             let ParameterInfo { name, unit, unit_si } = effect_info(effect);
             write!(f, "{name} is {} {unit}", Fixed(size / unit_si, decimals(unit)))
+        }
+        Change::Kind(kind) => {
+            let (keys, times) = (kind_keys(kind), Fixed(size, 1));
+            write!(f, "the effects of {keys} are together {times} times as large as their configured sizes permit")
         }
         Change::Outlier(channel) => {
             let (size, unit) = if channel < 3 { (size / MICRO_G, "ug") } else { (size / ARCSEC, "arcsec") };

@@ -1,0 +1,137 @@
+//! Tests whether the effects of one kind are together as large as their configured sizes permit.
+//!
+//! The test of one effect ([`super::constancy`]) sees an effect that is far larger than configured. If a part is worse
+//! than configured, all effects of its kind are larger, each by less than that test can tell from chance. With the
+//! prior covariance P0 of the effects of a kind and their posterior covariance P, the estimate x has the covariance P0 -
+//! P, so that
+//! ```text
+//! x' (P0 - P)^-1 x
+//! ```
+//! is chi-square with as many degrees of freedom as there are combinations of the effects that the measurements tell.
+//! The flicker of the accelerometers has no state that lasts. If it is larger than configured, the innovations of the
+//! forces are larger.
+
+use super::configuration::BEFORE_EFFECTS;
+use super::constancy::{Change, Suspicion};
+use super::joint::Estimator;
+use super::solution::{Filter, Forces};
+use crate::base::linear::{ComplexField, Matrix, Real, Vector};
+use crate::model::effects::{EFFECTS, FLICKER_KIND, KINDS, LARGEST_KIND, kind};
+use crate::segment::white_noise::chi_square_deviate;
+
+/// Limit of the chi-square of a kind, as a normal deviate. The probability of a false alarm is 2.3e-4 for each kind, and
+/// at most 4e-3 for all kinds. The test sees what makes an answer wrong before it is wrong, so that this is worth it.
+const LIMIT: f64 = 3.5;
+
+/// Smallest part of its prior variance by which the measurements must narrow a combination of effects for the test to
+/// count it.
+const LEAST_TOLD: f64 = 0.01;
+
+impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
+    /// The most significant kind, after a sweep.
+    pub(super) fn most_significant_kind(&self) -> Suspicion {
+        let priors = self.config.effect_sigmas();
+        let kinds = (0..KINDS).map(|number| suspicion(&self.filter, &self.effects, &priors, number));
+        let Forces { chi_square, freedom } = self.forces;
+        let flicker = of_chi_square(FLICKER_KIND, chi_square, freedom);
+        kinds
+            .chain((self.config.hardware.accel_floor > 0.0).then_some(flicker))
+            .fold(Suspicion::default(), Suspicion::more_significant)
+    }
+}
+
+fn suspicion<T: Real>(filter: &Filter<T>, in_use: &[u8], priors: &[f64; EFFECTS], number: usize) -> Suspicion {
+    let member = |effect: u8| {
+        let place = in_use.iter().position(|used| *used == effect)?;
+        Some((BEFORE_EFFECTS + place, *priors.get(usize::from(effect))?))
+    };
+    let members: heapless::Vec<(usize, f64), LARGEST_KIND> = kind(number).filter_map(member).collect();
+    // Both in units of the prior sigmas.
+    let mut told = Matrix::<f64, LARGEST_KIND, LARGEST_KIND>::zeros();
+    let mut values = Vector::<f64, LARGEST_KIND>::zeros();
+    for ((state, prior), (value, mut column)) in members.iter().zip(values.iter_mut().zip(told.column_iter_mut())) {
+        *value = filter.state().get(*state).map_or(0.0, |value| value.widened()) / prior;
+        for ((other, of_other), entry) in members.iter().zip(column.iter_mut()) {
+            let before = if other == state { 1.0 } else { 0.0 };
+            *entry = before - filter.covariance(*state, *other).widened() / (prior * of_other);
+        }
+    }
+    let (chi_square, freedom) = chi_square(told, values);
+    of_chi_square(number as u8, chi_square, freedom)
+}
+
+fn of_chi_square(kind: u8, chi_square: f64, freedom: u32) -> Suspicion {
+    let size = ComplexField::sqrt(chi_square / f64::from(freedom.max(1)));
+    let sigmas = chi_square_deviate(freedom, chi_square).max(0.0);
+    Suspicion { change: Change::Kind(kind), segment: 0, size, sigmas, limit: LIMIT }
+}
+
+/// Chi-square of values with this covariance, and the number of combinations of which it has more than [`LEAST_TOLD`].
+fn chi_square(
+    mut covariance: Matrix<f64, LARGEST_KIND, LARGEST_KIND>,
+    mut values: Vector<f64, LARGEST_KIND>,
+) -> (f64, u32) {
+    let (mut chi_square, mut freedom) = (0.0, 0);
+    for _ in 0..LARGEST_KIND {
+        // The component with the largest variance, given those before it.
+        let components = covariance.column_iter().zip(&values).enumerate();
+        let components = components.filter_map(|(k, (column, value))| Some((*column.get(k)?, *value, column)));
+        let largest = components.max_by(|(a, ..), (b, ..)| a.total_cmp(b));
+        let Some((variance, value, column)) = largest.filter(|(variance, ..)| *variance > LEAST_TOLD) else { break };
+        let column = column.into_owned();
+        chi_square += value * value / variance;
+        freedom += 1;
+        values -= column * (value / variance);
+        covariance -= column * column.transpose() / variance;
+    }
+    (chi_square, freedom)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::configuration::STATES;
+    use super::super::filter::Measurement;
+    use super::*;
+    use crate::model::effects::effect;
+
+    /// The test of the quadratics of the accelerometers, whose prior is 1. They are measured as these values, with
+    /// this variance.
+    fn found(values: [f64; 3], r: f64) -> Suspicion {
+        let in_use: [u8; 3] = core::array::from_fn(|axis| (effect::ACCEL_QUADRATIC.start + axis) as u8);
+        let mut filter = Filter::<f64>::new(&Vector::repeat(1.0), None);
+        for (state, z) in (BEFORE_EFFECTS..).zip(values) {
+            let mut h = Vector::zeros();
+            h[state] = 1.0;
+            let _ = filter.update(&Measurement { z, h, r });
+        }
+        assert_eq!(STATES - BEFORE_EFFECTS, 59, "the filter has all effects");
+        suspicion(&filter, &in_use, &[1.0; EFFECTS], 0)
+    }
+
+    #[test]
+    fn effects_that_are_no_doubt_alone_are_one_together() {
+        // The deviation of each is 3.2 sigma of prior and noise. 3 degrees of freedom have 30.7.
+        let each = 3.2 * 2.0_f64.sqrt();
+        let together = found([each, -each, each], 1.0);
+        assert_eq!(together.change, Change::Kind(0));
+        assert!((together.size - 3.2).abs() < 1e-9 && together.is_founded(), "{together:?}");
+        let one = found([each, 0.0, 0.0], 1.0);
+        assert!(!one.is_founded(), "{one:?}");
+    }
+
+    #[test]
+    fn effects_of_which_nothing_is_told_are_not_judged() {
+        let untold = found([50.0; 3], 1e4);
+        assert_eq!((untold.size, untold.sigmas), (0.0, 0.0));
+    }
+
+    #[test]
+    fn a_combination_is_counted_once() {
+        // The second component is the first one once more.
+        let mut covariance = Matrix::<f64, LARGEST_KIND, LARGEST_KIND>::zeros();
+        covariance.view_mut((0, 0), (2, 2)).fill(0.5);
+        let mut values = Vector::<f64, LARGEST_KIND>::zeros();
+        values.rows_mut(0, 2).fill(1.0);
+        assert_eq!(chi_square(covariance, values), (2.0, 1));
+    }
+}
