@@ -27,7 +27,7 @@ pub(super) const GYRO_ENDS: usize = 6;
 pub const BEFORE_EFFECTS: usize = BEFORE_PARAMETERS + PARAMETERS;
 
 /// States of the filter, `[encoder errors (4), gyro errors at the ends (6), flicker (6), parameters (28), effects
-/// (59)]`. Only effects with a size are in use, without gaps.
+/// (67)]`. Only effects with a size are in use, without gaps.
 pub const STATES: usize = BEFORE_EFFECTS + EFFECT_STATES;
 
 /// The states of the accelerometers' scale errors.
@@ -160,7 +160,7 @@ const PRIORS: [Prior; 10] = [
     prior(block::HEADING, 1, 2.0, true),
 ];
 
-/// Prior sigmas of all states, (103), with those of the effects in use behind the parameters. A sigma is wide for a
+/// Prior sigmas of all states, (111), with those of the effects in use behind the parameters. A sigma is wide for a
 /// parameter that the method estimates, and zero for a parameter that the method takes as known. The common scale error
 /// of the two-stage method is not included.
 pub(super) fn prior_sigmas<T: Real>(config: &EstimatorConfig) -> Vector<T, STATES> {

@@ -389,7 +389,7 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         }
         if self.config.method == Method::Joint {
             let duration_s = segment.duration_s().widened();
-            let noise = effects::rotation_noise(&self.config.hardware, is_move, duration_s);
+            let noise = effects::rotation_noise(&self.config.hardware, duration_s);
             variance += Vector3::repeat(real(noise));
         }
         let columns = rotation_columns(&prediction, segment, now);

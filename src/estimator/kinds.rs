@@ -28,7 +28,8 @@ const LIMIT: f64 = 3.5;
 const LEAST_TOLD: f64 = 0.01;
 
 impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
-    /// The most significant kind, after a sweep.
+    /// The most significant kind, after a sweep. Not inlined, so that its stack is free again before the next sweep.
+    #[inline(never)]
     pub(super) fn most_significant_kind(&self) -> Suspicion {
         let priors = self.config.effect_sigmas();
         let kinds = (0..KINDS).map(|number| suspicion(&self.filter, &self.effects, &priors, number));
@@ -89,7 +90,6 @@ fn chi_square(
 
 #[cfg(test)]
 mod tests {
-    use super::super::configuration::STATES;
     use super::super::filter::Measurement;
     use super::*;
     use crate::model::effects::effect;
@@ -104,7 +104,6 @@ mod tests {
             h[state] = 1.0;
             let _ = filter.update(&Measurement { z, h, r });
         }
-        assert_eq!(STATES - BEFORE_EFFECTS, 59, "the filter has all effects");
         suspicion(&filter, &in_use, &[1.0; EFFECTS], 0)
     }
 

@@ -10,7 +10,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 /// Version of the protocol. Frames, the command [`super::Command::Hello`] and its answer are the same in all versions.
-pub const PROTOCOL_VERSION: u8 = 6;
+pub const PROTOCOL_VERSION: u8 = 7;
 
 /// Longest payload, bytes.
 pub const MAX_PAYLOAD_BYTES: usize = 1280;

@@ -223,7 +223,7 @@ fn abort(reason: AbortReason) -> Abort {
 
 #[test]
 fn the_bytes_of_every_message_are_these() {
-    assert_eq!(PROTOCOL_VERSION, 6, "the rows of this file are of this version");
+    assert_eq!(PROTOCOL_VERSION, 7, "the rows of this file are of this version");
     let counts = IntakeCounts { admitted: 60_000, repeated: 1, out_of_order: 2, non_finite: 3, gaps: 4, missing: 5 };
     let losses = LossCounts { overrun: 1, bus: 2, crc: 3, status: 4, unread: 5, restarted: 6 };
     let innovations =
@@ -240,7 +240,7 @@ fn the_bytes_of_every_message_are_these() {
         Message::Segment(_) => Message::Segment(progress), "455 bytes, CRC 849c677b";
         Message::Innovations(_) => Message::Innovations(innovations),
             "06 ac 02 01 00 00 c0 3f 00 01 00 00 20 40 00 01 00 00 60 40 01 00 00 90 40";
-        Message::Solved { .. } => Message::Solved { solution: solution(), counts }, "1053 bytes, CRC a26e83b3";
+        Message::Solved { .. } => Message::Solved { solution: solution(), counts }, "1117 bytes, CRC 53aad4c1";
         Message::Covariance { .. } => Message::Covariance { row: 27, values: row() }, "226 bytes, CRC 8e399ceb";
         Message::Judged(_) => Message::Judged(verdict()), "09 02 07 03 04 02 01 01 17 1b 00 00 00 00 00 00 27 40";
         Message::Aborted(_) => Message::Aborted(abort(AbortReason::SampleLoss)), "0a 04 02 03";

@@ -6,15 +6,15 @@
 //!       gyro i             kg' int |w_i| + kg'' int w_i |w_i| / (20 deg/s) + warm-up
 //!       warm-up            exp(-t / tau) - exp(-t_ref / tau), t from the start of the run
 //! (M9)  encoder error      sum over n of c_n (cos n angle - 1) + s_n sin n angle, + backlash times the sense of arrival
-//! (M10) axis wobble        the axis tilts across itself by c (cos angle - 1) + s sin angle
+//! (M10) axis wobble        the axis tilts across itself by c_n (cos n angle - 1) + s_n sin n angle, n = 1, 2
 //!       sag                the inner axis tilts about y of the outer gimbal, by the same function of the outer angle
 //! (M11) flicker, 1/f       a sum of processes with exponential correlation, whose time constants form a series
 //! ```
 //! t_ref is the end of the run in the solution, and the start of the run in the live estimates before it.
 //!
 //! Harmonics, wobble and sag vanish at angle zero, because the encoder zeros define the rotation frame. What adds only
-//! noise that differs from segment to segment has no state: cross-quadratic, g-sensitivity, sub-division, the second
-//! harmonic of the wobble, rocking, and pulses.
+//! noise that differs from segment to segment has no state: cross-quadratic, g-sensitivity, sub-division, rocking, and
+//! pulses.
 
 use crate::base::hardware::{FLICKER_DENSITY, HARDWARE, Hardware, HardwareSize, REFERENCE_RATE_RAD_S};
 use crate::base::linear::{ComplexField, Matrix, Real, Vector3, columns as columns_of, real};
@@ -27,7 +27,7 @@ use core::ops::Range;
 use serde::{Deserialize, Serialize};
 
 /// Number of states of effects, without the flicker.
-pub const EFFECT_STATES: usize = 59;
+pub const EFFECT_STATES: usize = 67;
 
 /// Number of effects that are tested: those with a state, then those that are noise in the filter.
 pub const EFFECTS: usize = EFFECT_STATES + 18;
@@ -53,17 +53,17 @@ pub mod effect {
     pub const GYRO_SCALE_WARM_UP: Range<usize> = 24..27;
     /// Effects of encoders and axes, in the order of
     /// [`Prediction::by_geometry`](crate::model::measurement::Prediction).
-    pub const GEOMETRY: Range<usize> = 27..55;
+    pub const GEOMETRY: Range<usize> = 27..63;
     /// Drift of roll and pitch of the base.
-    pub const BASE_DRIFT: Range<usize> = 55..57;
+    pub const BASE_DRIFT: Range<usize> = 63..65;
     /// Latitude minus the configured latitude.
-    pub const LATITUDE: usize = 57;
+    pub const LATITUDE: usize = 65;
     /// Gravity minus that of the site.
-    pub const GRAVITY: usize = 58;
+    pub const GRAVITY: usize = 66;
     /// Cross-quadratic, no state: accelerometers x y z, for the products yz, zx and xy each.
-    pub const ACCEL_CROSS_QUADRATIC: Range<usize> = 59..68;
+    pub const ACCEL_CROSS_QUADRATIC: Range<usize> = 67..76;
     /// g-sensitivity, no state: gyros x y z, by the forces x y z each.
-    pub const G_SENSITIVITY: Range<usize> = 68..77;
+    pub const G_SENSITIVITY: Range<usize> = 76..85;
 }
 
 /// Time constants of the warm-up of the accelerometer biases, and of all other quantities, s. A sum of the first two
@@ -106,9 +106,10 @@ impl SiteSigmas {
 
 /// Prior sigmas of the effects, SI; 0 for an effect that is absent.
 pub fn prior_sigmas(hardware: &Hardware, site: &SiteSigmas) -> [f64; EFFECTS] {
-    let Hardware { encoder_harmonics: [first, second, third, fourth], wobble: [wobble, _], sag, .. } = *hardware;
+    let Hardware { encoder_harmonics: [first, second, third, fourth], wobble: [wobble, wobble_twice], sag, .. } =
+        *hardware;
     let with_sag = |size: f32| ComplexField::hypot(f64::from(size), f64::from(sag));
-    let blocks: [(Range<usize>, f64); 22] = [
+    let blocks: [(Range<usize>, f64); 23] = [
         (effect::ACCEL_QUADRATIC, hardware.accel_quadratic.into()),
         (effect::ACCEL_ASYMMETRY, hardware.accel_asymmetry.into()),
         (effect::GYRO_ASYMMETRY, hardware.gyro_asymmetry.into()),
@@ -128,6 +129,7 @@ pub fn prior_sigmas(hardware: &Hardware, site: &SiteSigmas) -> [f64; EFFECTS] {
         (geometry(18, 2), with_sag(wobble)),
         (geometry(20, 6), wobble.into()),
         (geometry(26, 2), sag.into()),
+        (geometry(28, 8), wobble_twice.into()),
         (effect::BASE_DRIFT, hardware.base_drift.into()),
         (effect::LATITUDE..effect::LATITUDE + 1, site.latitude_rad),
         (effect::GRAVITY..effect::GRAVITY + 1, site.gravity_m_s2),
@@ -208,6 +210,14 @@ pub static EFFECT_INFO: [ParameterInfo; EFFECTS] = [
     info("inner_wobble_y_sin", "arcsec", ARCSEC),
     info("inner_sag_cos", "arcsec", ARCSEC),
     info("inner_sag_sin", "arcsec", ARCSEC),
+    info("outer_wobble_2_y_cos", "arcsec", ARCSEC),
+    info("outer_wobble_2_y_sin", "arcsec", ARCSEC),
+    info("outer_wobble_2_z_cos", "arcsec", ARCSEC),
+    info("outer_wobble_2_z_sin", "arcsec", ARCSEC),
+    info("inner_wobble_2_x_cos", "arcsec", ARCSEC),
+    info("inner_wobble_2_x_sin", "arcsec", ARCSEC),
+    info("inner_wobble_2_y_cos", "arcsec", ARCSEC),
+    info("inner_wobble_2_y_sin", "arcsec", ARCSEC),
     info("base_roll_drift", "arcsec/h", ARCSEC / HOUR_S),
     info("base_pitch_drift", "arcsec/h", ARCSEC / HOUR_S),
     info("site_latitude", "deg", DEG),
@@ -233,7 +243,7 @@ pub static EFFECT_INFO: [ParameterInfo; EFFECTS] = [
 ];
 
 /// Effects, and the size of the hardware that each has.
-static SIZE_KEYS: [(Range<usize>, &str); 17] = [
+static SIZE_KEYS: [(Range<usize>, &str); 18] = [
     (effect::ACCEL_QUADRATIC, "accel_quadratic_ug_g2"),
     (effect::ACCEL_ASYMMETRY, "accel_asymmetry_ppm"),
     (effect::GYRO_ASYMMETRY, "gyro_asymmetry_ppm"),
@@ -248,6 +258,7 @@ static SIZE_KEYS: [(Range<usize>, &str); 17] = [
     (geometry(16, 2), "backlash_arcsec"),
     (geometry(18, 8), "wobble_1_arcsec"),
     (geometry(26, 2), "sag_arcsec"),
+    (geometry(28, 8), "wobble_2_arcsec"),
     (effect::BASE_DRIFT, "base_drift_arcsec_h"),
     (effect::ACCEL_CROSS_QUADRATIC, "accel_cross_quadratic_ug_g2"),
     (effect::G_SENSITIVITY, "gyro_g_sensitivity_deg_h_g"),
@@ -257,7 +268,7 @@ static SIZE_KEYS: [(Range<usize>, &str); 17] = [
 pub const LARGEST_KIND: usize = 12;
 
 /// Number of kinds of effects that have a state: one for each size of the hardware, and one for all motions of the axes.
-pub const KINDS: usize = 16;
+pub const KINDS: usize = 17;
 
 /// The kind behind the others: the flicker of the accelerometers.
 pub const FLICKER_KIND: u8 = KINDS as u8;
@@ -346,7 +357,7 @@ impl<T: Real> Situation<T> {
     }
 }
 
-/// Derivative of a measurement by the effects that have a state, (3 x 59).
+/// Derivative of a measurement by the effects that have a state, (3 x 67).
 pub type EffectColumns<T> = Matrix<T, 3, EFFECT_STATES>;
 
 /// Sets the block of three columns from `first` on to a diagonal matrix.
@@ -495,7 +506,7 @@ pub fn force_noise(hardware: &Hardware, in_g: &[f64; 3], duration_s: f64, pulses
     let [x, y, z] = in_g.map(|f| f * f);
     let square = |size: f32| f64::from(size) * f64::from(size);
     let products = x * y + y * z + z * x;
-    let tilt = 4.0 * square(hardware.wobble[1]) + square(hardware.base_rocking) / (1.0 + duration_s);
+    let tilt = square(hardware.base_rocking) / (1.0 + duration_s);
     let [fast, ..] = FLICKER_S;
     let common = square(hardware.accel_cross_quadratic) * products
         + flicker_variance(hardware) * mean_part(fast, duration_s)
@@ -504,10 +515,9 @@ pub fn force_noise(hardware: &Hardware, in_g: &[f64; 3], duration_s: f64, pulses
 }
 
 /// Variance of the rotation over a segment beyond white noise, for each gyro, rad^2.
-pub fn rotation_noise(hardware: &Hardware, is_move: bool, duration_s: f64) -> f64 {
-    let square = |size: f32| f64::from(size) * f64::from(size);
-    let wobble = if is_move { 4.0 * square(hardware.wobble[1]) } else { 0.0 };
-    wobble + square(hardware.gyro_g_sensitivity) * duration_s * duration_s
+pub fn rotation_noise(hardware: &Hardware, duration_s: f64) -> f64 {
+    let sigma = f64::from(hardware.gyro_g_sensitivity) * duration_s;
+    sigma * sigma
 }
 
 /// Variance of the error of each gyro's angle at the end of a segment: rocking of the base, and what does not fill a

@@ -35,8 +35,8 @@ pub const ENCODER_ERRORS: usize = 4;
 
 /// Effects of encoders and axes: harmonics 1 to 4 of the encoder errors (cosine and sine of the outer angle, then of
 /// the inner angle, each), backlash (2), wobble of the outer axis about y and z and of the inner axis about x and y
-/// (cosine and sine each), and sag of the inner axis (cosine and sine).
-pub const GEOMETRY: usize = 28;
+/// (cosine and sine each), sag of the inner axis (cosine and sine), and wobble twice a turn in the order of the wobble.
+pub const GEOMETRY: usize = 36;
 
 /// The harmonics 1 and 2 of the encoder errors, the first of [`GEOMETRY`].
 pub(super) const HARMONICS: usize = 8;
@@ -54,7 +54,7 @@ pub struct Prediction<T: Real> {
     pub by_parameters: Matrix<T, 3, PARAMETERS>,
     /// Derivative by the encoder errors (3 x 4), per rad.
     pub by_encoder_errors: Matrix<T, 3, ENCODER_ERRORS>,
-    /// Derivative by the effects of encoders and axes (3 x 28), per rad. For a move, the columns of the backlash are the
+    /// Derivative by the effects of encoders and axes (3 x 36), per rad. For a move, the columns of the backlash are the
     /// axes at its start, to be multiplied by the change of the sense of arrival. For a stop they are zero.
     pub by_geometry: Matrix<T, 3, GEOMETRY>,
     /// Specific force in the sensors' axes, in g. For gyros, its integral over the segment, s.

@@ -191,20 +191,28 @@ fn along_way<T: Real>(segment: &Segment<T>) -> [Vector3<T>; GEOMETRY - HARMONICS
         // The places of the backlash, which does not build up along the way.
         add(Vector3::zeros());
         add(Vector3::zeros());
-        let [by_cos, by_sin] = [-so * turned_outer, co * turned_outer];
-        // Wobble of the outer axis about y, then about z: R_x e is (0, cos, -sin), then (0, sin, cos).
-        [by_cos, by_sin].into_iter().for_each(|by| add(rotated(co, -so) * by));
-        [by_cos, by_sin].into_iter().for_each(|by| add(rotated(so, co) * by));
-        // Wobble of the inner axis about x, then about y, which also tilts the turning outer axis.
-        let changes = [-si * turned_inner, ci * turned_inner];
-        changes.into_iter().for_each(|by| add(outer_axis * by));
-        for (by, now) in changes.into_iter().zip([ci - T::one(), si]) {
-            add(across * by + along * (now * turned_outer));
-        }
+        // What a tilt by a wave of the n-fold angle changes over the step, and the wave.
+        let wave = |n: f64, turned: T, [cos_less_one, sin]: [T; 2]| {
+            let by = real::<T>(n) * turned;
+            ([-sin * by, (cos_less_one + T::one()) * by], [cos_less_one, sin])
+        };
+        let [once_outer, twice_outer, ..] = harmonics::<T>(outer);
+        let [once_inner, twice_inner, ..] = inner_now;
+        let once = [wave(1.0, turned_outer, once_outer), wave(1.0, turned_inner, once_inner)];
+        let twice = [wave(2.0, turned_outer, twice_outer), wave(2.0, turned_inner, twice_inner)];
+        // Of the outer axis about y, then about z: R_x e is (0, cos, -sin), then (0, sin, cos). Of the inner axis about x,
+        // then about y, which also tilts the turning outer axis.
+        let [about_y, about_z] = [rotated(co, -so), rotated(so, co)];
+        let tilting = |by: T, now: T| across * by + along * (now * turned_outer);
+        let wobble = |[([c, s], _), ([inner_c, inner_s], [now_c, now_s])]: [([T; 2], [T; 2]); 2]| {
+            let of_outer = [about_y * c, about_y * s, about_z * c, about_z * s];
+            let about_x = [outer_axis * inner_c, outer_axis * inner_s];
+            of_outer.into_iter().chain(about_x).chain([tilting(inner_c, now_c), tilting(inner_s, now_s)])
+        };
         // Sag of the inner axis about y, which also tilts it against the outer axis.
-        for (by, now) in [by_cos, by_sin].into_iter().zip([co - T::one(), so]) {
-            add(across * by + along * (now * turned_outer));
-        }
+        let [([sag_c, sag_s], [now_c, now_s]), _] = once;
+        let sag = [tilting(sag_c, now_c), tilting(sag_s, now_s)];
+        wobble(once).chain(sag).chain(wobble(twice)).for_each(&mut add);
         (before, harmonics_before) = (after, harmonics_after);
     }
     let (sin, cos): (T, T) = segment.inner_from().sin_cos();
@@ -408,7 +416,9 @@ mod tests {
             }
             18..22 => base = tilted(1 + (effect - 18) / 2, wave(1.0, is_sine, outer)),
             22..26 => gimbal = tilted((effect - 22) / 2, wave(1.0, is_sine, inner)),
-            26.. => gimbal = tilted(1, wave(1.0, is_sine, outer)),
+            26..28 => gimbal = tilted(1, wave(1.0, is_sine, outer)),
+            28..32 => base = tilted(1 + (effect - 28) / 2, wave(2.0, is_sine, outer)),
+            32.. => gimbal = tilted((effect - 32) / 2, wave(2.0, is_sine, inner)),
             _ => {}
         }
         exp_so3(&(unit::<f64>(2) * -read[1])) * gimbal * exp_so3(&(unit::<f64>(0) * -read[0])) * base
@@ -450,6 +460,6 @@ mod tests {
             let found = by_rotation.column(effect);
             assert!((found - of_turn).norm() < 0.02, "rotation, {effect}: {found} for {of_turn}");
         }
-        assert_eq!(by_force.columns(16, 2).norm() + model.rotation(first).by_geometry.columns(8, 20).norm(), 0.0);
+        assert_eq!(by_force.columns(16, 2).norm() + model.rotation(first).by_geometry.columns(8, 28).norm(), 0.0);
     }
 }

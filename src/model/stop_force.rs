@@ -48,16 +48,18 @@ impl<T: Real> MeasurementModel<T> {
             let by_tilt = force_r.cross(&axis);
             [by_tilt * cos, by_tilt * sin]
         };
-        let [[outer, ..], [inner, ..]] = both;
         let rot = rot_inner * rot_outer;
-        let tilted = [
-            tilts(rot * unit::<T>(1), outer),
-            tilts(rot * unit::<T>(2), outer),
-            tilts(rot_inner * unit::<T>(0), inner),
-            tilts(rot_inner * unit::<T>(1), inner),
-            tilts(rot_inner * unit::<T>(1), outer),
-        ];
         let [[o1, o2, o3, o4], [i1, i2, i3, i4]] = both;
+        let wobble = |outer: [T; 2], inner: [T; 2]| {
+            [
+                tilts(rot * unit::<T>(1), outer),
+                tilts(rot * unit::<T>(2), outer),
+                tilts(rot_inner * unit::<T>(0), inner),
+                tilts(rot_inner * unit::<T>(1), inner),
+            ]
+        };
+        let sag = tilts(rot_inner * unit::<T>(1), o1);
+        let tilted = wobble(o1, i1).into_iter().chain([sag]).chain(wobble(o2, i2));
         let by_outer = |[cos, sin]: [T; 2]| [by_angles[0] * cos, by_angles[0] * sin];
         let by_inner = |[cos, sin]: [T; 2]| [by_angles[1] * cos, by_angles[1] * sin];
         let encoders = [
@@ -72,7 +74,7 @@ impl<T: Real> MeasurementModel<T> {
             // The backlash.
             [Vector3::zeros(); 2],
         ];
-        columns_of(encoders.iter().chain(&tilted).flatten().copied())
+        columns_of(encoders.into_iter().chain(tilted).flatten())
     }
 }
 

@@ -47,8 +47,8 @@ impl Verdict {
     }
 
     /// The configured hardware with the size enlarged that the verdict names as too small, to the size of the effect in
-    /// this unit; `None` if the verdict names none. Wobble and sag of the axes are never enlarged: the motion that they
-    /// cause resembles that of the wobble twice a turn, which has no state, and the wrong one would bend the result.
+    /// this unit; `None` if the verdict names none. Wobble and sag of the axes are never enlarged: their motions
+    /// resemble each other, and the wrong one would bend the result.
     pub fn enlarged(&self, configured: &Hardware) -> Option<Hardware> {
         let named = |reason: &Reason| match *reason {
             Reason::Hardware { effect, size, sigma, .. } if !is_of_axes(effect.into()) => {

@@ -99,7 +99,7 @@ impl PlanArguments {
 #[derive(Clone, Copy, Debug)]
 struct AngleStep(Option<f64>);
 
-/// Step of the stop angles for a unit with this hardware. Errors that have no state, such as the wobble twice a turn,
+/// Step of the stop angles for a unit with this hardware. Errors that have no state, such as the sub-division of an encoder,
 /// are taken as independent from stop to stop. Stops that are close to each other would share them.
 fn usual_step_rad(hardware: &Hardware) -> Option<f64> {
     (*hardware != Hardware::IDEAL).then_some(45.0 * DEG)

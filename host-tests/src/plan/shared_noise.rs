@@ -19,7 +19,7 @@ use rins_selfcal::estimator::{EstimatorConfig, LEAST_TURN_RAD};
 use rins_selfcal::model::effects::{self, EFFECT_STATES, EffectColumns, Situation};
 use rins_selfcal::model::error_model::PARAMETERS;
 use rins_selfcal::model::measurement::{ENCODER_ERRORS, Prediction};
-use rins_selfcal::segment::{Segment, SegmentKind};
+use rins_selfcal::segment::Segment;
 
 /// When a segment was, s.
 #[derive(Clone, Copy, Debug)]
@@ -153,8 +153,7 @@ impl<'a> SharedNoise<'a> {
         now: &Situation<f64>,
     ) {
         let psd_sqrt = self.config.noise.gyro_psd_sqrt;
-        let is_move = segment.kind() == SegmentKind::Move;
-        let shaken = effects::rotation_noise(&self.config.hardware, is_move, now.duration_s);
+        let shaken = effects::rotation_noise(&self.config.hardware, now.duration_s);
         let variance = psd_sqrt * psd_sqrt * now.duration_s + shaken;
         let by_effects = effects::rotation_columns(prediction, segment, now);
         self.put(self.layout.rotation(number), number.div_ceil(2), prediction, &by_effects, [variance; 3]);

@@ -39,11 +39,10 @@ pub fn alone(effect: &HardwareSize, times: f64) -> ErrorSource {
 }
 
 /// Keys of the hardware whose effects have no state in the filter: it takes them as noise.
-pub const NOISE_KEYS: [&str; 7] = [
+pub const NOISE_KEYS: [&str; 6] = [
     "accel_cross_quadratic_ug_g2",
     "gyro_g_sensitivity_deg_h_g",
     "encoder_subdivision_arcsec",
-    "wobble_2_arcsec",
     "base_rocking_arcsec",
     "gyro_pulse_arcsec",
     "accel_pulse_mm_s",

@@ -158,12 +158,12 @@ impl VirtualUnit {
         let [tilt_x, tilt_y] = of.base_tilt_arcsec;
         set(effect::GEOMETRY.start, &arcsec(plus(of.encoder_harmonics_arcsec[0][0], tilt_x, -1.0)));
         set(effect::GEOMETRY.start + 16, &arcsec(of.backlash_arcsec));
-        let [wobble_y, wobble_z] = of.outer_wobble_arcsec[0];
-        set(effect::GEOMETRY.start + 18, &arcsec(plus(wobble_y, tilt_y, 1.0)));
-        set(effect::GEOMETRY.start + 20, &arcsec(wobble_z));
-        let [wobble_x, wobble_y] = of.inner_wobble_arcsec[0];
-        set(effect::GEOMETRY.start + 22, &arcsec(wobble_x));
-        set(effect::GEOMETRY.start + 24, &arcsec(wobble_y));
+        let wobbles = of.outer_wobble_arcsec.into_iter().zip(of.inner_wobble_arcsec);
+        for ((outer, inner), first) in wobbles.zip([18, 28]) {
+            let all = outer.into_iter().chain(inner).enumerate();
+            all.for_each(|(n, wave)| set(effect::GEOMETRY.start + first + 2 * n, &arcsec(wave)));
+        }
+        set(effect::GEOMETRY.start + 18, &arcsec(plus(of.outer_wobble_arcsec[0][0], tilt_y, 1.0)));
         set(effect::GEOMETRY.start + 26, &arcsec(of.sag_arcsec));
         let drift = [end.base_roll - start.base_roll, end.base_pitch - start.base_pitch].map(|way| Some(way / time_s));
         set(effect::BASE_DRIFT.start, &drift);
