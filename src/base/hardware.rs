@@ -82,6 +82,11 @@ pub struct HardwareSize {
 }
 
 impl HardwareSize {
+    /// The size of this key.
+    pub fn named(key: &str) -> Option<&'static Self> {
+        HARDWARE.iter().find(|size| size.key == key)
+    }
+
     /// The size in SI units and radians.
     pub fn get(&self, hardware: &Hardware) -> f64 {
         let mut hardware = *hardware;
@@ -274,8 +279,10 @@ mod tests {
             for other in &HARDWARE {
                 assert_eq!(other.get(&hardware) > 0.0, one.key == other.key, "{} and {}", one.key, other.key);
             }
+            assert_eq!(HardwareSize::named(one.key).map(|named| named.key), Some(one.key));
             one.set(&mut hardware, 1.1 * one.largest * one.unit_si);
             assert_eq!(hardware.first_wrong().map(|wrong| wrong.key), Some(one.key));
         }
+        assert!(HardwareSize::named("accel_quadric").is_none());
     }
 }

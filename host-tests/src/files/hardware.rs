@@ -9,7 +9,7 @@
 
 use super::toml_file::{TomlFile, TomlFileError};
 use crate::base::quantity::significant;
-use rins_selfcal::base::hardware::{HARDWARE, Hardware};
+use rins_selfcal::base::hardware::{HARDWARE, Hardware, HardwareSize};
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::collections::BTreeMap;
@@ -45,8 +45,7 @@ impl<'de> Deserialize<'de> for HardwareTable {
             Some(_) => return Err(Error::custom(format!("`{PROFILE}` must be the name of a profile: {}", profiles()))),
         };
         for (key, value) in table.iter().filter(|(key, _)| *key != PROFILE) {
-            let size = HARDWARE.iter().find(|size| size.key == key);
-            let size = size.ok_or_else(|| {
+            let size = HardwareSize::named(key).ok_or_else(|| {
                 let known: Vec<_> = HARDWARE.iter().map(|size| size.key).collect();
                 Error::custom(format!("unknown field `{key}`, expected one of `{PROFILE}`, `{}`", known.join("`, `")))
             })?;

@@ -30,8 +30,11 @@
 use super::hardware::{self, HardwareTable};
 use super::toml_file::{TomlFile, TomlFileError};
 use crate::base::quantity::significant;
-use rins_selfcal::base::hardware::{HARDWARE, Hardware};
-use rins_selfcal::base::site::Site;
+use rins_selfcal::base::hardware::{Hardware, HardwareSize};
+use rins_selfcal::base::site::{
+    GRAVITY_BY_HEIGHT_MGAL_M, GRAVITY_SIGMA_MGAL, HEIGHT_SIGMA_M, LATITUDE_SIGMA_DEG, MEASURED_GRAVITY_SIGMA_MGAL,
+    Site, UNKNOWN_HEIGHT_SIGMA_M, UNKNOWN_LATITUDE_SIGMA_DEG,
+};
 use rins_selfcal::base::units::{ARCSEC, DEG, DEG_SQRT_H, MGAL, MICRO_G};
 use rins_selfcal::model::effects::SiteSigmas;
 use serde::de::IgnoredAny;
@@ -179,8 +182,7 @@ impl Noise {
         if let Some((key, _)) = values.iter().chain(&given).find(|(_, value)| !value.is_finite() || *value < 0.0) {
             return Err((key, "must be finite and not negative"));
         }
-        let largest =
-            |key: &str| HARDWARE.iter().find(|size| size.key == key).map_or(f64::INFINITY, |size| size.largest);
+        let largest = |key: &str| HardwareSize::named(key).map_or(f64::INFINITY, |size| size.largest);
         match self.sizes_of_hardware().iter().find(|(key, value)| value.is_some_and(|value| value > largest(key))) {
             Some((key, _)) => Err((key, "is larger than a size of the hardware can be")),
             None => Ok(()),
@@ -226,17 +228,6 @@ impl SiteTable {
         *self == Self::default()
     }
 }
-
-/// Sigma of a latitude that is given, deg.
-const LATITUDE_SIGMA_DEG: f64 = 0.02;
-/// Sigma of a latitude that is not given, deg: the gyros find it.
-const UNKNOWN_LATITUDE_SIGMA_DEG: f64 = 60.0;
-/// Sigma of a height that is given, and of one that is not, m.
-const HEIGHT_SIGMA_M: [f64; 2] = [30.0, 2000.0];
-/// Sigma of normal gravity and of measured gravity, mGal.
-const GRAVITY_SIGMA_MGAL: [f64; 2] = [20.0, 1.0];
-/// Change of gravity with height, mGal/m.
-const GRAVITY_BY_HEIGHT_MGAL_M: f64 = 0.3086;
 
 /// `[sampling]`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -418,11 +409,11 @@ impl UnitConfig {
             (true, false) => known,
         };
         let latitude_deg = given(site.latitude_deg.is_some(), [LATITUDE_SIGMA_DEG, UNKNOWN_LATITUDE_SIGMA_DEG]);
-        let [normal, measured] = GRAVITY_SIGMA_MGAL;
         let is_measured = site.gravity_m_s2.is_some();
-        let of_height = || site.height_sigma_m.unwrap_or(given(site.height_m.is_some(), HEIGHT_SIGMA_M));
-        let height_m = if is_measured { 0.0 } else { of_height() };
-        let gravity_mgal = given(true, [if is_measured { measured } else { normal }, 0.0]);
+        let of_height = given(site.height_m.is_some(), [HEIGHT_SIGMA_M, UNKNOWN_HEIGHT_SIGMA_M]);
+        let height_m = if is_measured { 0.0 } else { site.height_sigma_m.unwrap_or(of_height) };
+        let gravity_mgal =
+            given(true, [if is_measured { MEASURED_GRAVITY_SIGMA_MGAL } else { GRAVITY_SIGMA_MGAL }, 0.0]);
         let height_mgal = height_m * GRAVITY_BY_HEIGHT_MGAL_M;
         SiteSigmas {
             latitude_rad: site.latitude_sigma_deg.unwrap_or(latitude_deg) * DEG,
@@ -434,7 +425,7 @@ impl UnitConfig {
     pub fn hardware(&self) -> Hardware {
         let mut hardware = self.hardware.0;
         for (key, value) in self.noise.sizes_of_hardware() {
-            if let (Some(size), Some(value)) = (HARDWARE.iter().find(|size| size.key == key), value) {
+            if let (Some(size), Some(value)) = (HardwareSize::named(key), value) {
                 size.set(&mut hardware, value * size.unit_si);
             }
         }

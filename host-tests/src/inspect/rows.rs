@@ -17,7 +17,7 @@ use super::noise::ChannelNoise;
 use super::shapes::{Process, Processes};
 use crate::base::quantity::significant;
 use crate::files::unit_file::UnitConfig;
-use rins_selfcal::base::hardware::{HARDWARE, HardwareSize};
+use rins_selfcal::base::hardware::HardwareSize;
 use rins_selfcal::base::sample::CHANNELS;
 use rins_selfcal::base::units::{DEG_SQRT_H, MICRO_G};
 use rins_selfcal::segment::Segment;
@@ -102,7 +102,7 @@ impl Row {
 }
 
 fn size(key: &str) -> &'static HardwareSize {
-    HARDWARE.iter().find(|size| size.key == key).expect("a key of the hardware")
+    HardwareSize::named(key).expect("a key of the hardware")
 }
 
 /// The rows of the sensors and the base.

@@ -16,7 +16,7 @@ use rand_distr::{Distribution, StandardNormal, Uniform};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 use rins_selfcal::base::hardware::{Hardware, REFERENCE_RATE_RAD_S};
-use rins_selfcal::base::site::Site;
+use rins_selfcal::base::site::{GRAVITY_SIGMA_MGAL, HEIGHT_SIGMA_M, LATITUDE_SIGMA_DEG, Site};
 use rins_selfcal::base::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM, STANDARD_GRAVITY_M_S2};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2, TAU};
@@ -111,9 +111,6 @@ pub struct Imperfections {
     pub gravity_anomaly_mgal: f64,
 }
 
-/// What is known of the site of a typical unit: latitude, height and gravity, one sigma.
-const SITE_SIGMAS: [f64; 3] = [0.02, 30.0, 20.0];
-
 impl Imperfections {
     /// Draws a unit whose imperfections have these sizes. The configured site is wrong by typical errors times
     /// `site_factor`.
@@ -151,9 +148,9 @@ impl Imperfections {
             base_rocking_arcsec: arcsec(hardware.base_rocking),
             gyro_pulse_arcsec: arcsec(hardware.gyro_pulse),
             accel_pulse_mm_s: of(hardware.accel_pulse, 1e-3),
-            latitude_error_deg: SITE_SIGMAS[0] * site_factor * draw.normal(),
-            height_error_m: SITE_SIGMAS[1] * site_factor * draw.normal(),
-            gravity_anomaly_mgal: SITE_SIGMAS[2] * site_factor * draw.normal(),
+            latitude_error_deg: LATITUDE_SIGMA_DEG * site_factor * draw.normal(),
+            height_error_m: HEIGHT_SIGMA_M * site_factor * draw.normal(),
+            gravity_anomaly_mgal: GRAVITY_SIGMA_MGAL * site_factor * draw.normal(),
         }
     }
 
