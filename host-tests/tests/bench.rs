@@ -49,7 +49,7 @@ fn samples_go_through_the_drivers() {
     assert_eq!(bench.borrow().outputs(), [Output::Shorted; 2], "nothing is driven without a command");
 }
 
-/// A message comes in the period behind its interval, and is stamped with the middle of that interval, to the
+/// A message comes in the control period after its interval. Its stamp is the middle of that interval, rounded to a
 /// microsecond.
 #[test]
 fn bytes_go_through_the_driver() {
@@ -71,7 +71,7 @@ fn bytes_go_through_the_driver() {
     assert_eq!(consumer.losses(), LossCounts::default());
 }
 
-/// Bytes wait in the receiver, and its transfers give all of them, however they are shared out among them.
+/// Bytes wait in the receiver. Its transfers give all of them, whatever the sizes of the transfers are.
 #[test]
 fn the_receiver_gives_every_byte_with_its_age() {
     let mut bench = Bench::with_imu(at_rest(3), Imu::Kvh1750);
@@ -109,7 +109,7 @@ fn the_angles_of_a_sample_are_those_at_its_stamp() {
     assert_eq!(control.view(10_001).err(), Some(LossReason::Status), "it has not been read yet");
 }
 
-/// The control of axes at rest after some periods.
+/// What the control of axes at rest reports in each of these periods.
 fn held(periods: u64, mut act: impl FnMut(u64, &mut Bench<TurnedByHand>, &mut dyn FnMut(MotionCommand))) -> Vec<Told> {
     let bench = shared(TurnedByHand([0.0; 2], 0));
     let mut control = control(&bench, gimbal());
@@ -141,7 +141,7 @@ fn a_command_takes_effect_a_definite_time_after_what_it_was_computed_from() {
         }
     });
     let counts: Vec<u16> = told.iter().map(|told| told.commands).collect();
-    // The status of period 3 is the third of them.
+    // The status of period 3 is the third in the list.
     assert_eq!(counts.iter().position(|count| *count == 1), Some(2 + DELAY));
     assert_eq!(counts.iter().position(|count| *count == 2), Some(4 + DELAY));
 }
@@ -151,10 +151,10 @@ fn an_overcurrent_opens_the_winding_and_a_command_from_before_it_is_dropped() {
     let told = held(80, |period, bench, command| match period {
         3 => command(MotionCommand::Hold),
         20 => bench.set_trouble(1, Some(Trouble::Overcurrent)),
-        // Computed from a status without the fault, which comes up in the next period but one.
+        // This command follows from a status without the fault, which shows two periods later.
         21 => command(MotionCommand::Hold),
         40 => bench.set_trouble(1, None),
-        // Computed from one with it.
+        // This command follows from a status with the fault.
         50 => command(MotionCommand::Hold),
         _ => {}
     });

@@ -483,9 +483,9 @@ fn an_imu_of_another_make_finds_the_same_errors() {
         let [first, second] = [parameter, &second["parameters"][name]].map(|p| p["value"].as_f64().unwrap());
         (first - second).abs() / parameter["sigma"].as_f64().unwrap()
     });
-    // A message comes a control period after the interval's end, and with it a younger status of the gimbal: a stop may
-    // begin or end a sample sooner. Of 1000 samples that moves the mean by a sigma of 0.045 of its own; 4.5 times that:
-    // 7e-6 by chance.
+    // The message of the KVH 1750 comes one control period after the end of its interval, with a later status of the
+    // gimbal. So a stop may begin or end one sample earlier. The mean of 1000 samples then moves with a standard
+    // deviation of 0.045 of its sigma. The bound is 4.5 times that.
     let most = off.fold(0.0, f64::max);
     assert!(most > 0.0 && most < 0.2, "{most}");
 }
@@ -517,7 +517,7 @@ fn monte_carlo_finds_the_joint_method_consistent() {
     for precision in ["f64", "f32"] {
         let out = scratch(&format!("monte-carlo-{precision}.json"));
         run(0, &["montecarlo", "--hardware", "ideal", "--runs", "60", "--precision", precision, "--json", &out]);
-        // One of 56 outside by chance: 6e-3.
+        // Chance puts one of 56 means outside with a probability of 6e-3.
         let [low, high] = chi_square_mean_bounds(60, 1.0, 0.9999);
         let joint = &json(&out)["methods"]["joint"];
         assert_eq!((&joint["runs"], &joint["diverged"], &joint["accepted_wrong"]), (&60.into(), &0.into(), &0.into()));
@@ -548,12 +548,13 @@ fn monte_carlo_puts_both_methods_side_by_side() {
     assert!(!stdout.contains("wall time"), "{stdout}");
 }
 
-/// States whose RMS over 60 runs is not that of its bounds; one of 44 by chance: 4e-3.
+/// States whose RMS error over 60 runs does not agree with their bounds. Chance gives one of 44 with a probability of
+/// 4e-3.
 fn beyond_chance(method: &Value, block: &str) -> Vec<(String, f64)> {
     let [low, high] = chi_square_mean_bounds(60, 1.0, 0.9999).map(f64::sqrt);
     let states = method[block].as_object().unwrap().iter();
     let ratios = states.map(|(name, found)| {
-        // The bounds of the units differ, and the mean square scatters the more.
+        // The bounds of the units differ, so that the mean square scatters more.
         let wider = found["scatter"].as_f64().unwrap() * 120.0_f64.sqrt();
         (name.clone(), 1.0 + (found["ratio"].as_f64().unwrap() - 1.0) / wider)
     });
@@ -637,7 +638,7 @@ fn a_scheme_is_refused_by_name_leg_and_reason() {
             assert_eq!(message, format!("the configuration with scheme bai is refused: {reason}"), "{command:?}");
         }
     }
-    // What is not beyond the limits is run.
+    // A scheme within the limits is run.
     run(
         0,
         &["observability", "--scheme", "bai", "--limits=-360..0,-270..0", "--axis-rate", "20", "--acceleration", "20"],
@@ -649,7 +650,7 @@ fn a_scheme_is_refused_by_name_leg_and_reason() {
             "{message}"
         );
     }
-    // Nor is that which hides parameters, where it is asked for; but what they are cannot be accepted.
+    // On demand, a scheme that leaves parameters unobserved is run too, but its result is not accepted.
     let stdout = run(2, &[commands[0], &["--scheme", "8-position", "--run-unobserved"]].concat());
     let ending = &stdout[stdout.find("verdict: rejected").expect("rejected")..];
     for hidden in ["accel_scale_x", "accel_scale_y"] {
@@ -667,7 +668,7 @@ fn a_planned_scheme_can_be_run_and_one_that_hides_parameters_is_not_written() {
     let stdout = run(0, &["calibrate", "--scheme", &scheme, "--report", &report]);
     assert!(stdout.contains("verdict: accepted"), "{stdout}");
     let hidden = scratch("hidden.toml");
-    // Without the inner axis, its mounting is never seen.
+    // If the inner axis does not turn, its mounting is not observed.
     let still = ["--time", "60", "--evaluations", "2000", "--limits=-360..0,0..0"];
     let message = refused(&[&request[..], &[&hidden], &still[..]].concat());
     assert!(message.contains("unobserved") && message.contains("--time"), "{message}");

@@ -31,13 +31,13 @@ use rins_selfcal::verdict::{Reason, Verdict, VerdictLimits};
 
 /// Longer than the scheme and the way back.
 const RUN_S: f64 = 400.0;
-/// Time into the run at which the axes surely turn: the first turn away from (0, 0) begins after 1 s of waiting, 0.3 s
-/// of settling and 10 s of standing.
+/// Time into the run at which the outer axis turns, s. The first turn away from (0, 0) begins after 1 s of waiting, 0.3
+/// s of settling and 10 s at rest.
 const TURNING_S: f64 = 13.5;
-/// Time into the run at which they surely stand, at the second stop.
+/// Time into the run at which both axes are at rest, at the second stop, s.
 const STANDING_S: f64 = 20.0;
 
-/// A unit that is switched off after a time; what it measures may fail.
+/// A unit that is switched off after a time, and whose measurements may have a fault.
 struct Faulty<F> {
     rins: DrivenRins,
     left: u32,
@@ -65,7 +65,7 @@ fn unit() -> VirtualUnit {
     VirtualUnit { errors: presets::real(1), ..VirtualUnit::default() }
 }
 
-/// What a run told, what it stored, and the unit after it.
+/// Messages of a run, the stored calibration, and the unit after the run.
 struct Run {
     messages: Vec<Message>,
     saved: Option<StoredCalibration>,
@@ -195,7 +195,7 @@ fn a_stored_calibration_is_used_wherever_the_gimbals_stand() {
 
 #[test]
 fn an_imu_that_falls_silent_stops_the_gimbals() {
-    // 0.1 s to notice, a third of a second to stop from 20 deg/s at 60 deg/s^2.
+    // The fault is noticed after 0.1 s, and the axes stop from 20 deg/s at 60 deg/s^2 in a third of a second.
     let run = run([0.0, 0.0], TURNING_S + 0.5, None, sound, spoiled(Chip::Imu, TURNING_S, TURNING_S + 0.5));
     assert_eq!(run.aborted(), [AbortReason::SampleLoss]);
     assert_eq!(run.last_state(), Some(State::Stopping));
@@ -209,7 +209,7 @@ fn an_encoder_that_falls_silent_stops_the_gimbals_for_good() {
     let crc = FaultKind::Encoder(EncoderFault::Crc);
     let reasons = run.aborted();
     assert!(matches!(reasons[..], [AbortReason::Gimbal(Fault { axis: 0, kind, .. })] if kind == crc), "{reasons:?}");
-    // Without samples nobody knows that the axes stand.
+    // Without angles it is unknown whether the axes are at rest.
     assert_eq!(run.last_state(), Some(State::Stopping));
     assert_eq!(run.rins.true_rates_rad_s(), [0.0; 2]);
     assert!(run.rins.true_angles_rad()[0].abs() > DEG, "it turned");
@@ -264,8 +264,8 @@ fn usual(scheme: Scheme) -> SelfCalibrationConfig {
     SelfCalibrationConfig::new(calibrator, scheme)
 }
 
-/// A main loop by hand: `act` gets every sample with its number, and says what the gimbal shall do. The unit after it,
-/// and where the run is.
+/// A main loop for tests: `act` gets every sample with its number and returns the motion command. Returns the unit and
+/// the state of the run at the end.
 fn by_hand(
     config: SelfCalibrationConfig,
     run_s: f64,
@@ -333,7 +333,7 @@ fn paced(limits: VerdictLimits, pace: Pace) -> Vec<Message> {
     configured(&unit(), |config| (config.limits, config.pace) = (limits, pace))
 }
 
-/// Runs a unit to its end; the configuration is that for a navigation grade one, but for a change.
+/// Runs a unit to its end. The configuration is that of a unit of navigation grade with one change.
 fn configured(unit: &VirtualUnit, change: impl FnOnce(&mut SelfCalibrationConfig)) -> Vec<Message> {
     let noise = VirtualUnit::default().noise.psd();
     let calibrator = CalibratorConfig::new(Method::Joint, unit.site, noise, unit.rate_hz);
@@ -387,7 +387,7 @@ fn a_run_ends_when_its_time_is_over_and_says_what_is_missing() {
     let pace = Pace { early_finish: true, longest_s: Some(120.0), ..Pace::default() };
     let messages = paced(VerdictLimits::default().requiring(0.1 * ARCSEC), pace);
     let measured_s = solution(&messages).duration_s;
-    // The stop under way at 120 s is finished.
+    // The stop that has begun before 120 s is completed.
     assert!((120.0..140.0).contains(&measured_s), "{measured_s}");
     let reasons = &verdict(&messages).reasons;
     assert!(reasons.iter().any(|reason| matches!(reason, Reason::Sigma { .. })), "{reasons:?}");
@@ -402,8 +402,8 @@ fn stops_last_longer_where_there_is_more_noise() {
     let messages = configured(&noisy, |config| config.calibrator.estimator.noise.margin = 4.0);
     assert!(verdict(&messages).accepted(), "{:?}", verdict(&messages).reasons);
     let (solution, planned) = (solution(&messages), solution(&strict));
-    // 2.25 times the variance at 19 stops of 10 s; the ratio seen at a stop of 97 blocks has a sigma of 0.33, and the
-    // largest of three channels counts.
+    // The variance is 2.25 times the configured one at 19 stops of 10 s. The ratio that is seen at a stop of 97 blocks
+    // has a sigma of 0.33, and the largest of three channels counts.
     let longer_s = solution.duration_s - planned.duration_s;
     assert!((1.2 * 190.0..2.5 * 190.0).contains(&longer_s), "{longer_s}");
     let difference = solution.estimate.errors.to_vector() - noisy.errors.to_vector();
@@ -447,7 +447,7 @@ fn a_run_is_started_on_command_and_judged_against_the_one_before() {
     assert!(records[0].errors != records[1].errors);
 }
 
-/// What a bad encoder makes of the true angles.
+/// Runs a unit whose encoders change the true angles by `bad`.
 fn run_on_bad_encoders(policy: PowerUpPolicy, bad: impl FnMut(f64, &mut Tick)) -> Run {
     run_as(policy, [0.0, 0.0], 30.0, None, bad, intact)
 }
@@ -482,7 +482,7 @@ fn a_data_ready_line_that_dies_stops_the_gimbals() {
             tick.reading = None;
         }
     };
-    // 0.1 s to notice, a third of a second to stop from 20 deg/s at 60 deg/s^2.
+    // The fault is noticed after 0.1 s, and the axes stop from 20 deg/s at 60 deg/s^2 in a third of a second.
     let run = run([0.0, 0.0], TURNING_S + 0.5, None, dies, intact);
     assert_eq!((run.aborted(), run.last_state()), (vec![AbortReason::SampleLoss], Some(State::Stopping)));
     assert_eq!(run.rins.true_rates_rad_s(), [0.0; 2]);

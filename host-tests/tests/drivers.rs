@@ -29,7 +29,7 @@ use std::cell::RefCell;
 use std::convert::Infallible;
 use std::rc::Rc;
 
-/// A bus to whatever answers.
+/// A bus whose answers come from a function.
 struct Bus(Answer);
 
 type Answer = Box<dyn FnMut(&mut [u8])>;
@@ -59,7 +59,7 @@ fn uniform(rng: &mut Xoshiro256PlusPlus) -> f64 {
     (rng.next_u64() >> 11) as f64 * 2_f64.powi(-53)
 }
 
-/// Flips each bit with this probability; whether any.
+/// Flips each bit with this probability. Returns whether a bit was flipped.
 fn spoil(rng: &mut Xoshiro256PlusPlus, bytes: &mut [u8], probability: f64) -> bool {
     let mut spoiled = false;
     for bit in 0..8 * bytes.len() {
@@ -94,7 +94,7 @@ fn bus(chip: &SharedImu) -> Bus {
     Bus::to(move |bytes: &mut [u8]| chip.borrow_mut().transfer(bytes))
 }
 
-/// The IMU as started on a chip, or why not.
+/// The driver of the IMU after its start on a chip, or the reason why the start failed.
 fn started(chip: &SharedImu) -> Result<Adis16495<Bus>, StartFault<Infallible>> {
     Adis16495::start(bus(chip), &mut ChipDelay(Rc::clone(chip)), &adis16495::Adis16495Settings::default())
 }
@@ -177,8 +177,8 @@ fn a_flag_costs_the_samples_that_carry_it() {
     assert_eq!([read(), read()], [Err(ImuFault::Status(flag::CLOCK)), Ok(0)]);
 }
 
-/// The outcomes and the counts of losses of an acquisition from an IMU that samples for a minute at 200 Hz, is off for 0.3
-/// s, and then samples at this interval for 1000 samples.
+/// Outcomes and counts of losses of an acquisition. The IMU samples for a minute at 200 Hz, is off for 0.3 s, and then
+/// gives 1000 samples at this interval.
 fn after_a_restart(settings_saved: bool, interval_us: u64) -> (Vec<Result<(), LossReason>>, LossCounts) {
     let chip = imu(Model::ADIS16495_1);
     let mut queue = SampleQueue::<f64, 16>::new();
@@ -216,7 +216,8 @@ fn an_imu_that_restarts_with_saved_settings_goes_on_after_a_check() {
     assert_eq!(losses, LossCounts { restarted: 7, ..LossCounts::default() });
 }
 
-/// A wrong bit in a thousand: most bursts have one. CRC-32 misses none of this run, and every lost sample is told.
+/// One bit in a thousand is wrong, so that a quarter of the bursts is damaged. CRC-32 misses none of them in this run,
+/// and every lost sample is reported.
 #[test]
 fn no_damaged_burst_passes_for_a_sample() {
     let mut rng = random(2);
@@ -243,7 +244,8 @@ fn no_damaged_burst_passes_for_a_sample() {
             Err(_) => lost += 1,
         }
     }
-    // Of 288 bits any is wrong in 1 - 0.999^288 = 25 % of the bursts; opening bits count half.
+    // A burst has 288 bits, and at least one of them is wrong in 1 - 0.999^288 = 25 % of the bursts. A wrong bit in
+    // the first of the two opening words does no harm.
     assert!((22_000..30_000).contains(&lost), "{lost}");
     assert_eq!(missed, 0, "each was told when it was lost");
 }
@@ -260,7 +262,7 @@ fn angles_come_through_either_way_and_from_any_zero() {
             let truth = Rc::new(RefCell::new(0.0));
             let (angle, clocked) = (Rc::clone(&truth), chip.clone());
             let line = Bus::to(move |bytes: &mut [u8]| clocked.clock(*angle.borrow(), bytes));
-            // What the encoder reads at the axis' zero.
+            // Reading of the encoder at the zero of the axis.
             let offset_rad = if reversed { zero_rad } else { -zero_rad };
             let mounting = Mounting { zero: Angle::from_rad(offset_rad), reversed };
             let mut encoder = BissEncoder::new(line, resolution, mounting);
@@ -292,8 +294,9 @@ fn an_encoder_without_a_position_says_so() {
     assert_eq!(encoder.read(), Err(BissFault::NoAnswer));
 }
 
-/// A wrong bit in a thousand: one read in eleven has one. Three in a frame, which a CRC of six bits lets pass one time
-/// in 64, come 1e-5 times a read; a wrong angle 2e-7 times, so none is expected of these.
+/// One bit in a thousand is wrong, so that one frame in eleven is damaged. A frame has three wrong bits with a
+/// probability of 1e-5, and the CRC of six bits passes one of 64 such frames. So a read gives a wrong angle with a
+/// probability of 2e-7, and none is expected in this test.
 #[test]
 fn no_damaged_frame_passes_for_an_angle() {
     let chip = BissChip::new(32);
@@ -316,7 +319,7 @@ fn no_damaged_frame_passes_for_an_angle() {
 
 // --------------------------------------------------------------------------------------------------------------- KVH
 
-/// What a message may meet on its way.
+/// What happens to a message on the line.
 #[derive(Clone, Copy, PartialEq)]
 enum Way {
     Whole,
@@ -334,8 +337,8 @@ fn way(rng: &mut Xoshiro256PlusPlus) -> Way {
     }
 }
 
-/// Messages are spoiled, cut short or preceded by anything; those that arrive whole are read, no other is, and by the
-/// sequence numbers every other is told of or counted as missed.
+/// Messages are damaged, cut short, or preceded by other bytes. The driver reads all messages that arrive whole and no
+/// others. It reports each of the others as damaged, or counts it as missing by the sequence numbers.
 #[test]
 fn every_whole_message_of_a_damaged_stream_is_read_and_no_other() {
     let mut rng = random(6);
@@ -369,12 +372,13 @@ fn every_whole_message_of_a_damaged_stream_is_read_and_no_other() {
     }
     assert_eq!(read, whole);
     let lost = 100_000 - whole;
-    // A message cut within its header is missed, and not told of as damaged; one told of may be made of two.
+    // A message that is cut within its header counts as missing and is not reported as damaged. One damaged message may
+    // consist of parts of two.
     assert!(missed <= lost && missed + told >= lost - 1, "{missed} missed, {told} told of {lost}");
 }
 
-/// Byte by byte at 921 600 baud, as in the interrupt of a UART: 200 intervals of a 200 Hz unit whose outer axis turns
-/// at 20 deg/s, of which every tenth message arrives damaged.
+/// The bytes arrive one by one at 921 600 baud, as in the interrupt of a UART. They are 200 messages of a unit at 200
+/// Hz whose outer axis turns at 20 deg/s. Every tenth message is damaged.
 #[test]
 fn a_streaming_imu_fills_the_queue_with_the_angles_of_its_stamps() {
     let (mut chip, mut queue) = (Kvh1750Chip::default(), SampleQueue::<f64, 256>::new());
@@ -400,15 +404,15 @@ fn a_streaming_imu_fills_the_queue_with_the_angles_of_its_stamps() {
     let taken: Vec<_> = std::iter::from_fn(|| samples.pop()).collect();
     assert_eq!(taken.len(), 180);
     for (interval, SampleWithGimbal { sample, gimbal }) in (1..).filter(|interval| interval % 10 != 0).zip(taken) {
-        // The middle of the interval, to a microsecond of rounding.
+        // The stamp is the middle of the interval, rounded to a microsecond.
         assert!(sample.time_us.abs_diff(interval * 5000 - 2500) <= 1, "{} {interval}", sample.time_us);
         assert_eq!((sample.outer, gimbal), (outer(sample.time_us), status(sample.time_us)));
         assert!((sample.omega_g.x - 0.349).abs() < 1e-7 && (sample.force_a.z - 9.806_65).abs() < 1e-6);
     }
 }
 
-/// A single precision number of the KVH and the steps of the ADIS16495 against the noise of a navigation unit at 200
-/// Hz.
+/// The resolution of the outputs, compared with the noise of a unit of navigation grade at 200 Hz: numbers in single
+/// precision of the KVH, and the steps of the ADIS16495.
 #[test]
 fn steps_of_the_numbers_are_lost_in_the_noise() {
     let mut rng = random(7);
@@ -433,14 +437,14 @@ fn steps_of_the_numbers_are_lost_in_the_noise() {
         let pushed = message.iter().find_map(|byte| kvh.push(*byte, 0));
         errors(1, pushed.expect("a message").expect("a good one"));
     }
-    // Steps of the ADIS and of a float below 1 g and 0.5 rad/s. Their errors, uniform and independent, average to
-    // step / sqrt(12 samples); five times that is the bound.
+    // Steps of the ADIS16495, and of a number in single precision below 1 g and 0.5 rad/s. The errors are uniform and
+    // independent, so that their mean has a sigma of step / sqrt(12 samples). The bound is five sigma.
     let bound = |step: f64| 5.0 * step / (12.0 * f64::from(samples)).sqrt();
     let steps = [[1.67e-9, 3.8e-9 * 9.8], [2_f64.powi(-25), 2_f64.powi(-23) * 9.8]];
     for (sums, steps) in sums.iter().zip(steps) {
         assert!(sums.iter().zip(steps).all(|(sum, step)| sum.abs() < bound(step)), "{sums:?} {steps:?}");
     }
-    // Of what a stop of 10 s knows of a rate the rounding of a float is less than a hundredth.
+    // The rounding of a rate in single precision is less than a hundredth of the noise of one sample.
     let of_stop = steps[1][0] / 12_f64.sqrt() / sigma_omega.to_radians();
     assert!(of_stop < 0.01, "{of_stop}");
 }
@@ -522,7 +526,7 @@ fn the_bridge_drives_as_commanded_and_opens_on_overcurrent() {
     assert_eq!(chip.borrow().output(), Output::Driven(0.5));
 }
 
-/// A bridge whose PWM is not set any longer, because control has died, brakes its motor after 5 ms.
+/// If the control stops and sets the PWM no longer, the bridge brakes its motor after 5 ms.
 #[test]
 fn a_bridge_without_control_brakes() {
     let mut chip = BridgeChip::default();

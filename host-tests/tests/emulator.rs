@@ -120,7 +120,7 @@ fn damaged_frames_are_counted() {
     assert_eq!(outcome.queue(), (990, LossCounts { crc: 10, ..LossCounts::default() }));
 }
 
-/// A unit with real errors, navigation noise, and a scheme of short stops for it.
+/// A unit with the errors `real` and noise of navigation grade, and a scheme with short stops.
 fn unit() -> (VirtualUnit, Scheme) {
     (VirtualUnit { errors: presets::real(5), ..VirtualUnit::default() }, Scheme::bai(2.0, 1))
 }
@@ -138,15 +138,16 @@ fn assignment(unit: &VirtualUnit, scheme: &Scheme) -> Assignment {
 /// The unit with a switch.
 type Unit = Switched<DrivenRins>;
 
-/// What puts it on a bench.
+/// Makes a bench with the unit on it.
 type Put = fn(Unit) -> Bench<Unit>;
 
-/// Powers the unit up with this EEPROM, and off after three corrected samples have been told at the end of the run.
+/// Powers the unit up with this EEPROM. Switches it off after it has reported three corrected samples at the end of the
+/// run.
 fn boot(image: &Image, eeprom: &Path) -> Outcome {
     boot_on(image, Some(eeprom), &unit().1, Bench::new).0
 }
 
-/// The same on any scheme and bench; and how many samples its IMU has given.
+/// As [`boot`], with any scheme and bench. Also returns the number of samples that the IMU has given.
 fn boot_on(image: &Image, eeprom: Option<&Path>, scheme: &Scheme, put: Put) -> (Outcome, u32) {
     let (unit, _) = unit();
     let mut rins = DrivenRins::new(&unit, 5);
@@ -200,7 +201,7 @@ fn powers_up_twice(board: Board) {
     assert_eq!(second.states(), [State::Correcting]);
     assert_eq!(second.record(), None);
     corrected_as_felt(&second);
-    // The only record is damaged now: the unit says so and calibrates itself anew.
+    // The only record is damaged now. The unit reports the damage and calibrates itself again.
     flip(&eeprom, 100);
     let third = boot(&image, &eeprom);
     assert_eq!(third.messages.first(), Some(&store_at_power_up(false, true)));
@@ -215,7 +216,7 @@ fn told(messages: &[Message]) -> Vec<Vec<u8>> {
     run.map(|message| postcard::to_stdvec(message).expect("messages serialize")).collect()
 }
 
-/// What the same unit tells in this process, its store empty.
+/// Messages of the same unit with an empty store, run in this process.
 fn booted_in_process(board: Board, scheme: &Scheme, put: Put) -> Vec<Message> {
     let (unit, _) = unit();
     let mut rins = DrivenRins::new(&unit, 5);
@@ -241,8 +242,9 @@ fn a_unit_with_a_kvh_1750_calibrates() {
     assert_eq!(losses, LossCounts::default());
 }
 
-/// Every fiftieth message meets a wrong bit or loses a byte, in turn, each time at the next place: it is lost and
-/// counted, no other is, and the unit calibrates. One with a sound header is told by its CRC, else it is missed.
+/// Every fiftieth message has a wrong bit or lacks a byte, in turn, each time at the next place. The driver loses and
+/// counts these messages and no others, and the unit calibrates. A message with a sound header fails by its CRC; any
+/// other one counts as missing.
 #[test]
 fn so_does_one_whose_line_is_bad() {
     let (losses, messages) = calibrates_with_kvh_1750(|plant| {
@@ -266,7 +268,7 @@ fn so_does_one_whose_line_is_bad() {
     assert_eq!(losses, LossCounts { crc, unread, ..LossCounts::default() });
 }
 
-/// What a message meets on its way, and at which of its bytes.
+/// Damage of a message on the line, and the byte at which it occurs.
 #[derive(PartialEq)]
 enum Harm {
     WrongBit(usize),
@@ -277,11 +279,11 @@ fn harm(message: u64) -> Option<Harm> {
     let (turn, rest) = (message / 50, message % 50);
     let place = (turn / 2) as usize % MESSAGE_BYTES;
     let harm = if turn.is_multiple_of(2) { Harm::WrongBit(place) } else { Harm::LostByte(place) };
-    // Of the very first nobody would know that it is missing.
+    // The very first message is spared: its loss could not be noticed.
     (rest == 25).then_some(harm)
 }
 
-/// Lost samples, and how many messages were received or missed.
+/// Counts of lost samples, and the number of messages that were received or missed.
 fn calibrates_with_kvh_1750(put: Put) -> (LossCounts, u64) {
     let image = image(Variant { imu: Imu::Kvh1750, ..Board::Mps2An500.into() });
     let scheme = Scheme::named("fast-60").expect("in the library");
@@ -294,8 +296,8 @@ fn calibrates_with_kvh_1750(put: Put) -> (LossCounts, u64) {
     assert_eq!(told(&outcome.messages), told(&in_process), "every bit of every message");
     let (taken, losses) = outcome.queue();
     let messages = taken + u64::from(losses.total());
-    // When the unit was switched off, the last one may have been on its way, and that before it missed but not yet
-    // known to be.
+    // When the unit is switched off, the last message may still be on the line, and the loss of the one before may not
+    // have been noticed yet.
     assert!((messages..messages + 3).contains(&sent.into()), "{messages} of {sent}");
     (losses, messages)
 }
@@ -321,7 +323,8 @@ fn a_scheme_that_cannot_be_run_is_refused_by_its_reason() {
         (changed(&|scheme| scheme.legs[2].stop_s = 0.0), ConfigError::Scheme(SchemeError::Stop(3))),
         (changed(&|scheme| scheme.legs[2].stop_s = -1.0), ConfigError::Scheme(SchemeError::Stop(3))),
         (changed(&|scheme| scheme.legs[2].stop_s = 0.3), ConfigError::ShortStop(3)),
-        // Half turns from level: no accelerometer but z ever feels gravity. The first to suffer is Sgxz.
+        // The scheme has half turns from level only, so that gravity acts on accelerometer z alone. The first parameter
+        // that is not observed is Sgxz.
         (Scheme::named("8-position").expect("in the library"), ConfigError::Unobserved(1)),
     ];
     for (scheme, error) in cases {
@@ -331,13 +334,13 @@ fn a_scheme_that_cannot_be_run_is_refused_by_its_reason() {
         let told = |message: &Message| messages.push(message.clone());
         let Assignment::SelfCalibrate(mut config) = assignment(&unit, &scheme) else { unreachable!("it calibrates") };
         config.axes.iter_mut().for_each(|axis| axis.travel = Travel::around(-2.0 * TAU, 2.0 * TAU, TurnSource::Stored));
-        // The firmware ends with an error; what it says is in the messages.
+        // The firmware ends with an error. The messages have the reason.
         let _ = in_emulator(&Assignment::SelfCalibrate(config), &image, None, &mut bench, |_| (), told);
         assert_eq!(messages.last(), Some(&Message::Refused(error)), "{messages:?}");
     }
 }
 
-/// All parameters within 4.5 sigma of the truth: 2e-4 by chance for 28.
+/// All parameters are within 4.5 sigma of the truth. Chance exceeds this for one of 28 with a probability of 2e-4.
 fn within_sigmas(estimate: &Estimate, unit: &VirtualUnit) {
     let difference = estimate.errors.to_vector() - unit.errors.to_vector();
     for (index, (difference, sigma)) in difference.iter().zip(&estimate.sigmas).enumerate() {
@@ -427,7 +430,7 @@ fn flip(path: &Path, offset: usize) {
 fn a_hang_is_an_error() {
     let image = image(Board::Mps2An500);
     let setup = MachineSetup { patience: Duration::ZERO, ..MachineSetup::new(&image) };
-    // Over so many samples the host waits for the firmware at least once, however busy the machine is.
+    // There are so many samples that the host waits for the firmware at least once, even on a busy machine.
     let error = try_run(&setup, &mut Bench::new(at_rest(1_000_000))).err().expect("an error");
     assert!(error.to_string().contains("hangs"), "{error:#}");
 }

@@ -26,7 +26,8 @@ fn no_wrong_answer_is_accepted() {
     let summary = Summary::new(&outcomes);
     assert_eq!(summary.kinds.len(), FaultKind::ALL.len());
     assert_eq!(summary.total.accepted_wrong, 0, "{summary}");
-    // A verdict that rejects everything would keep the promise, too: small faults do no harm.
+    // A verdict that rejects every run would pass the test above. Small faults do no harm, so many runs must be
+    // accepted.
     assert!(summary.total.accepted > 60, "{summary}");
 }
 
@@ -102,7 +103,8 @@ fn changes_are_found_by_kind_place_and_size() {
         let found = suspicion(kind, channel, size, [0.0; 3]);
         assert!(found.is_founded(), "{kind:?}: {found:?}");
         assert_eq!(found.change, change, "{found:?}");
-        // 124 s is in the eighth move, segment 15; of a part of a move, the next one may show more.
+        // 124 s is in the eighth move, segment 15. The fault acts on a part of that move only, so the next segment may
+        // show it more clearly.
         assert!((13..=17).contains(&found.segment), "{kind:?}: {found:?}");
         let sigma = (found.size / found.sigmas).abs();
         assert!((found.size - size).abs() < 5.0 * sigma + 0.1 * size, "{kind:?}: {found:?}");

@@ -47,7 +47,8 @@ fn goes_there_and_back<T: Real>() {
     plant.command(move_to(-90.0, -100.0));
     run(&mut plant, 9);
     assert_eq!(plant.status().commands, 0, "it waits");
-    // It is taken up where it stands first. 120 deg at 20 deg/s and a second for both ramps.
+    // The gimbal accepts the command at rest. The move takes 6 s for 120 deg at 20 deg/s, and one more for the two
+    // ramps.
     run(&mut plant, 3);
     assert_eq!(plant.status().commands, 1);
     assert!(!plant.status().arrived && !plant.status().at_rest);
@@ -80,7 +81,7 @@ fn a_command_on_the_way_brakes_first() {
     let before = plant.rates_rad_s();
     assert!(before[0] < -19.0 * DEG && before[1] > 19.0 * DEG);
     plant.command(MotionCommand::Hold);
-    // A third of a second from 20 deg/s at 60 deg/s^2.
+    // The axes stop from 20 deg/s at 60 deg/s^2 in a third of a second.
     run(&mut plant, 360);
     assert!(plant.status().at_rest && plant.rates_rad_s().iter().all(|rate| rate.abs() < 0.01 * DEG));
     plant.command(move_to(-40.0, 0.0));
@@ -120,21 +121,21 @@ fn a_target_out_of_reach_moves_nothing() {
     let limit_rad = (90.0 * DEG) as f32;
     assert_eq!(plant.status().fault, Some(Fault { axis: 1, angle_rad: 0.0, kind: FaultKind::Travel { limit_rad } }));
     at_deg(&plant, 0.0, 0.0, 0.1);
-    // The end of the travel is within it, rounding or not.
+    // The end of the travel belongs to the travel, with a margin for rounding.
     plant.command(move_to(0.0, 90.0 + 1e-9));
     run(&mut plant, 6000);
     assert!(plant.status().arrived && plant.status().fault.is_none());
 }
 
-/// What fails of an axis.
+/// The fault of an axis.
 #[derive(Clone, Copy, Debug)]
 enum Failing {
     Chip(Trouble),
     Jammed,
 }
 
-/// Lets an axis fail at cruise, both axes turning; how long both took to stop, ms, how far they went, deg, and the
-/// fault.
+/// Lets an axis fail while both axes turn at constant rate. Returns the time until both have stopped, ms, the angle
+/// that they have turned by meanwhile, deg, and the fault.
 fn stopped_after(axis: usize, trouble: Failing) -> (u32, f64, Fault) {
     let mut plant = plant_at::<f64>([0.0, 0.0]);
     plant.command(move_to(-90.0, -90.0));
@@ -188,7 +189,8 @@ fn whatever_fails_both_axes_stop() {
             println!("{trouble:?} {axis}: {stopped_ms} ms, {farthest_deg:.1} deg, {fault}");
             assert!(expected(fault.kind), "{trouble:?}: {fault}");
             assert_eq!(usize::from(fault.axis), axis);
-            // Under control a third of a second; by friction and the shorted winding alone less than one.
+            // The control stops an axis in a third of a second; friction and the shorted winding alone take less than a
+            // second.
             assert!(stopped_ms < 1000 && farthest_deg < 20.0, "{trouble:?}: {stopped_ms} ms, {farthest_deg} deg");
         }
     }
@@ -199,7 +201,7 @@ fn an_axis_that_is_pushed_while_it_stands_is_a_runaway() {
     let mut plant = plant_at::<f64>([0.0, 0.0]);
     plant.command(MotionCommand::Hold);
     run(&mut plant, 100);
-    // More than the motor has, for a tenth of a second.
+    // A torque above the largest of the motor, for a tenth of a second.
     plant.with_motor(1, |motor| motor.mechanics.disturbance_nm = -1.5);
     run(&mut plant, 100);
     plant.with_motor(1, |motor| motor.mechanics.disturbance_nm = 0.0);
@@ -225,7 +227,7 @@ fn an_axis_pushed_out_of_its_travel_is_stopped() {
     let mut plant = plant_at::<f64>([89.99, 0.0]);
     plant.command(MotionCommand::Hold);
     run(&mut plant, 100);
-    // More than the motor has.
+    // A torque above the largest of the motor.
     plant.with_motor(0, |motor| motor.mechanics.disturbance_nm = 0.8);
     let mut period = 0;
     while plant.status().fault.is_none() {
@@ -242,7 +244,8 @@ fn an_axis_pushed_out_of_its_travel_is_stopped() {
     assert!(plant.status().arrived, "{:?}", plant.status());
 }
 
-/// Worst figures over moves of all lengths and directions, of a motor that is not what the controller takes it for.
+/// Worst figures over moves of all lengths in both directions, with a motor that differs from the one that the
+/// controller assumes.
 fn moves<T: Real>(assumed: &MotorAndLoad, mechanics: Mechanics) -> MoveFigures {
     let mut bench = ServoBench::<T>::new(assumed, mechanics);
     let mut worst = MoveFigures::default();
@@ -292,7 +295,7 @@ fn a_step_beyond_the_torque_does_not_wind_up() {
     let step = bench.follow(2.0, |_| Point { angle_rad: 5.0 * DEG, ..Point::default() });
     assert!(step.iter().filter(|at| at.duty.abs() > 0.45).count() > 50, "the torque is at its limit");
     let beyond_deg = step.iter().map(|at| at.error_rad).fold(0.0, f64::max) / DEG;
-    // What is left of a linear loop's own overshoot, 25 % at most.
+    // The overshoot of the linear loop itself is 25 % at most.
     assert!(beyond_deg < 0.25 * 5.0, "{beyond_deg}");
     assert!(step.iter().skip(1500).all(|at| at.error_rad.abs() < 2.0 * ARCSEC));
 }

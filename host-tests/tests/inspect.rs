@@ -39,7 +39,7 @@ fn virtual_run(scheme: Scheme) -> VirtualRun {
     VirtualRun { unit: VirtualUnit { errors: real(1), ..VirtualUnit::default() }, scheme, seed: 11 }
 }
 
-/// With the angles of the end of each interval, where its stamp is, too.
+/// Readings whose stamps and angles are those at the end of each interval.
 fn at_the_ends(run: &VirtualRun) -> Vec<Reading> {
     let readings: Vec<Reading> = run.drive().collect();
     let next = |index: usize| readings[(index + 1).min(readings.len() - 1)];
@@ -65,13 +65,14 @@ fn worst_error(result: &Value, truth: &Value) -> f64 {
     normalized.fold(0.0, f64::max)
 }
 
-/// Milliseconds, deg/h, mg, a reversed outer encoder in degrees with its zero at 90, an inner one in counts; both
-/// wrapped; axes in another order, decimal commas, a line above the header, a counter, words, gaps and repeated rows.
+/// A log with milliseconds, deg/h and mg. The outer encoder is reversed, in degrees and has its zero at 90; the inner
+/// one is in counts; both are wrapped. The log has axes in another order, decimal commas, a line above the header, a
+/// counter, words, gaps and repeated rows. Returns the number of rows too.
 fn foreign_log(run: &VirtualRun) -> (String, usize) {
     let mut text = String::from("Messung 7\nNr;Stempel;a;b;c;d;e;f;A;B;Zustand\n");
     let (mut rows, mut missing) = (0, 0);
     for (number, reading) in at_the_ends(run).iter().enumerate() {
-        // At a stop, and in a move: 15 and 2 samples.
+        // 15 samples are missing at a stop, and 2 in a move.
         if (700..715).contains(&number) || (2390..2392).contains(&number) {
             missing += 1;
             continue;
@@ -108,8 +109,8 @@ fn the_mapping_that_is_proposed_for_a_foreign_log_works() {
     assert_eq!(seen["sampling"]["rows"], rows);
     assert_eq!((&seen["sampling"]["gaps"], &seen["sampling"]["missing"]), (&json!(2), &json!(17)));
     assert_eq!(seen["sampling"]["repeated"], 1);
-    // 714 samples come before the first sample after the gap, one of them is repeated, and two lines come before them
-    // all.
+    // Two lines are above the samples. Of the 715 samples before the end of the gap, 15 are missing, and one is there
+    // twice.
     assert_eq!(seen["sampling"]["longest_gap"]["line"], 704);
     assert!((seen["sampling"]["rate_hz"].as_f64().unwrap() - 200.0).abs() < 1e-9);
     let mapping = &seen["mapping"];
@@ -126,7 +127,7 @@ fn the_mapping_that_is_proposed_for_a_foreign_log_works() {
     fs::write(&edited, text.replacen("[site]\n", "[site]\nlatitude_deg = 30.93041\nheight_m = 20.0\n", 1)).unwrap();
     let [_, stderr] = run(0, &["inspect", &log, "--config", &edited, "--write-config", &scratch("again.toml")]);
     assert!(!stderr.contains("no site"), "{stderr}");
-    // The calibration by it is right: 4.5 sigma.
+    // The calibration with the mapping and the edited description is right, within 4.5 sigma.
     let truth = scratch("truth.json");
     let parameters = host_tests::files::truth::Truth::new(&run_of.unit.errors);
     fs::write(&truth, serde_json::to_string(&parameters).unwrap()).unwrap();
@@ -154,13 +155,15 @@ fn noise_scheme_and_observability_of_a_standard_log_are_seen() {
     let near = &seen["nearest_scheme"];
     assert_eq!((&near["name"], &near["periods"]), (&json!("bai"), &json!(1)));
     assert!(near["apart_deg"].as_f64().unwrap() < 0.001);
-    // 19 stops of 3.6 s at 0.1 s and more: 1.5 * 680 degrees of freedom and three channels, 1.3 %; four of that.
+    // 19 stops of 3.6 s have 1.5 * 680 degrees of freedom in each of three channels at averaging times from 0.1 s on,
+    // so that sigma is 1.3 %. Four sigma are allowed.
     let noise = |name: &str| seen["noise"][name].as_f64().unwrap();
     assert!((noise("accel_vrw_ug_sqrt_hz") / 35.0 - 1.0).abs() < 0.055, "{}", seen["noise"]);
     assert!((noise("gyro_arw_deg_sqrt_h") / 0.001 - 1.0).abs() < 0.055, "{}", seen["noise"]);
     let observed = &seen["observed"];
     assert_eq!((&observed["rank"], &observed["unobserved"]), (&json!(28), &json!([])));
-    // What is predicted from the scheme that was written is what the log has: the same geometry, stops to 0.1 s of 4.
+    // The prediction from the written scheme agrees with that from the log: the geometry is the same, and the stops
+    // agree to 0.1 s of 4 s.
     run(0, &["observability", "--scheme", &scheme_file, "--config", &unit_file, "--json", &predicted]);
     let [log_sigma, scheme_sigma] = [observed, &read(&predicted)].map(|from| from["worst_arcsec"].as_f64().unwrap());
     assert!((log_sigma / scheme_sigma - 1.0).abs() < 0.03, "{log_sigma} {scheme_sigma}");
@@ -189,10 +192,11 @@ fn a_log_at_rest_is_told_by_names_and_one_that_breaks_off_says_where() {
     let found = read(&seen);
     assert_eq!((&found["mapping"]["gyro"]["unit"], &found["mapping"]["accel"]["unit"]), (&json!("deg/s"), &json!("g")));
     assert_eq!((&found["observed"], &found["encoders"]), (&Value::Null, &Value::Null));
-    // 40 s: 600 degrees of freedom at 0.1 s, three channels: 1.7 %; four of that.
+    // 40 s have 600 degrees of freedom in each of three channels at 0.1 s, so that sigma is 1.7 %. Four sigma are
+    // allowed.
     assert!((found["noise"]["gyro_arw_deg_sqrt_h"].as_f64().unwrap() / 0.001 - 1.0).abs() < 0.07, "{}", found["noise"]);
     assert!(found["remarks"][0].as_str().unwrap().starts_with("no axis turns as in a calibration"));
-    // What is before a wrong row is said; the row is the error.
+    // The rows before a wrong row are described, and the wrong row is the error.
     let lines: Vec<_> = text.lines().collect();
     let back = format!("{}\n{}\n", lines[..6001].join("\n"), lines[4000]);
     fs::write(&log, back).unwrap();
@@ -201,7 +205,7 @@ fn a_log_at_rest_is_told_by_names_and_one_that_breaks_off_says_where() {
     assert!(stderr.contains("rest.csv:6002: column t [ms]: time goes back from "), "{stderr}");
     fs::write(&log, lines[..3].join("\n")).unwrap();
     assert!(run(1, &["inspect", &log])[1].contains("rest.csv: the log has only 2 rows, fewer than 16"));
-    // Nothing to tell columns by.
+    // The columns have no names.
     let nameless: String = text.lines().skip(1).map(|line| format!("{line}\n")).collect();
     fs::write(&log, nameless).unwrap();
     let [_, stderr] = run(1, &["inspect", &log]);

@@ -136,8 +136,8 @@ fn floor_and_walk_have_each_their_own_number() {
     let walk = Effects { accel_bias_walk_ug_sqrt_h: 100.0, gyro_bias_walk_deg_h_sqrt_h: 0.3, ..Effects::default() };
     let long = |effects: Effects| run_of(effects, Noise::navigation(), Scheme::bai(100.0, 1), 50.0);
     let (found, _) = inspected("floor", &long(floor));
-    // From 5 s on the floor is larger than the white noise. Three channels and 1900 s have 1000 degrees of freedom there:
-    // 2 %. The flicker of the virtual unit is a sum of octaves, whose floor differs by some percent.
+    // From 5 s on the floor is larger than the white noise. Three channels and 1900 s have 1000 degrees of freedom
+    // there: 2 %. The flicker of the virtual unit is a sum of octaves, whose floor differs by some percent.
     assert!(near(seen(&found, "accel_floor_ug"), 8.0, 0.15), "{:?}", found.rows);
     assert_eq!(seen(&found, "accel_walk_ug_sqrt_h"), None);
     let (found, _) = inspected("walk", &long(walk));

@@ -24,14 +24,14 @@ use rins_selfcal::scheme::Scheme;
 use rins_selfcal::verdict::VerdictLimits;
 use std::collections::VecDeque;
 
-/// What the instrument told.
+/// A message or an answer of the instrument.
 #[derive(Clone, Debug, PartialEq)]
 enum Told {
     Message(Message),
     Answer(u16, Answer),
 }
 
-/// The other end of the line: sees what the instrument tells, and says what shall be sent.
+/// The other end of the line: receives what the instrument sends, and decides what to send.
 struct Partner<F> {
     to_instrument: VecDeque<u8>,
     decoder: Decoder,
@@ -82,7 +82,7 @@ fn config(policy: PowerUpPolicy) -> SelfCalibrationConfig {
     SelfCalibrationConfig { policy, ..SelfCalibrationConfig::new(calibrator, Scheme::bai(1.0, 1)) }
 }
 
-/// Powers an instrument up with `first` bytes waiting on its line, until `on_told` says that it has seen enough.
+/// Powers an instrument up with the bytes `first` waiting on its line, and runs it until `on_told` returns true.
 fn power_up(
     policy: PowerUpPolicy,
     memory: &mut Memory,
@@ -226,7 +226,7 @@ fn calibrated() -> Memory {
 #[test]
 fn erasing_and_setting_need_an_unlock_which_times_out() {
     let mut memory = calibrated();
-    // The virtual unit has no temperature sensor, and what is not a number equals nothing.
+    // The virtual unit has no temperature sensor, and the comparison below would fail, because NaN differs from NaN.
     let stored = memory.stored.as_mut().expect("one");
     stored.temperature_c = 25.0;
     let stored = stored.clone();
@@ -248,7 +248,7 @@ fn erasing_and_setting_need_an_unlock_which_times_out() {
             Told::Answer(8, Answer::Status(status)) => unlocked_us = status.time_us,
             told if unlocked_us > 0 && !erased && status(told).is_some_and(|status| !status.unlocked) => {
                 let after_us = status(told).expect("one").time_us - unlocked_us;
-                // Told twice a second.
+                // The instrument sends its status twice a second.
                 assert!((UNLOCKED_US..=UNLOCKED_US + 600_000).contains(&after_us), "{after_us}");
                 sender.command(9, &Command::Erase);
                 sender.command(10, &Command::Unlock(UNLOCK_WORD));
@@ -330,7 +330,8 @@ fn time_left_counts_down_to_the_end_of_measuring() {
     assert!(left.len() > 100);
     for (time_us, left_s, state) in left.into_iter().filter(|(time_us, ..)| *time_us < end_us) {
         let true_s = (end_us - time_us) as f32 * 1e-6;
-        // An axis arrives up to 0.3 s after its profile's end, 18 times; the stand before the run is not foreseen.
+        // In each of 18 moves, the axis arrives up to 0.3 s after the end of its profile. The time at rest before the
+        // run is not part of the prediction.
         assert!((true_s - left_s).abs() < 0.3 * 18.0 + 1.5, "{state:?}: {left_s} said, {true_s} true");
     }
 }
@@ -398,7 +399,7 @@ proptest! {
         prop_assert_eq!(commands(&mut decoder, &bytes), [(number, command)]);
     }
 
-    /// Of a stream with one damaged place, all frames are received but those that the place touches.
+    /// A stream has one damaged byte. All frames are received except those to which the byte belongs.
     #[test]
     fn one_damaged_place_costs_the_frames_it_touches(
         all in vec(any_command(), 3..8), place in any::<prop::sample::Index>(), damage in 1_u8..
@@ -410,7 +411,7 @@ proptest! {
         let mut end = 0;
         let ends: Vec<_> = frames.iter().map(|frame| { end += frame.len(); end }).collect();
         let hit = ends.iter().position(|end| place < *end).expect("within");
-        // A zero byte lost joins its frame with the next one.
+        // If the damaged byte is a zero byte at the end of a frame, that frame and the next one become one.
         let joined = hit + usize::from(place + 1 == ends[hit]);
         let expected: Vec<_> = (1..).zip(all).enumerate()
             .filter(|(index, _)| !(hit..=joined).contains(index))
@@ -419,7 +420,7 @@ proptest! {
         prop_assert_eq!(commands(&mut Decoder::new(), &bytes), expected);
     }
 
-    /// Any command comes back as it was sent, and a cut one does not come at all.
+    /// Every command is received as it was sent, and a command that is cut is not received.
     #[test]
     fn commands_come_whole_or_not_at_all(command in any_command(), number in any::<u16>(), cut in any::<prop::sample::Index>()) {
         let frame = framed(number, &command);

@@ -28,7 +28,7 @@ fn written(name: &str, content: impl AsRef<[u8]>) -> PathBuf {
     path
 }
 
-/// Axes that turn ever faster, one way and the other.
+/// Readings of axes that turn faster and faster, in both directions.
 fn readings() -> Vec<Reading> {
     let reading = |index: u32| {
         let time_s = 2.0 + f64::from(index) * INTERVAL_S;
@@ -91,13 +91,13 @@ fn text_of_other_units_axes_and_signs() {
                    [outer]\ncolumn = \"A\"\nunit = \"deg\"\nzero = 90.0\nreversed = true\n\
                    [inner]\ncolumn = \"B\"\nunit = \"counts\"\ncounts_per_turn = 16777216.0\n\
                    [temperature]\ncolumn = \"T\"\nunit = \"K\"\n";
-    // Sixteen digits of 2e5 deg/h are 1e-16 rad/s; of an angle of a turn, 1e-15.
+    // The log has sixteen digits: an error of 1e-16 rad/s for 2e5 deg/h, and of 1e-15 for an angle of one turn.
     assert_same(&read(&log, mapping), &readings(), 1e-12);
 }
 
 #[test]
 fn increments_of_an_interval_that_ends_at_the_stamp() {
-    // As PSINS has it: `wm vm t`, and here the angles of the stamp, which is the interval's end.
+    // The columns of PSINS, `wm vm t`, and the angles at the stamp, which is the end of the interval.
     let mut bytes = Vec::new();
     for reading in readings() {
         let end_s = reading.time_us as f64 * 1e-6 + 0.5 * INTERVAL_S;
@@ -108,17 +108,17 @@ fn increments_of_an_interval_that_ends_at_the_stamp() {
     let silent = |reading: Reading| Reading { temperature_c: f32::NAN, ..reading };
     let expected: Vec<_> = readings().into_iter().map(silent).collect();
     let log = written("psins.f64", &bytes);
-    // The first row has no angle before it.
+    // For the first row, the angle at the start of its interval is unknown.
     let found = read(&log, "");
     assert!((found[0].outer_rad - expected[0].outer_rad - 0.3 * 0.5 * INTERVAL_S).abs() < 1e-9);
-    // Stamps of 30 s have 4e-15 s, and the mean interval with it.
+    // A stamp of 30 s has a rounding error of 4e-15 s, and so has the mean interval.
     assert_same(&found[1..], &expected[1..], 1e-9);
     let compressed = scratch("psins.f64.gz");
     let mut encoder = flate2::write::GzEncoder::new(std::fs::File::create(&compressed).unwrap(), Default::default());
     std::io::Write::write_all(&mut encoder, &bytes).unwrap();
     encoder.finish().unwrap();
     assert_same(&read(&compressed, ""), &found, f64::MIN_POSITIVE);
-    // Cut within a row, and rows of another length.
+    // A file that is cut within a row, and rows of another length.
     std::fs::write(&log, &bytes[..bytes.len() - 3]).unwrap();
     assert_eq!(
         refused(&log, ""),
@@ -141,7 +141,7 @@ fn single_precision_without_a_time_column() {
     let counted =
         |(index, reading): (u64, Reading)| Reading { time_us: 5000 * index, temperature_c: f32::NAN, ..reading };
     let expected: Vec<_> = (0..).zip(readings()).map(counted).collect();
-    // 2^-24 of values up to 40.
+    // Rounding to 2^-24 of values up to 40.
     assert_same(&read(&log, mapping), &expected, 3e-6);
 }
 
@@ -167,7 +167,7 @@ fn parquet_round_trips() {
     for temperature in [true, false] {
         let log = scratch(&format!("round-{temperature}.parquet"));
         let mut writer = LogWriter::create(&log, temperature).unwrap();
-        // More than a group and many batches.
+        // The log has more rows than one row group, and many batches.
         let sent: Vec<_> = (0..12).flat_map(|_| readings()).collect();
         let later = |(index, reading): (u64, &Reading)| Reading { time_us: 5000 * index, ..*reading };
         let sent: Vec<_> = (0..).zip(&sent).map(later).collect();
@@ -221,7 +221,7 @@ fn relabelled(log: &Path, name: &str, column: &str, codec: Compression) -> PathB
     }
     let path = scratch(name);
     let mut file = TrackedWrite::new(File::create(&path).unwrap());
-    // The footer that is there becomes unused bytes between the pages and the new one.
+    // The old footer stays as unused bytes between the pages and the new footer.
     file.write_all(&std::fs::read(log).unwrap()).unwrap();
     ParquetMetaDataWriter::new_with_tracked(file, &metadata.build()).finish().unwrap();
     path
@@ -324,7 +324,7 @@ fn what_is_damaged_is_named_where_it_is() {
         rows[number] = row.into();
         format!("{}\n{}\n", COLUMNS.join(","), rows.join("\n"))
     };
-    // A number that would turn to infinity.
+    // A number that would become infinite in the computation.
     let log = written("damaged.csv", with(4998, "40.0,0,1e300,0,0,0,9.8,0,0"));
     assert_eq!(
         refused(&log, ""),
@@ -340,7 +340,8 @@ fn what_is_damaged_is_named_where_it_is() {
     assert_eq!(refused(&log, ""), "damaged.csv:4: a quote (\") is not closed");
     std::fs::write(&log, with(2, "2.01,\"0\",0,0,0,0,9.8,0,0")).unwrap();
     assert_eq!(read(&log, "").len(), 6000);
-    // A damaged byte in compressed data: the row is short, and the damage is what is wrong.
+    // A byte in compressed data is damaged. The row is too short because of it, and the message names the damage of the
+    // file.
     let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::none());
     std::io::Write::write_all(&mut encoder, with(0, &rows[0]).as_bytes()).unwrap();
     let mut bytes = encoder.finish().unwrap();

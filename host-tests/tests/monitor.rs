@@ -101,13 +101,13 @@ fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()
 }
 
-/// What an instrument with nothing in store is asked over its line, and what must become of it.
+/// Commands to an instrument with an empty store over its line, and their expected effects.
 fn commanded_followed_read_and_erased(port: &Path) {
     let directory = tempfile::tempdir().expect("a directory");
     let json = directory.path().join("stored.json");
     let read = ["--read", "calibration", "--json", json.to_str().expect("a name")];
 
-    // It has looked at its first samples, of which it has had some for each look.
+    // The instrument stands by after its first samples, and it gets some samples for each request.
     let stands_by = |_: u32| text(&monitor(port, &["--read", "status"]).stdout).contains("StandBy");
     assert!((0..100).any(stands_by), "it does not come to stand by");
     let nothing = monitor(port, &read);
@@ -178,13 +178,13 @@ fn an_instrument_is_commanded_followed_read_and_erased_over_a_line() {
     let instrument = thread::spawn(move || instrument(line, &switch, Memory::default()));
     commanded_followed_read_and_erased(&port);
     off.store(true, Ordering::Relaxed);
-    // What the instrument still has to say must go somewhere.
+    // The instrument must not wait for a reader of its last messages.
     drop(slave);
     let memory = instrument.join().expect("the instrument ends");
     assert!(memory.saved && memory.stored.is_none());
 }
 
-/// The firmware, twenty times as fast as real time: half a minute, for which an unlock lasts, must not be over at once.
+/// Runs the firmware twenty times as fast as real time. An unlock lasts half a minute, which is 1.5 s then.
 fn firmware(serial: &Path, eeprom: Option<&Path>, off: &Arc<AtomicBool>) -> Run {
     let image = build(Board::Mps2An500).unwrap_or_else(|error| panic!("{error:#}"));
     let (config, rins) = assignment();
@@ -212,7 +212,7 @@ fn so_is_the_firmware_over_its_serial_port() {
     assert_eq!(run.late_periods, 0);
 }
 
-/// A unit with a stored travel at a scheme of a minute, as an operator commissions it.
+/// The description with which an operator commissions a unit with a scheme of one minute.
 fn unit_file(directory: &Path) -> PathBuf {
     let path = directory.join("unit.toml");
     let noise = "[noise]\naccel_vrw_ug_sqrt_hz = 10.0\n[hardware]\nprofile = \"ideal\"\n[run]\nscheme = \"fast-60\"\n";
@@ -220,8 +220,8 @@ fn unit_file(directory: &Path) -> PathBuf {
     path
 }
 
-/// Powers a board up that nobody assigns a configuration, with a unit whose mounting angle gamma is off by `shock_rad`,
-/// until samples are corrected, and returns what it says.
+/// Powers up a board without an assigned configuration, with a unit whose mounting angle gamma has changed by
+/// `shock_rad`. Runs it until samples are corrected, and returns its messages.
 fn powered_up(eeprom: &Path, shock_rad: f64, seed: u64) -> Vec<Message> {
     let image = build(Board::Mps2An500).unwrap_or_else(|error| panic!("{error:#}"));
     let mut unit = VirtualUnit { errors: presets::real(5), ..VirtualUnit::default() };
@@ -297,7 +297,7 @@ impl Plant for Undriven {
     }
 }
 
-/// A board that nobody assigns a configuration, at its serial port.
+/// A board without an assigned configuration, at its serial port.
 fn new_board(serial: &Path, eeprom: &Path, off: &Arc<AtomicBool>) {
     let image = build(Board::Mps2An500).unwrap_or_else(|error| panic!("{error:#}"));
     let (_, rins) = assignment();
@@ -388,7 +388,7 @@ fn recorded_samples_of_the_firmware_are_those_that_the_host_corrects() {
         })
         .collect();
     let got: Vec<Vec<u64>> = rows.iter().map(|row| row[1..9].iter().map(|x| x.to_bits()).collect()).collect();
-    // A second of the instrument; the emulator of a busy machine is slow.
+    // One second of the instrument has 200 samples, also if a busy machine makes the emulator slow.
     assert!(got.len() > 200, "{} samples", got.len());
     assert_eq!(got, expected);
 }

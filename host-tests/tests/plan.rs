@@ -176,7 +176,7 @@ fn cells<'a>(row: &'a str, between: &str) -> Vec<&'a str> {
     row.split(between).map(str::trim).filter(|cell| !cell.is_empty()).collect()
 }
 
-/// The same text, or numbers within 2 %: the last digit may be another one after the filter's rounding has changed.
+/// Whether two texts are equal, or are numbers within 2 %: rounding in the filter may change the last digit.
 fn is_about(one: &str, other: &str) -> bool {
     let both = one.parse::<f64>().ok().zip(other.parse::<f64>().ok());
     both.map_or(one == other, |(one, other)| (one / other - 1.0).abs() < 0.02)
@@ -191,7 +191,7 @@ fn the_library_is_compared_in_one_table() {
         let printed = text.lines().find(|line| line.trim_start().starts_with(&format!("{name} "))).expect(name);
         let documented = guide.lines().find(|line| line.starts_with(&format!("| {name} | "))).expect(name);
         let mut printed = cells(printed, "  ");
-        // How far it is above the least possible.
+        // The column with the distance to the least possible sigma is not in the chapter.
         printed.remove(4);
         for (printed, documented) in printed.iter().zip(cells(documented, "|")) {
             assert!(is_about(printed, documented), "{name}: {documented} in the guide, but {printed}");
@@ -217,7 +217,8 @@ fn what_the_hardware_costs_is_told_effect_by_effect() {
     let two = format!("{one}, wobble_1_arcsec = 1.0");
     let [ideal, one, two] = ["ideal", one, &two].map(json);
     assert!(ideal["hardware"].is_null());
-    // Without the only effect the unit is ideal, and without one of two it is a unit with the other one.
+    // A unit without its only effect is ideal. A unit with two effects becomes, without one of them, a unit with the
+    // other.
     let of_ideal = one["hardware"]["worst_of_ideal_arcsec"].as_f64().expect("a number");
     assert!(near(without(&one, "encoder_harmonic_1_arcsec"), of_ideal) && of_ideal < worst(&one), "{one}");
     assert!(near(without(&two, "wobble_1_arcsec"), worst(&one)) && worst(&one) < worst(&two), "{two}");
@@ -229,7 +230,7 @@ fn what_a_scheme_brings_is_told_segment_by_segment() {
     let text = run(&["observability", "--scheme", "fast-60", "--plot", plot.to_str().unwrap()]);
     let against_time = text.lines().skip_while(|line| cells(line, "  ").first() != Some(&"end s"));
     let rows: Vec<Vec<&str>> = against_time.take_while(|line| !line.is_empty()).map(|row| cells(row, "  ")).collect();
-    // A header, the stops and the moves; what the last of them leaves is the sigma of each.
+    // The rows are a header, the stops and the moves. The last row has the final sigmas.
     let legs = Scheme::named("fast-60").expect("in the library").legs.len();
     assert_eq!((rows.len(), rows[0].len()), (2 * legs + 2, 13), "{text}");
     for (name, sigma) in rows[0].iter().zip(&rows[2 * legs + 1]).skip(1) {

@@ -22,7 +22,7 @@ use rins_selfcal::scheme::Scheme;
 use std::cell::Cell;
 use std::path::Path;
 
-/// A unit that counts its control periods down to the cut of its power.
+/// A unit whose power is cut after a number of control periods.
 struct Counted<'a> {
     rins: DrivenRins,
     left: &'a Cell<Option<u32>>,
@@ -40,8 +40,8 @@ impl Plant for Counted<'_> {
     }
 }
 
-/// Powers the unit up; with `periods`, its power is cut so many after it has begun to store. Else it is switched off
-/// when samples are corrected. What it told.
+/// Powers the unit up and returns its messages. With `periods`, the power is cut so many control periods after the unit
+/// has begun to store. Otherwise the unit is switched off when it corrects samples.
 fn boot(image: &Image, eeprom: &Path, policy: PowerUpPolicy, seed: u64, periods: Option<u32>) -> Result<Vec<Message>> {
     let unit = VirtualUnit::default();
     let scheme = Scheme::named("fast-60").expect("in the library");
@@ -72,7 +72,7 @@ fn boot(image: &Image, eeprom: &Path, policy: PowerUpPolicy, seed: u64, periods:
     Ok(messages)
 }
 
-/// As it is stored: as bytes, since what is not a number equals nothing.
+/// The bytes of a stored record. They are compared in place of the record, because NaN differs from NaN.
 fn bytes(record: &StoredCalibration) -> Vec<u8> {
     postcard::to_stdvec(record).expect("it serializes")
 }
@@ -108,7 +108,8 @@ fn a_cut_while_storing_leaves_the_old_or_the_new_calibration_and_is_told() {
         found_new += u32::from(found == new);
         damaged += u32::from(after.damaged > 0);
     }
-    // The cuts fall into all parts of the write, the last one after it, before the firmware has told of it.
+    // The cuts fall into all parts of the write. The last one is after the write and before the firmware has reported
+    // it.
     let counts = (found_old, found_new, damaged);
     assert!(found_old >= 3 && found_new >= 1 && damaged >= 2, "old, new, damaged: {counts:?}");
 }

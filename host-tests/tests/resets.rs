@@ -26,19 +26,20 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::channel;
 use std::thread;
 
-/// Control periods between two looks at who is overdue, and in the deadline of the main loop.
+/// Control periods between two checks for overdue tasks, and in the deadline of the main loop.
 const LOOK: u32 = 100;
 const MAIN_DEADLINE: u32 = 1000;
-/// Control periods of the longest run to the harm: a minute.
+/// Most control periods until the firmware is harmed: a minute.
 const MAX_RUN: u32 = 60_000;
-/// Control periods from one sample, at which the main loop is harmed, to the next.
+/// Control periods from one sample to the next. The main loop is harmed at a sample.
 const SAMPLE: u32 = 5;
-/// Instructions of ARMv7-M.
+/// An endless loop, in instructions of ARMv7-M.
 const LOOP: [u8; 2] = [0xfe, 0xe7];
-/// Masks interrupt 8, of the control, for good: 1 << 8 into the register at 0xe000e180.
+/// Disables interrupt 8, the control, for good: writes 1 << 8 to the register at 0xe000e180.
 const MASK_CONTROL: [u8; 16] =
     [0x4e, 0xf2, 0x80, 0x10, 0xce, 0xf2, 0x00, 0x00, 0x01, 0x21, 0x09, 0x02, 0x01, 0x60, 0x70, 0x47];
-/// Masks interrupt 30, of sampling, in the same way, keeps all registers, and goes on at the address that follows.
+/// Disables interrupt 30, the sampling, in the same way, keeps all registers, and continues at the address that
+/// follows.
 const MASK_SAMPLING: [u8; 24] = [
     0x03, 0xb4, 0x4e, 0xf2, 0x80, 0x10, 0xce, 0xf2, 0x00, 0x00, 0x4f, 0xf0, 0x80, 0x41, 0x01, 0x60, 0x03, 0xbc, 0x00,
     0xbf, 0xdf, 0xf8, 0x00, 0xf0,
@@ -77,13 +78,13 @@ impl Plant for Watched<'_> {
     }
 }
 
-/// Harms the firmware in its first move; why it has started the second time, and for how many control periods the
-/// motors were still on.
+/// Harms the firmware in its first move. Returns the reason for the second start that the firmware reports, and the
+/// number of control periods for which the motors were still on.
 fn restart_after(harm: impl Fn(&[u8], &mut Debugger) -> Result<()> + Sync) -> (Restart, u32) {
     let image = build(Board::Mps2An500).unwrap_or_else(|error| panic!("{error:#}"));
     let elf = image.read().expect("the image");
     let unit = VirtualUnit::default();
-    // So slow that it takes long: 45 s, about half a second of the host.
+    // The first turn is so slow that it takes 45 s, which is about half a second on the host.
     let scheme = Scheme { rate_rad_s: 2.0 * DEG, ..Scheme::bai(1.0, 1) };
     let calibrator = CalibratorConfig::new(Method::Joint, unit.site, unit.noise.psd(), unit.rate_hz);
     let mut rins = DrivenRins::new(&unit, 1);
@@ -113,11 +114,12 @@ fn restart_after(harm: impl Fn(&[u8], &mut Debugger) -> Result<()> + Sync) -> (R
         let debugger = scope.spawn(move || -> Result<()> {
             turns.recv()?;
             let mut debugger = Debugger::attach(socket)?;
-            // At the beginning of a function: not between a request to the bench and its answer, which would be the
-            // first that the restarted firmware reads, and in no block of conditional instructions.
+            // The firmware is stopped at the beginning of a function. There it is not between a request to the bench
+            // and the answer, which the restarted firmware would read first, and not in a block of conditional
+            // instructions.
             debugger.run_to(function(elf, &MAIN_LOOP)?)?;
             harm(elf, &mut debugger)?;
-            // The processor stands still.
+            // The debugger has stopped the processor.
             harmed.store(true, Ordering::Relaxed);
             debugger.detach()
         });
@@ -172,7 +174,7 @@ fn sampling_that_hangs_is_missed() {
 fn control_that_hangs_is_missed() {
     let hang = |elf: &[u8], debugger: &mut Debugger| debugger.write(function(elf, &["DefaultHandler"])?, &MASK_CONTROL);
     let (restart, driven) = restart_after(hang);
-    // The edges of the emulator's samples come with its control periods.
+    // In the emulator, the samples come with the control periods, so that either task may be found overdue first.
     let missed = [Task::Control, Task::Sampling].map(|task| Restart::Stopped(FatalError::Overdue(task)));
     assert!(missed.contains(&restart), "{restart:?}");
     assert!(driven <= 1, "{driven} periods");
@@ -180,7 +182,7 @@ fn control_that_hangs_is_missed() {
 
 #[test]
 fn where_everything_hangs_the_watchdog_bites() {
-    // An interrupt that does not end keeps the one from coming that feeds the watchdog.
+    // An interrupt handler that does not return blocks the interrupt that feeds the watchdog.
     let hang = |elf: &[u8], debugger: &mut Debugger| debugger.write(function(elf, &["DefaultHandler"])?, &LOOP);
     let (restart, driven) = restart_after(hang);
     assert_eq!(restart, Restart::Stopped(FatalError::Unfed));

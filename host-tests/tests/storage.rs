@@ -44,7 +44,7 @@ impl Virtual for Eeprom<VirtualEeprom> {
     }
 }
 
-/// A flash of `SECTORS` sectors for the store; the one before is somebody else's.
+/// A flash with two or three sectors for the store. The sector before them belongs to another part of the program.
 impl<const WORD: usize, const SECTOR: usize> Virtual for Flash<VirtualFlash<WORD, SECTOR>> {
     fn blank() -> Self {
         let sectors = if SECTOR > 4096 { 2 } else { 3 };
@@ -63,7 +63,7 @@ impl<const WORD: usize, const SECTOR: usize> Virtual for Flash<VirtualFlash<WORD
     }
 }
 
-/// A 24x64.
+/// An EEPROM of 8 KiB, such as a 24x64.
 type Pages = Eeprom<VirtualEeprom>;
 /// The flash of an STM32H743: words of 32 bytes, sectors of 128 KiB; two of them.
 type Internal = Flash<VirtualFlash<32, 131_072>>;
@@ -111,7 +111,7 @@ fn number(record: &StoredCalibration) -> u32 {
     record.degrees_of_freedom
 }
 
-/// Number of the newest record after power-up, which is whole, as are those before it.
+/// Number of the newest record after power-up. Checks that this record and those before it are intact.
 fn newest<M: Virtual>(store: &mut CalibrationStore<M>) -> Option<u32> {
     let newest = match store.load().expect("a memory that works") {
         Loaded::Found { record: found, .. } => {
@@ -157,7 +157,7 @@ enum Act {
 }
 
 fn act<M: Virtual>(store: &mut CalibrationStore<M>, act: Act, number: u32) {
-    // Power is cut in the middle, or a moment after.
+    // The result does not count: power is cut during the act or just after it.
     match act {
         Act::Save => drop(store.save(&record(number))),
         Act::Prepare => drop(store.prepare()),
@@ -171,7 +171,7 @@ fn steps<M: Virtual>(before: &M, what: Act, number: u32) -> usize {
     store.memory().power().steps()
 }
 
-/// Cuts the power in a step, and looks at what the next boot finds and does. Returns the memory at that boot.
+/// Cuts the power in a step, and checks what the next boot finds and does. Returns the memory at that boot.
 fn cut<M: Virtual>(before: &M, what: Act, number: u32, step: usize, torn: Torn) -> M {
     let mut store = CalibrationStore::new(before.clone());
     store.memory().power().cut_after(step, torn);
@@ -205,7 +205,7 @@ fn cut_everywhere<M: Virtual>(saves: Range<u32>) -> usize {
 
 #[test]
 fn power_cut_at_every_byte_word_and_erase_leaves_the_old_or_the_new_record() {
-    // Twice round and more.
+    // The store wraps more than twice.
     let eeprom = cut_everywhere::<Pages>(0..22);
     let internal = cut_everywhere::<Internal>(0..132);
     let serial = cut_everywhere::<Serial>(0..33);
@@ -216,7 +216,7 @@ fn power_cut_at_every_byte_word_and_erase_leaves_the_old_or_the_new_record() {
 /// Power is cut again, in the save after the first cut.
 #[test]
 fn power_cut_twice_leaves_the_old_or_the_new_record() {
-    // In the middle of a sector, and where the next one is entered.
+    // Saves in the middle of a sector, and saves that begin the next sector.
     let each = |number: u32| {
         let before = saved::<Serial>(number).release();
         let mut cases = 0;
@@ -242,7 +242,7 @@ fn power_cut_twice_leaves_the_old_or_the_new_record() {
 
 // ------------------------------------------------------------------------------------------------- cells, bits, faults
 
-/// A store filled all round, for every slot that can be the next.
+/// Stores in which every slot is in use, one for every slot that can be the next to be written.
 fn full<M: Virtual>() -> Vec<(M, u32)> {
     let slots = slots::<M>();
     let saved = (0..slots).map(|slot| (2 * slots + slot) as u32).map(|count| (saved::<M>(count).release(), count));
@@ -262,8 +262,7 @@ fn slots<M: Virtual>() -> usize {
     M::blank().capacity() / block_bytes::<M>() * per_block::<M>()
 }
 
-/// Every byte of a slot that is written next, and of the one after, stuck at 0 and at 1: each save goes well, and is
-/// found.
+/// Every byte of the next two slots is stuck, at 0 and at 1. Every save succeeds, and its record is found.
 fn every_stuck_byte<M: Virtual>(saves: u32) -> usize {
     let each = |(memory, count): &(M, u32)| {
         let mut store = CalibrationStore::new(memory.clone());
@@ -329,7 +328,7 @@ fn memory_that_keeps_nothing_is_told_and_what_it_holds_stays() {
     assert!(matches!(store.load(), Ok(Loaded::Found { record: found, damage: None }) if found == record(11)));
 }
 
-/// Only the slot of the newest record still works: it is not given for a new one.
+/// Only the slot of the newest record still works. A save fails and leaves that record.
 #[test]
 fn the_newest_record_outlives_all_other_slots() {
     fn check<M: Virtual>(count: u32, begin: usize, place: impl Fn(usize) -> usize, newest: Range<usize>) {
@@ -349,7 +348,7 @@ fn the_newest_record_outlives_all_other_slots() {
     check::<Serial>(20, 4096, |slot| slot / 5 * 4096 + slot % 5 * SLOT_BYTES, 0..5);
 }
 
-/// What an interrupted erase has left behind the first slots of a sector.
+/// An interrupted erase has left a remainder in the last part of a sector.
 #[test]
 fn a_sector_is_entered_only_if_all_of_it_is_blank() {
     let mut store = saved::<Internal>(32);
@@ -361,7 +360,7 @@ fn a_sector_is_entered_only_if_all_of_it_is_blank() {
     }
 }
 
-/// The first record of a sector is damaged. The damage is told at every power-up until a newer record is written.
+/// The first record of a sector is damaged. Every power-up reports the damage until a newer record is written.
 #[test]
 fn damage_that_may_be_the_newest_record_stays_told() {
     // Record 5 is the first in the second of three sectors.
@@ -377,7 +376,7 @@ fn damage_that_may_be_the_newest_record_stays_told() {
     assert_eq!(newest(&mut rebooted(store)), Some(5));
 }
 
-/// A record that could not be read for a while does not come between those written meanwhile.
+/// A record cannot be read for a while. When it can be read again, it does not replace the records written meanwhile.
 #[test]
 fn a_record_that_can_be_read_again_is_not_the_newest() {
     let mut store = saved::<Serial>(3);
@@ -389,7 +388,7 @@ fn a_record_that_can_be_read_again_is_not_the_newest() {
     assert_eq!(newest(&mut rebooted(store)), Some(3));
 }
 
-/// Every bit of a full EEPROM: the damaged slot is told, all others are read.
+/// Every bit of a full EEPROM is flipped once. The damaged slot is reported, and all other slots are read.
 #[test]
 fn every_flipped_bit_is_found() {
     let memory = saved::<Pages>(23).release();
@@ -409,7 +408,7 @@ fn every_flipped_bit_is_found() {
     let told: usize = (0..10 * SLOT_BYTES * 8).into_par_iter().map(each).sum();
     let image = encode(&mut [0; SLOT_BYTES], 22, &record(22)).unwrap();
     println!("flipped bits: {} of which {told} in use", 10 * SLOT_BYTES * 8);
-    // The sequence numbers are alike; records differ by a byte at most in how long a number is.
+    // The lengths of the records differ by one byte at most, because the lengths of their numbers in postcard differ.
     assert!(told.abs_diff(10 * image * 8) <= 10 * 8, "{told}");
 }
 
@@ -473,7 +472,7 @@ fn framed_as(magic: [u8; 3], version: u8, sequence: u32, payload: &[u8]) -> Vec<
     slot
 }
 
-/// An instrument whose software is brought up to date finds its records of the version before.
+/// An instrument finds the records of the version before after an update of its software.
 #[test]
 fn records_of_an_older_version_are_told_and_overwritten_in_their_turn() {
     for version in [b'2', b'3'] {
@@ -569,7 +568,7 @@ fn a_newer_version_is_refused_and_stays_until_it_is_erased() {
     let mut memory = saved::<Pages>(3).release();
     let newer = framed(FORMAT_VERSION + 1, 3, &[7; 300]);
     memory.bytes()[3 * SLOT_BYTES..][..newer.len()].copy_from_slice(&newer);
-    // Damage beside it does not hide it.
+    // Damage of another record does not hide the newer version.
     memory.bytes()[5] ^= 1;
     let before = memory.bytes().clone();
     let mut store = CalibrationStore::new(memory);
@@ -581,7 +580,7 @@ fn a_newer_version_is_refused_and_stays_until_it_is_erased() {
     store.erase().unwrap();
     assert_eq!(store.load(), Ok(Loaded::Empty));
     assert_eq!(store.save(&record(3)), Ok(0));
-    // A flipped version is damage, and in nobody's way.
+    // A record whose byte of the version has a flipped bit is damaged. It does not prevent a save.
     store.memory().bytes()[3] ^= 4;
     assert_eq!(store.load(), Ok(Loaded::Corrupt { damage: Damage::Crc }));
     assert_eq!(store.save(&record(4)), Ok(0));
@@ -622,7 +621,7 @@ fn cut_erase<M: Virtual>(before: &M, newest: &StoredCalibration, step: usize, to
     store.prepare().expect("a place");
     let mut store = rebooted(store);
     if !is_found {
-        // If the tombstone itself was being erased, its block may still be damaged, which is told.
+        // If the cut was in the erase of the tombstone itself, its block may be damaged. This is reported.
         assert!(matches!(store.load(), Ok(Loaded::Empty | Loaded::Corrupt { .. })), "{context}");
         assert_eq!(store.entries(), Ok(0), "{context}");
     }
@@ -683,7 +682,7 @@ fn records_before_a_tombstone_are_erased_and_those_after_it_are_not() {
     assert_eq!((store.entries(), store.entry(0)), (Ok(1), Ok(Some((5, record(7))))));
     store.prepare().unwrap();
     assert_eq!(store.load(), Ok(Loaded::Found { record: record(7), damage: None }));
-    // A tombstone of newer software is one too, and records of newer software before it are in nobody's way.
+    // A tombstone of newer software counts too, and records of newer software before it do not prevent a save.
     for (place, version, payload) in [(4, FORMAT_VERSION + 1, &[7][..]), (5, FORMAT_VERSION + 1, &[])] {
         let slot = framed(version, place as u32, payload);
         memory.bytes()[place * SLOT_BYTES..][..slot.len()].copy_from_slice(&slot);
@@ -694,7 +693,7 @@ fn records_before_a_tombstone_are_erased_and_those_after_it_are_not() {
     assert!(store.memory().bytes()[..10 * SLOT_BYTES].iter().all(|byte| *byte == 0xff));
 }
 
-/// The flash before the store is somebody else's.
+/// The flash before the store belongs to another part of the program.
 #[test]
 fn nothing_outside_its_sectors_is_touched() {
     let mut store = saved::<Serial>(40);

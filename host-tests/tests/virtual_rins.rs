@@ -120,7 +120,7 @@ fn noise_has_its_sigma_at_both_rates() {
     }
 }
 
-/// Encoder errors of a run: sample by sample, and whether the axes stand there.
+/// Encoder errors of every sample of a run, and whether the axes are at rest.
 fn encoder_errors(noise: Noise, scheme: &Scheme) -> Vec<([f64; 2], bool)> {
     let unit = VirtualUnit { noise, rate_hz: 100.0, ..VirtualUnit::default() };
     let mut drive = SchemeDrive::new(VirtualRins::new(&unit, 3), scheme, 0.0);
@@ -133,7 +133,7 @@ fn encoder_errors(noise: Noise, scheme: &Scheme) -> Vec<([f64; 2], bool)> {
     errors
 }
 
-/// Ranges of samples between stops, each with the stop's last sample before it and the first one after it.
+/// Ranges of samples of the moves, each from the last sample of the stop before to the first sample of the stop after.
 fn moves_of(errors: &[([f64; 2], bool)]) -> Vec<(usize, usize)> {
     let starts = (1..errors.len()).filter(|&i| errors[i - 1].1 && !errors[i].1).map(|i| i - 1);
     let ends = (1..errors.len()).filter(|&i| !errors[i - 1].1 && errors[i].1);
@@ -159,7 +159,7 @@ fn encoder_errors_are_drawn_per_stop_and_axis_and_blend_linearly() {
             let part = (sample - start) as f64 / (end - start) as f64;
             for axis in 0..2 {
                 let difference = after[axis] - before[axis];
-                // The first 20 arcsec, passed in 24 ms, are not known to be a move yet.
+                // The first 20 arcsec, which the axis passes in 24 ms, do not count as a move yet.
                 let late = if sample - start <= 3 { difference.abs() * part } else { 0.0 };
                 assert!((error[axis] - before[axis] - difference * part).abs() < 1e-11 + late);
             }
@@ -179,8 +179,8 @@ fn rate_reference_noise_is_a_bridge_between_the_stops() {
     for &(start, end) in &moves {
         assert!(errors[start].0.iter().chain(&errors[end].0).all(|error| error.abs() < 1e-12));
         let middle = errors[(start + end) / 2].0;
-        // The axis that stands has none, so the sum is the turning one's. A bridge of duration T has the variance
-        // psd^2 T/4 in its middle.
+        // The axis at rest has no error of the reference, so that the sum is the error of the turning axis. A Brownian
+        // bridge of duration T has the variance psd^2 T/4 in its middle.
         let sigma = 0.7 * ARCSEC / 200.0_f64.sqrt() * (5.5_f64 / 4.0).sqrt();
         chi_square += ((middle[0] + middle[1]) / sigma).powi(2);
     }
@@ -242,7 +242,7 @@ fn lever_arm_acceleration_is_the_second_derivative_of_the_position() {
 
 #[test]
 fn rigid_truth_agrees_with_the_core_at_rest() {
-    // Equations (1) to (5), written twice. Angles on the ticks of the core.
+    // Equations (M1) to (M5), implemented a second time. The angles are multiples of the resolution of the core.
     let sizes = RandomErrors::default().with_installation_deg(1.0);
     for seed in 0..50 {
         let errors = sizes.draw(seed);
@@ -322,13 +322,14 @@ fn drifts_and_harmonics_do_what_they_say() {
     let mut rins = VirtualRins::new(&unit, 1);
     let last = (0..3600).map(|_| rins.advance()).last().unwrap();
     let g = unit.site.gravity_m_s2();
-    // One degree about x lifts y and with it the force there; minus half a degree about y lifts x. To first order, and
-    // the last interval's middle is half a second short of the hour.
+    // A tilt by one degree about x lifts the y axis, and one by minus half a degree about y lifts the x axis. To first
+    // order, the force along an axis grows by gravity times its tilt. The middle of the last interval is half a second
+    // before the hour.
     let hour = 1.0 - 0.5 / 3600.0;
     let expected = [g * 0.5 * DEG * hour + 10.0 * MICRO_G * hour, g * DEG * hour, g];
     assert_close(last.force_a, expected, 1e-12);
     let [_, north, up] = unit.site.earth_rate_n();
-    // The gyros feel the rate at which the base tilts too.
+    // The gyros also measure the rate at which the base tilts.
     let tilted = [0.5 * DEG * hour * up, north + DEG * hour * up, up - DEG * hour * north + 0.02 * DEG_H * hour];
     let expected = [tilted[0] + ARCSEC, tilted[1] - 0.5 * ARCSEC, tilted[2]];
     assert_close(last.omega_g, expected, 1e-15);
@@ -384,7 +385,7 @@ fn seeds_repeat_and_differ() {
     assert_eq!(run(1)[1999].time_us, 9_997_500);
 }
 
-/// The log of an independent simulator, and the unit it says it simulated.
+/// The log of an independent simulator, and the unit that it has simulated.
 fn sample() -> (Vec<Reading>, VirtualUnit) {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("data");
     let rows = LogReader::open(&data.join("sample.csv.gz")).unwrap();
@@ -394,7 +395,7 @@ fn sample() -> (Vec<Reading>, VirtualUnit) {
     (readings, VirtualUnit { errors, site: config.site(), noise: config.noise, ..VirtualUnit::default() })
 }
 
-/// Stops of a log whose encoders are constant while the axes stand: first and last sample.
+/// First and last sample of each stop in a log whose encoders are constant while the axes are at rest.
 fn stops_of(readings: &[Reading]) -> Vec<(usize, usize)> {
     let mut stops: Vec<(usize, usize)> = Vec::new();
     for (index, pair) in readings.windows(2).enumerate() {
@@ -452,8 +453,8 @@ fn sample_log_agrees_over_every_move() {
     assert!(sum_of_squares < 54.0 + 5.0 * 10.4, "{sum_of_squares}");
 }
 
-/// Motion over the interval around a reading, from the encoders: that simulator's samples are means around their
-/// stamps.
+/// Motion over the interval around a reading, from the encoders. The samples of that simulator are means over the
+/// interval around their stamps.
 fn around(readings: &[Reading], index: usize) -> Motion {
     let angles = |reading: &Reading| [reading.outer_rad, reading.inner_rad];
     let [before, here, after] = [index - 1, index, index + 1].map(|index| angles(&readings[index]));

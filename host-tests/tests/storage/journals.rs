@@ -118,7 +118,7 @@ enum Act {
 }
 
 fn act<M: Virtual, K: Example>(journal: &mut Journal<M, K>, act: Act, number: u32) {
-    // Power is cut in the middle, or a moment after.
+    // The result does not count: power is cut during the act or just after it.
     match act {
         Act::Write => drop(journal.write(&K::record(number))),
         Act::Prepare => drop(journal.prepare(MARKS_AHEAD)),
@@ -177,7 +177,7 @@ fn cut_everywhere<M: Virtual, K: Example>(
     counts.into_par_iter().map(each).sum()
 }
 
-/// Where the log enters the sectors of two of 128 KiB.
+/// Numbers of records around the beginning of each of two sectors of 128 KiB.
 fn around_sectors(per_sector: u32) -> Vec<u32> {
     [0, per_sector, 2 * per_sector, 3 * per_sector]
         .into_iter()
@@ -272,7 +272,7 @@ fn a_mark_that_is_cut_twice_is_one_that_was_written_or_counts_as_moving() {
         }
         cases
     };
-    // In the middle of a sector, and where the next sector is entered.
+    // Writes in the middle of a sector, and writes that begin the next sector.
     let cases: usize = [30, 31, 63, 64].into_par_iter().map(each).sum();
     println!("marks cut twice: {cases}");
     assert!(cases > 5_000);
@@ -317,7 +317,7 @@ fn cut_erase<M: Virtual, K: Example>(
     let (found, newest) = (K::newest(&mut journal), Some(K::record(newest)));
     assert!(found == newest || found.is_none() || found == K::lost(), "{context}: {found:?}");
     journal.prepare(2).expect("a place");
-    // What the cut has left may be told as damage until the next write.
+    // The remainder after the cut may be reported as damage until the next write.
     assert_eq!(journal.write(&K::record(99)), Ok(0), "{context}");
     let mut journal = rebooted(journal);
     assert_eq!(journal.load().expect("a memory that works").record, Some(K::record(99)), "{context}");
@@ -377,7 +377,7 @@ fn a_lost_mark_of_motion_counts_as_moving_until_the_next_mark() {
     assert_eq!(rebooted(journal).last_mark(), Some(Marks::record(1)));
 }
 
-/// Every byte stuck at 0 and at 1: marks go on, and the last one is found or counts as moving.
+/// Every byte is stuck, at 0 and at 1. Marks are still written, and the last one is found or counts as motion.
 #[test]
 fn a_stuck_byte_never_brings_back_an_older_mark_of_rest() {
     let memory = written::<_, Marks>(&eeprom(512), 20).release();
@@ -444,7 +444,7 @@ fn marks_wear_out_neither_flash_nor_eeprom() {
 
 // ------------------------------------------------------------------------------------------------- all in one memory
 
-/// What the three kinds of records do to each other in one memory: nothing.
+/// The three kinds of records in one memory do not change each other.
 #[test]
 fn each_kind_of_record_has_its_own_part_of_the_memory() {
     fn check<M: Virtual>(memory: M, layout: &Layout, per_kind: u32) {
