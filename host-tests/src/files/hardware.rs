@@ -77,8 +77,14 @@ impl Serialize for HardwareTable {
     }
 }
 
+/// A size in its unit, with the digits that its single precision is worth.
+pub fn in_unit(size: &HardwareSize, hardware: &Hardware) -> f64 {
+    let value = size.get(hardware) / size.unit_si;
+    format!("{value:.6e}").parse().unwrap_or(value)
+}
+
 /// The profile that shares most sizes with the hardware.
-fn nearest_profile(hardware: &Hardware) -> (&'static str, Hardware) {
+pub fn nearest_profile(hardware: &Hardware) -> (&'static str, Hardware) {
     let shared = |profile: &Hardware| HARDWARE.iter().filter(|size| size.get(profile) == size.get(hardware)).count();
     let nearest = Hardware::PROFILES.into_iter().max_by_key(|(_, profile)| shared(profile));
     nearest.unwrap_or(("ideal", Hardware::IDEAL))
@@ -97,12 +103,7 @@ pub fn described(hardware: &Hardware) -> String {
     format!("{name}{}", others.collect::<String>())
 }
 
-#[derive(Deserialize)]
-struct HardwareFile {
-    hardware: HardwareTable,
-}
-
-/// The hardware of this name: a profile, the table `[hardware]` of a file, or keys in one line such as
+/// The hardware of this name: a profile, a file with the table `[hardware]` alone, or keys in one line such as
 /// `profile = "ideal", accel_floor_ug = 2.0`.
 ///
 /// # Errors
@@ -112,14 +113,14 @@ pub fn hardware_named(name: &str) -> Result<Hardware, TomlFileError> {
         return Ok(hardware);
     }
     let path = Path::new(name);
-    if path.exists() {
-        return Ok(TomlFile::read(path)?.parse::<HardwareFile>()?.hardware.0);
-    }
-    if name.contains('=') {
-        let text = format!("hardware = {{ {name} }}");
-        return Ok(TomlFile::of_text("--hardware", &text).parse::<HardwareFile>()?.hardware.0);
-    }
-    Err(TomlFileError::Name { name: name.into(), known: "ideal, navigation, tactical, mems" })
+    let file = if path.exists() {
+        TomlFile::read(path)?
+    } else if name.contains('=') {
+        TomlFile::of_keys("--hardware", "hardware", name)
+    } else {
+        return Err(TomlFileError::Name { name: name.into(), known: "ideal, navigation, tactical, mems" });
+    };
+    Ok(file.only_table::<HardwareTable>("hardware")?.0)
 }
 
 #[cfg(test)]
@@ -150,5 +151,30 @@ mod tests {
         assert!(message("accel_quadric = 1.0").contains("unknown field `accel_quadric`"));
         assert!(message("accel_floor_ug = -1.0").contains("`accel_floor_ug` must be from 0 to 1000 ug"));
         assert!(message("profile = \"best\"").contains("unknown 'best'"));
+        assert_eq!(message("accel_floor_ug = \"high\""), "--hardware: `accel_floor_ug` must be a number, in ug");
+        let missing = "there is no file 'units/7.toml'; names in place of a file: ideal, navigation, tactical, mems";
+        assert_eq!(message("units/7.toml"), missing);
+    }
+
+    #[test]
+    fn a_file_of_the_hardware_has_its_table_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("hardware.toml");
+        let read = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            let read = hardware_named(path.to_str().unwrap());
+            read.map_err(|error| error.to_string().replace(&format!("{}/", folder.path().display()), ""))
+        };
+        assert_eq!(read("[hardware]\nprofile = \"mems\"\n"), Ok(Hardware::MEMS));
+        let message = |text: &str| read(text).unwrap_err();
+        let bare = message("# sizes\naccel_floor_ug = 3.0\n");
+        assert_eq!(bare, "hardware.toml:2: accel_floor_ug: is outside of a table; write [hardware] above it");
+        let whole = message("[hardware]\nprofile = \"mems\"\n[site]\nlatitude_deg = 48.0\n");
+        let way_out = "this file may have the table [hardware] only; give a whole unit description as --config";
+        assert_eq!(whole, format!("hardware.toml:3: site: {way_out}"));
+        assert_eq!(message(""), "hardware.toml:1: the table [hardware] is missing");
+        assert!(
+            message("[hardware]\n\naccel_floor = 3.0\n").starts_with("hardware.toml:3: unknown field `accel_floor`")
+        );
     }
 }

@@ -15,7 +15,7 @@ use super::vec3::{Vec3, add, add_scaled, scale};
 use rand_distr::{Distribution, StandardNormal, Uniform};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
-use rins_selfcal::base::hardware::{Hardware, REFERENCE_RATE_RAD_S};
+use rins_selfcal::base::hardware::{Hardware, HardwareSize, REFERENCE_RATE_RAD_S};
 use rins_selfcal::base::site::{GRAVITY_SIGMA_MGAL, HEIGHT_SIGMA_M, LATITUDE_SIGMA_DEG, Site};
 use rins_selfcal::base::units::{ARCSEC, DEG, DEG_H, MICRO_G, PPM, STANDARD_GRAVITY_M_S2};
 use serde::{Deserialize, Serialize};
@@ -151,6 +151,70 @@ impl Imperfections {
             latitude_error_deg: LATITUDE_SIGMA_DEG * site_factor * draw.normal(),
             height_error_m: HEIGHT_SIGMA_M * site_factor * draw.normal(),
             gravity_anomaly_mgal: GRAVITY_SIGMA_MGAL * site_factor * draw.normal(),
+        }
+    }
+
+    /// Checks that every number is one that a unit can have. The bounds are those of the sizes of the hardware.
+    ///
+    /// # Errors
+    /// The key and what is wrong with its value.
+    pub(crate) fn check(&self) -> Result<(), (&'static str, String)> {
+        let WarmUp { time_constant_s, accel_ug, gyro_deg_h, accel_scale_ppm, gyro_scale_ppm } = &self.warm_up;
+        // A value may have either sign, a magnitude not.
+        let of = |key: &str, lowest: f64| {
+            let size = HardwareSize::named(key).expect("a key of the hardware");
+            (lowest * size.largest, size.largest, size.unit)
+        };
+        let value = |key| of(key, -1.0);
+        let magnitude = |key| of(key, 0.0);
+        let arcsec = value("encoder_harmonic_1_arcsec");
+        let (harmonics, outer) =
+            (self.encoder_harmonics_arcsec.as_flattened(), self.outer_wobble_arcsec.as_flattened());
+        let inner = self.inner_wobble_arcsec.as_flattened();
+        type Bounds = (f64, f64, &'static str);
+        let rows: [(&str, Bounds, &[f64]); 27] = [
+            ("accel_quadratic_ug_g2", value("accel_quadratic_ug_g2"), &self.accel_quadratic_ug_g2),
+            ("accel_asymmetry_ppm", value("accel_asymmetry_ppm"), &self.accel_asymmetry_ppm),
+            (
+                "accel_cross_quadratic_ug_g2",
+                value("accel_cross_quadratic_ug_g2"),
+                self.accel_cross_quadratic_ug_g2.as_flattened(),
+            ),
+            ("accel_floor_ug", magnitude("accel_floor_ug"), &[self.accel_floor_ug]),
+            ("gyro_floor_deg_h", magnitude("gyro_floor_deg_h"), &[self.gyro_floor_deg_h]),
+            ("gyro_asymmetry_ppm", value("gyro_asymmetry_ppm"), &self.gyro_asymmetry_ppm),
+            ("gyro_rate_scale_ppm", value("gyro_rate_scale_ppm"), &self.gyro_rate_scale_ppm),
+            (
+                "gyro_g_sensitivity_deg_h_g",
+                value("gyro_g_sensitivity_deg_h_g"),
+                self.gyro_g_sensitivity_deg_h_g.as_flattened(),
+            ),
+            ("warm_up.time_constant_s", (1.0, 1e6, "s"), &[*time_constant_s]),
+            ("warm_up.accel_ug", value("accel_warm_up_ug"), accel_ug),
+            ("warm_up.gyro_deg_h", value("gyro_warm_up_deg_h"), gyro_deg_h),
+            ("warm_up.accel_scale_ppm", value("scale_warm_up_ppm"), accel_scale_ppm),
+            ("warm_up.gyro_scale_ppm", value("scale_warm_up_ppm"), gyro_scale_ppm),
+            ("encoder_harmonics_arcsec", arcsec, harmonics.as_flattened()),
+            ("encoder_subdivision_arcsec", value("encoder_subdivision_arcsec"), &self.encoder_subdivision_arcsec),
+            ("encoder_subdivision_phase_rad", (-1e6, 1e6, "rad"), &self.encoder_subdivision_phase_rad),
+            ("backlash_arcsec", value("backlash_arcsec"), &self.backlash_arcsec),
+            ("outer_wobble_arcsec", value("wobble_1_arcsec"), outer.as_flattened()),
+            ("inner_wobble_arcsec", value("wobble_1_arcsec"), inner.as_flattened()),
+            ("sag_arcsec", value("sag_arcsec"), &self.sag_arcsec),
+            ("base_tilt_arcsec", value("sag_arcsec"), self.base_tilt_arcsec.as_flattened()),
+            ("base_rocking_arcsec", magnitude("base_rocking_arcsec"), &[self.base_rocking_arcsec]),
+            ("gyro_pulse_arcsec", magnitude("gyro_pulse_arcsec"), &[self.gyro_pulse_arcsec]),
+            ("accel_pulse_mm_s", magnitude("accel_pulse_mm_s"), &[self.accel_pulse_mm_s]),
+            ("latitude_error_deg", (-180.0, 180.0, "deg"), &[self.latitude_error_deg]),
+            ("height_error_m", (-1e5, 1e5, "m"), &[self.height_error_m]),
+            ("gravity_anomaly_mgal", (-1e5, 1e5, "mGal"), &[self.gravity_anomaly_mgal]),
+        ];
+        let wrong = |(_, (low, high, _), values): &&(&str, Bounds, &[f64])| {
+            !values.iter().all(|value| (*low..=*high).contains(value))
+        };
+        match rows.iter().find(wrong) {
+            Some((key, (low, high, unit), _)) => Err((key, format!("must be from {low} to {high} {unit}"))),
+            None => Ok(()),
         }
     }
 

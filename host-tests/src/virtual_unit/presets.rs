@@ -7,7 +7,8 @@
 //! [effects]
 //! lever_arm_m = [0.02, -0.01, 0.03]
 //! ```
-//! The contents may also be given in one line in place of a file's name: `parameters = { Sgxy = -233.615 }`.
+//! The contents may also be given in one line in place of a file's name, with commas between the keys:
+//! `parameters.Sgxy = -233.615, effects.hunting_hz = 1.5`.
 //! A file of noise holds the table `[noise]` of UNIT.toml.
 
 use super::unit::Effects;
@@ -41,12 +42,6 @@ struct ErrorsFile {
     effects: Effects,
 }
 
-#[derive(Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-struct NoiseFile {
-    noise: Noise,
-}
-
 /// The errors of this name (`table1`, `table3` or `real`), or else the errors in this file or text. The heading of
 /// `real` is drawn from `seed`.
 ///
@@ -58,18 +53,24 @@ pub fn errors_named(name: &str, seed: u64) -> Result<UnitErrors, TomlFileError> 
         "table1" => plain(table1()),
         "table3" => plain(table3()),
         "real" => plain(real(seed)),
-        _ if Path::new(name).exists() => errors_of(&TomlFile::read(Path::new(name))?),
-        _ if name.contains('=') => errors_of(&TomlFile::of_text("--errors", name)),
+        _ if Path::new(name).exists() => {
+            let file = TomlFile::read(Path::new(name))?;
+            errors_of(&file, file.parse()?)
+        }
+        _ if name.contains('=') => {
+            let keys = TomlFile::of_keys("--errors", "errors", name);
+            errors_of(&keys, keys.only_table("errors")?)
+        }
         _ => Err(TomlFileError::Name { name: name.into(), known: "table1, table3, real" }),
     }
 }
 
-fn errors_of(file: &TomlFile) -> Result<UnitErrors, TomlFileError> {
-    let ErrorsFile { parameters, effects } = file.parse()?;
+fn errors_of(file: &TomlFile, contents: ErrorsFile) -> Result<UnitErrors, TomlFileError> {
+    let ErrorsFile { parameters, effects } = contents;
     if let Some(parameter) = parameters.not_finite() {
         return Err(file.wrong_value("parameters", parameter, "must be finite"));
     }
-    effects.check().map_err(|(key, what)| file.wrong_value("effects", key, what))?;
+    effects.check().map_err(|(key, what)| file.wrong_value("effects", &key, &what))?;
     Ok(UnitErrors { errors: parameters.to_errors(), effects })
 }
 
@@ -87,7 +88,7 @@ pub fn noise_named(name: &str) -> Result<Noise, TomlFileError> {
         }
         _ => {
             let file = TomlFile::read(Path::new(name))?;
-            let noise = file.parse::<NoiseFile>()?.noise;
+            let noise = file.only_table::<Noise>("noise")?;
             noise.check().map_err(|(key, what)| file.wrong_value("noise", key, what)).map(|()| noise)
         }
     }
@@ -249,6 +250,8 @@ pub(crate) fn uniform(rng: &mut Xoshiro256PlusPlus, low: f64, high: f64) -> f64 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::virtual_unit::imperfections::Imperfections;
+    use rins_selfcal::base::hardware::Hardware;
 
     #[test]
     fn bai_noise_is_the_stated_one_per_sample_at_200_hz() {
@@ -265,9 +268,62 @@ mod tests {
         assert!((found[0] / ARCSEC - 3.0).abs() < 1e-12 && (found.sum() - 3.0 * ARCSEC - 0.5 * DEG_H).abs() < 1e-15);
         let effects = errors_named("effects.base_tilt_drift_arcsec_h = [2.0, 0.0]", 0).unwrap().effects;
         assert_eq!(effects.base_tilt_drift_arcsec_h, [2.0, 0.0]);
+        let both =
+            errors_named("parameters.Sgxy = 3, effects.lever_arm_m = [0, 0.1, 0], parameters.alpha = 2", 0).unwrap();
+        let [sgxy, alpha] = [0, block::MOUNTING].map(|index| both.errors.to_vector()[index] / ARCSEC);
+        assert!((sgxy - 3.0).abs() < 1e-12 && (alpha - 2.0).abs() < 1e-12);
+        assert_eq!(both.effects.lever_arm_m, [0.0, 0.1, 0.0]);
         let message = |text| errors_named(text, 0).unwrap_err().to_string();
-        assert_eq!(message("parameters = { Sgxx = 1.0 }"), "--errors:1: parameters: unknown parameter `Sgxx`");
-        assert_eq!(message("effects.hunting_hz = -1.0"), "--errors:1: hunting_hz: must be finite and not negative");
+        assert_eq!(message("parameters = { Sgxx = 1.0 }"), "--errors: unknown parameter `Sgxx`");
+        assert_eq!(message("effects.hunting_hz = -1.0"), "--errors: hunting_hz: must be finite and not negative");
+        let bare = message("Sgxy = 1.0, effects.hunting_hz = 1.0");
+        assert_eq!(bare, "--errors: unknown field `Sgxy`, expected `parameters` or `effects`");
+        let words = message("parameters.Sgxy = 1.0, effects.hunting_hz = \"high\"");
+        assert_eq!(words, "--errors: effects.hunting_hz: invalid type: string \"high\", expected f64");
+        let no_comma = message("parameters.Sgxy = 1.0 effects.hunting_hz = 1.0");
+        assert!(no_comma.contains("`,`") && !no_comma.contains('\n'), "{no_comma}");
+    }
+
+    #[test]
+    fn effects_that_no_unit_can_have_are_refused_by_key_line_and_range() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("errors.toml");
+        let read = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            let read = errors_named(path.to_str().unwrap(), 0);
+            read.map_err(|error| error.to_string().replace(&format!("{}/", folder.path().display()), ""))
+        };
+        let zeros = "[0.0, 0.0], [0.0, 0.0]";
+        for (text, line, message) in [
+            ("accel_quadratic_ug_g2 = [1.0, nan, 0.0]", 2, "accel_quadratic_ug_g2: must be from -5000 to 5000 ug/g^2"),
+            ("\naccel_floor_ug = -2.0", 3, "accel_floor_ug: must be from 0 to 1000 ug"),
+            ("backlash_arcsec = [0.0, 1e9]", 2, "backlash_arcsec: must be from -60 to 60 arcsec"),
+            ("warm_up = { accel_ug = [0.0, 0.0, inf] }", 2, "warm_up.accel_ug: must be from -20000 to 20000 ug"),
+            (
+                "[effects.hardware.warm_up]\ntime_constant_s = 0.0",
+                3,
+                "warm_up.time_constant_s: must be from 1 to 1000000 s",
+            ),
+            ("latitude_error_deg = 181.0", 2, "latitude_error_deg: must be from -180 to 180 deg"),
+            (
+                &format!("encoder_harmonics_arcsec = [[[0.0, 61.0], {zeros}, [0.0, 0.0]],\n[{zeros}, {zeros}]]"),
+                2,
+                "encoder_harmonics_arcsec: must be from -60 to 60 arcsec",
+            ),
+        ] {
+            let refused = read(&format!("[effects.hardware]\n{text}\n")).unwrap_err();
+            assert_eq!(refused, format!("errors.toml:{line}: hardware.{message}"));
+        }
+        let refused = read("[effects]\nencoder_bits = 0\n").unwrap_err();
+        assert_eq!(refused, "errors.toml:2: encoder_bits: must be from 1 to 32");
+        let refused = read("[effects]\nlever_arm_m = [0.0, nan, 0.0]\n").unwrap_err();
+        assert_eq!(refused, "errors.toml:2: lever_arm_m: must be finite");
+        // What the profiles draw is permitted.
+        for (name, hardware) in Hardware::PROFILES {
+            let effects = Effects { hardware: Imperfections::draw(&hardware, 1.0, 3), ..Effects::default() };
+            let written = toml::to_string(&ErrorsFile { effects, ..ErrorsFile::default() }).unwrap();
+            assert!(read(&written).is_ok(), "{name}: {:?}", read(&written));
+        }
     }
 
     #[test]

@@ -52,11 +52,11 @@ pub struct Effects {
 }
 
 impl Effects {
-    /// Checks the limits of the drives, the random walks and the hunting.
+    /// Checks that every number is one that a unit can have.
     ///
     /// # Errors
     /// The key and what is wrong with its value.
-    pub(crate) fn check(&self) -> Result<(), (&'static str, &'static str)> {
+    pub(crate) fn check(&self) -> Result<(), (String, String)> {
         let limits = [
             ("max_rate_deg_s", self.max_rate_deg_s),
             ("max_acceleration_deg_s2", self.max_acceleration_deg_s2),
@@ -69,14 +69,25 @@ impl Effects {
             ("hunting_arcsec", self.hunting_arcsec),
             ("hunting_hz", self.hunting_hz),
         ];
-        if let Some((key, _)) =
-            limits.iter().find(|(_, limit)| limit.is_some_and(|limit| limit.is_nan() || limit <= 0.0))
-        {
-            return Err((key, "must be positive"));
-        }
-        match not_negative.iter().find(|(_, walk)| !walk.is_finite() || *walk < 0.0) {
-            Some((key, _)) => Err((key, "must be finite and not negative")),
-            None => Ok(()),
+        let finite: [(&str, &[f64]); 6] = [
+            ("lever_arm_m", &self.lever_arm_m),
+            ("accel_bias_ramp_ug_h", &self.accel_bias_ramp_ug_h),
+            ("gyro_bias_ramp_deg_h_h", &self.gyro_bias_ramp_deg_h_h),
+            ("base_tilt_drift_arcsec_h", &self.base_tilt_drift_arcsec_h),
+            ("temperature_c", self.temperature_c.as_slice()),
+            ("temperature_ramp_c_h", &[self.temperature_ramp_c_h]),
+        ];
+        let is_wrong = |limit: Option<f64>| limit.is_some_and(|limit| !limit.is_finite() || limit <= 0.0);
+        let limits = limits.iter().find(|(_, limit)| is_wrong(*limit)).map(|(key, _)| (key, "must be positive"));
+        let not_negative = not_negative.iter().find(|(_, number)| !number.is_finite() || *number < 0.0);
+        let not_negative = not_negative.map(|(key, _)| (key, "must be finite and not negative"));
+        let finite = finite.iter().find(|(_, numbers)| !numbers.iter().all(|number| number.is_finite()));
+        let finite = finite.map(|(key, _)| (key, "must be finite"));
+        let bits = self.encoder_bits.filter(|bits| !(1..=32).contains(bits));
+        let bits = bits.map(|_| (&"encoder_bits", "must be from 1 to 32"));
+        match limits.or(not_negative).or(finite).or(bits) {
+            Some((key, what)) => Err(((*key).into(), what.into())),
+            None => self.hardware.check().map_err(|(key, what)| (format!("hardware.{key}"), what)),
         }
     }
 }
