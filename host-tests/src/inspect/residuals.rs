@@ -75,9 +75,17 @@ impl Residuals {
 
     /// The row of the encoders.
     pub fn row(&self, unit: &UnitConfig) -> Row {
-        let seen = self.encoders.filter(|_| self.is_noise).map(|found| found.arcsec);
+        let seen = self.encoders.filter(|_| self.is_noise);
+        // Half of the range of one sigma on either side.
+        let sigma = seen.map(|EncoderNoise { range_arcsec: [low, high], .. }| three_digits(0.5 * (high - low)));
         let configured = unit.noise.encoder_repeatability_arcsec;
-        Row { key: "encoder_repeatability_arcsec", unit: "arcsec", seen, configured }
+        Row {
+            key: "encoder_repeatability_arcsec",
+            unit: "arcsec",
+            seen: seen.map(|found| found.arcsec),
+            sigma: sigma.filter(|sigma| sigma.is_finite()),
+            configured,
+        }
     }
 
     /// What the user should know.

@@ -61,16 +61,24 @@ pub struct Row {
     pub unit: &'static str,
     /// The number that the log shows, in its unit. `None` if the row stays as configured.
     pub seen: Option<f64>,
+    /// Standard deviation of this number. `None` if it is exact, as the grid of pulses, or not known.
+    pub sigma: Option<f64>,
     /// The configured number, in its unit.
     pub configured: f64,
 }
 
 impl Row {
     /// A row of `[hardware]`, or an Allan floor or a walk of `[noise]`, with what a log shows of it, SI.
-    fn of(unit: &UnitConfig, key: &'static str, seen_si: Option<f64>) -> Self {
+    fn of(unit: &UnitConfig, key: &'static str, seen: Option<Seen>) -> Self {
         let size = size(key);
-        let seen = seen_si.map(|seen| three_digits((seen / size.unit_si).min(size.largest)));
-        Self { key, unit: size.unit, seen, configured: size.get(&unit.hardware()) / size.unit_si }
+        let configured = size.get(&unit.hardware()) / size.unit_si;
+        let row = Self { key, unit: size.unit, seen: None, sigma: None, configured };
+        row.with(seen.map(|seen| Seen { value: seen.value.min(size.largest * size.unit_si), ..seen }), size.unit_si)
+    }
+
+    fn with(self, seen: Option<Seen>, unit_si: f64) -> Self {
+        let of = |number: f64| three_digits(number / unit_si);
+        Self { seen: seen.map(|seen| of(seen.value)), sigma: seen.and_then(|seen| seen.sigma).map(of), ..self }
     }
 
     /// The number of the row.
@@ -81,7 +89,8 @@ impl Row {
     /// The number in words.
     pub fn described(&self) -> [String; 2] {
         let from = if self.seen.is_some() { "seen" } else { "not told by the log: stays as configured" };
-        [significant(self.value()), from.into()]
+        let sigma = self.sigma.map_or_else(String::new, |sigma| format!(" +- {}", significant(sigma)));
+        [significant(self.value()) + &sigma, from.into()]
     }
 
     /// Writes the row into a unit description, if the log shows it.
@@ -101,6 +110,23 @@ impl Row {
     }
 }
 
+/// A number that a log shows, with its standard deviation if it is known, SI.
+#[derive(Clone, Copy)]
+struct Seen {
+    value: f64,
+    sigma: Option<f64>,
+}
+
+impl Seen {
+    fn of(processes: &Processes, process: Process) -> Option<Self> {
+        processes.found(process).map(|found| Self { value: found.size, sigma: found.sigma })
+    }
+
+    fn scaled(self, factor: f64) -> Self {
+        Self { value: factor * self.value, sigma: self.sigma.map(|sigma| factor * sigma) }
+    }
+}
+
 fn size(key: &str) -> &'static HardwareSize {
     HardwareSize::named(key).expect("a key of the hardware")
 }
@@ -115,32 +141,33 @@ pub fn of_stops(channels: &[ChannelNoise], steps: &Steps, unit: &UnitConfig) -> 
     let [like_pulses, like_rocking] = [12.0_f64, 1.5].map(f64::sqrt);
     let pulse = |key: &'static str, pulses: &[f64], processes: &Processes, least: f64| {
         let known = Some(pulses.iter().copied().fold(0.0, f64::max)).filter(|pulse| *pulse > 0.0);
-        let alike = processes.size(Process::Angle).filter(|rms| *rms > least);
-        Row::of(unit, key, known.or(larger(unit, key, alike.map(|rms| rms * like_pulses))))
+        let known = known.map(|value| Seen { value, sigma: None });
+        let alike = Seen::of(processes, Process::Angle).filter(|rms| rms.value > least);
+        Row::of(unit, key, known.or(larger(unit, key, alike.map(|rms| rms.scaled(like_pulses)))))
     };
     let least = CLEARLY * steps.reading_rad;
-    let rocking = of_gyros.size(Process::Rocking).filter(|rms| *rms > least).map(|rms| rms * like_rocking);
+    let rocking = Seen::of(&of_gyros, Process::Rocking).filter(|rms| rms.value > least);
+    let rocking = rocking.map(|rms| rms.scaled(like_rocking));
     let white = |key, symbol, unit_si: f64, triad: &[ChannelNoise], processes: &Processes, configured| {
-        let seen = white(triad, processes).map(|white| three_digits(white / unit_si));
-        Row { key, unit: symbol, seen, configured }
+        Row { key, unit: symbol, seen: None, sigma: None, configured }.with(white(triad, processes), unit_si)
     };
     let (vrw, arw) = (unit.noise.accel_vrw_ug_sqrt_hz, unit.noise.gyro_arw_deg_sqrt_h);
     vec![
         white("accel_vrw_ug_sqrt_hz", "ug/sqrt(Hz)", MICRO_G, accels, &of_accels, vrw),
-        Row::of(unit, "accel_floor_ug", of_accels.size(Process::Floor)),
-        Row::of(unit, "accel_walk_ug_sqrt_h", of_accels.size(Process::Walk)),
+        Row::of(unit, "accel_floor_ug", Seen::of(&of_accels, Process::Floor)),
+        Row::of(unit, "accel_walk_ug_sqrt_h", Seen::of(&of_accels, Process::Walk)),
         pulse("accel_pulse_mm_s", accel_pulses, &of_accels, 0.0),
         white("gyro_arw_deg_sqrt_h", "deg/sqrt(h)", DEG_SQRT_H, gyros, &of_gyros, arw),
-        Row::of(unit, "gyro_floor_deg_h", of_gyros.size(Process::Floor)),
-        Row::of(unit, "gyro_walk_deg_h_sqrt_h", of_gyros.size(Process::Walk)),
+        Row::of(unit, "gyro_floor_deg_h", Seen::of(&of_gyros, Process::Floor)),
+        Row::of(unit, "gyro_walk_deg_h_sqrt_h", Seen::of(&of_gyros, Process::Walk)),
         pulse("gyro_pulse_arcsec", gyro_pulses, &of_gyros, least),
         Row::of(unit, "base_rocking_arcsec", larger(unit, "base_rocking_arcsec", rocking)),
     ]
 }
 
 /// A size, SI, if it is larger than the configured size.
-fn larger(unit: &UnitConfig, key: &str, seen_si: Option<f64>) -> Option<f64> {
-    seen_si.filter(|seen| *seen > size(key).get(&unit.hardware()))
+fn larger(unit: &UnitConfig, key: &str, seen: Option<Seen>) -> Option<Seen> {
+    seen.filter(|seen| seen.value > size(key).get(&unit.hardware()))
 }
 
 /// The processes in the mean of the curves of a triad.
@@ -158,11 +185,11 @@ fn together(triad: &[ChannelNoise], known: &[Process]) -> Processes {
 
 /// White noise of a triad, which has one number for its three channels: that of their mean curve, or the noise of the
 /// noisiest channel if it is clearly larger.
-fn white(triad: &[ChannelNoise], together: &Processes) -> Option<f64> {
-    let mean = together.size(Process::White)?;
-    let of_channel = triad.iter().filter_map(|channel| channel.processes.size(Process::White));
-    let most = of_channel.fold(0.0, f64::max);
-    Some(if most > ALIKE * mean { most } else { mean })
+fn white(triad: &[ChannelNoise], together: &Processes) -> Option<Seen> {
+    let mean = Seen::of(together, Process::White)?;
+    let of_channel = triad.iter().filter_map(|channel| Seen::of(&channel.processes, Process::White));
+    let most = of_channel.max_by(|a, b| a.value.total_cmp(&b.value));
+    most.filter(|most| most.value > ALIKE * mean.value).or(Some(mean))
 }
 
 /// Rounds to three significant digits, which is all that the estimate is worth in a file.

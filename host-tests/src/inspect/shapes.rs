@@ -14,6 +14,7 @@
 //! A process is in the curve if the likelihood ratio says so: twice its logarithm is the loss of deviance.
 
 use super::allan::AllanPoint;
+use rins_selfcal::base::linear::Matrix;
 use serde::Serialize;
 use std::f64::consts::PI;
 
@@ -23,6 +24,8 @@ const SHORTEST_S: f64 = 0.07;
 const TELLING: f64 = 16.0;
 /// Iterations of the sizes. The deviance falls in each of them.
 const ITERATIONS: usize = 3000;
+/// Most processes in a curve.
+const MOST: usize = Process::OF_GYRO.len();
 /// Waves of the rocking, and their lowest and highest frequency, Hz.
 const WAVES: u32 = 48;
 const ROCKING_HZ: [f64; 2] = [0.1, 5.0];
@@ -56,6 +59,21 @@ impl Process {
         matches!(self, Self::Floor | Self::Walk | Self::Ramp)
     }
 
+    /// Standard deviation of the size, in units of that for points which are independent and have the degrees of freedom
+    /// of white noise. Octaves overlap: together they count as twice as many degrees of freedom as the shortest one, and
+    /// have hardly more information than it. Beside that, a floor has 1.2 and a walk 1.5 times fewer degrees of freedom
+    /// than white noise, and noise of the angle has more (NIST SP 1065, table 5).
+    fn scatter(self) -> Option<f64> {
+        let squared: Option<f64> = match self {
+            Self::White => Some(2.0),
+            Self::Floor => Some(2.0 * 1.2),
+            Self::Walk => Some(2.0 * 1.5),
+            Self::Angle => Some(1.0),
+            Self::Ramp | Self::Rocking => None,
+        };
+        squared.map(f64::sqrt)
+    }
+
     fn variance(self, tau_s: f64) -> f64 {
         match self {
             Self::Angle => 3.0 / (tau_s * tau_s),
@@ -77,9 +95,20 @@ fn rocking(tau_s: f64) -> f64 {
     8.0 / (tau_s * tau_s) * (0..WAVES).map(power).sum::<f64>() / f64::from(WAVES)
 }
 
+/// A process in a curve.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Found {
+    /// The process.
+    pub process: Process,
+    /// Its size.
+    pub size: f64,
+    /// Standard deviation of the size. `None` for a ramp, and for rocking, of which a log shows a few waves only.
+    pub sigma: Option<f64>,
+}
+
 /// The processes in a curve, with their sizes.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Processes(pub Vec<(Process, f64)>);
+pub struct Processes(pub Vec<Found>);
 
 impl Processes {
     /// The fewest of these processes that explain a curve. None if the curve is too short.
@@ -103,12 +132,22 @@ impl Processes {
                 (fit, found) = (simpler, fewer);
             }
         }
-        Self(found.into_iter().zip(fit.variances.iter().map(|variance| variance.sqrt())).collect())
+        let sizes = fit.variances.iter().zip(fit.scatter(&points, &found)).zip(found);
+        let sizes = sizes.map(|((variance, scatter), process)| {
+            let (size, scatter) = (variance.sqrt(), process.scatter().map(|of_process| of_process * scatter));
+            Found { process, size, sigma: scatter.map(|scatter| scatter * size) }
+        });
+        Self(sizes.collect())
+    }
+
+    /// A process, if it is in the curve.
+    pub fn found(&self, process: Process) -> Option<Found> {
+        self.0.iter().find(|found| found.process == process).copied()
     }
 
     /// Size of a process, if it is in the curve.
     pub fn size(&self, process: Process) -> Option<f64> {
-        self.0.iter().find(|(found, _)| *found == process).map(|(_, size)| *size)
+        self.found(process).map(|found| found.size)
     }
 }
 
@@ -163,21 +202,48 @@ impl Fit {
         let deviance = deviance.sum::<f64>();
         Self { variances, deviance: if deviance.is_nan() { f64::INFINITY } else { deviance } }
     }
+
+    /// Standard deviations of the sizes as fractions of them, by the information that chi-square numbers have: nu / 2
+    /// about the logarithm of their mean.
+    fn scatter(&self, points: &[&AllanPoint], processes: &[Process]) -> Vec<f64> {
+        let mut information = Matrix::<f64, MOST, MOST>::identity();
+        information.view_mut((0, 0), (processes.len(), processes.len())).fill(0.0);
+        for point in points {
+            let parts = processes.iter().zip(&self.variances).map(|(of, size)| of.variance(point.tau_s) * size);
+            let parts: Vec<f64> = parts.collect();
+            let sum: f64 = parts.iter().sum();
+            for (row, a) in parts.iter().enumerate() {
+                for (column, b) in parts.iter().enumerate() {
+                    information[(row, column)] += 0.5 * point.freedom() * a * b / (sum * sum);
+                }
+            }
+        }
+        let covariance = information.try_inverse();
+        // Half of the deviation of the variance, which is the square of the size.
+        let of = |place: usize| covariance.map_or(f64::INFINITY, |covariance| 0.5 * covariance[(place, place)].sqrt());
+        (0..processes.len()).map(of).collect()
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::allan::AllanDeviation;
     use super::*;
+    use crate::virtual_unit::imperfections::{Flicker, Imperfections};
     use rand_distr::{Distribution, StandardNormal};
     use rand_xoshiro::Xoshiro256PlusPlus;
     use rand_xoshiro::rand_core::SeedableRng;
+    use rins_selfcal::base::units::MICRO_G;
 
     const INTERVAL_S: f64 = 0.01;
 
     /// The processes in 20 stops of some seconds of white noise of density 1 at 100 Hz, and of what `add` makes of it.
-    fn found(stop_s: f64, mut add: impl FnMut(u32, f64) -> f64) -> Processes {
-        let mut rng = Xoshiro256PlusPlus::seed_from_u64(3);
+    fn found(stop_s: f64, add: impl FnMut(u32, f64) -> f64) -> Processes {
+        drawn(3, stop_s, add)
+    }
+
+    fn drawn(seed: u64, stop_s: f64, mut add: impl FnMut(u32, f64) -> f64) -> Processes {
+        let mut rng = Xoshiro256PlusPlus::seed_from_u64(seed);
         let mut allan = AllanDeviation::new(INTERVAL_S);
         for stop in 0..20 {
             allan.restart();
@@ -196,6 +262,50 @@ mod tests {
         assert_eq!(found.0.len(), 1, "{found:?}");
         // 200 s of noise give 3700 degrees of freedom at 0.08 s: 1.2 % of the deviation. Four sigma.
         assert!((found.size(Process::White).unwrap() - 1.0).abs() < 0.05, "{found:?}");
+    }
+
+    #[test]
+    fn sigmas_of_the_sizes_are_honest() {
+        let flicker = |seed: u64| {
+            let floor = Imperfections { accel_floor_ug: 0.3 / MICRO_G, ..Imperfections::default() };
+            let mut flicker = Flicker::new(&floor, INTERVAL_S, seed).unwrap();
+            drawn(seed, 100.0, move |_, _| flicker.step()[0][0])
+        };
+        let walk = |seed: u64| {
+            let (mut rng, mut bias) = (Xoshiro256PlusPlus::seed_from_u64(!seed), 0.0);
+            drawn(seed, 100.0, move |_, _| {
+                let normal: f64 = StandardNormal.sample(&mut rng);
+                bias += 0.3 * INTERVAL_S.sqrt() * normal;
+                bias
+            })
+        };
+        let angle = |seed: u64| {
+            let (mut rng, mut angle) = (Xoshiro256PlusPlus::seed_from_u64(!seed), 0.0);
+            drawn(seed, 100.0, move |_, _| {
+                let normal: f64 = StandardNormal.sample(&mut rng);
+                let before = std::mem::replace(&mut angle, normal);
+                (angle - before) / INTERVAL_S
+            })
+        };
+        type Source<'a> = &'a dyn Fn(u64) -> Processes;
+        let white = |seed: u64| drawn(seed, 10.0, |_, _| 0.0);
+        let cases: [(Source, u64, &[(Process, f64)]); 4] = [
+            (&white, 200, &[(Process::White, 1.0)]),
+            (&walk, 60, &[(Process::White, 1.0), (Process::Walk, 0.3)]),
+            (&angle, 60, &[(Process::White, 1.0), (Process::Angle, 1.0)]),
+            (&flicker, 60, &[(Process::White, 1.0), (Process::Floor, 0.3)]),
+        ];
+        for (source, runs, sizes) in cases {
+            let all: Vec<Processes> = (0..runs).map(source).collect();
+            for (process, size) in sizes {
+                let off = |all: &Processes| all.found(*process).map(|it| (it.size - size) / it.sigma.unwrap());
+                let squares: f64 = all.iter().map(|all| off(all).expect("in the curve").powi(2)).sum();
+                let mean = squares / runs as f64;
+                // Four sigma above one. The sigmas are at most twice too large.
+                let high = 1.0 + 4.0 * (2.0 / runs as f64).sqrt();
+                assert!((0.25..high).contains(&mean), "{process:?}: {mean}, not below {high}");
+            }
+        }
     }
 
     #[test]
