@@ -15,7 +15,7 @@ use rins_selfcal::estimator::{
     BEFORE_EFFECTS, BEFORE_PARAMETERS, Estimate, Estimator, HeadingSource, KNOWN_LATITUDE_RAD, SegmentInnovations,
     Solution,
 };
-use rins_selfcal::model::effects::{EFFECT_INFO, SiteSigmas};
+use rins_selfcal::model::effects::{EFFECT_INFO, SiteSigmas, effect};
 use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETERS, ParameterInfo, block};
 use rins_selfcal::run::abort::Abort;
 use rins_selfcal::run::calibrator::Calibrator;
@@ -131,9 +131,14 @@ impl Setup {
         sigmas
     }
 
+    /// Whether the latitude is configured. Otherwise the gyros find it.
+    pub fn knows_latitude(&self) -> bool {
+        self.site_sigmas.latitude_rad <= KNOWN_LATITUDE_RAD
+    }
+
     /// A site for a unit of this setup: that of the literature if the latitude is unknown.
     pub fn known_site(&self) -> Site {
-        if self.site_sigmas.latitude_rad > KNOWN_LATITUDE_RAD { Site::default() } else { self.site }
+        if self.knows_latitude() { self.site } else { Site::default() }
     }
 
     /// A chain that has had no sample yet.
@@ -387,6 +392,16 @@ impl Outcome {
         self.solution.site(&self.setup.config().estimator)
     }
 
+    /// Sigmas of [`Self::site`]: as configured, but that of the estimate for a latitude that the gyros have found.
+    pub fn site_sigmas(&self) -> SiteSigmas {
+        let configured = self.setup.site_sigmas;
+        let found_rad = f64::from(self.solution.effects.sigmas[effect::LATITUDE]);
+        SiteSigmas {
+            latitude_rad: if self.setup.knows_latitude() { configured.latitude_rad } else { found_rad },
+            ..configured
+        }
+    }
+
     /// Whether the method estimates a parameter.
     pub fn is_estimated(&self, parameter: usize) -> bool {
         is_estimated(self.setup.method, parameter)
@@ -402,13 +417,17 @@ impl Outcome {
         sigmas
     }
 
-    /// Effects of the hardware that were estimated: name and unit, value and sigma, in report units.
+    /// Effects of the hardware and the site that were estimated: name and unit, value and sigma, in report units. The
+    /// latitude is that of the site, whether one was configured or not.
     pub fn effects(&self) -> impl Iterator<Item = (&'static ParameterInfo, f64, f64)> {
         let effects = &self.solution.effects;
-        let states = EFFECT_INFO.iter().zip(effects.values.iter().zip(&effects.sigmas));
+        let states = EFFECT_INFO.iter().enumerate().zip(effects.values.iter().zip(&effects.sigmas));
         let estimated = states.filter(|(_, (_, sigma))| **sigma > 0.0);
-        estimated
-            .map(|(info, (value, sigma))| (info, f64::from(*value) / info.unit_si, f64::from(*sigma) / info.unit_si))
+        let latitude_rad = self.setup.site.latitude_rad;
+        estimated.map(move |((state, info), (value, sigma))| {
+            let value = f64::from(*value) + if state == effect::LATITUDE { latitude_rad } else { 0.0 };
+            (info, value / info.unit_si, f64::from(*sigma) / info.unit_si)
+        })
     }
 
     /// Codes of the reasons, in the order of [`Self::reasons`].

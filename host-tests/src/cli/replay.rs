@@ -148,7 +148,8 @@ pub fn report(content: &Content, json: Option<&Path>, page: Option<&Path>, head:
     }
     if is_quiet() {
         let reasons = table::folded(outcome.reasons());
-        let verdict: Vec<String> = std::iter::once(outcome.verdict_name().into()).chain(reasons).collect();
+        let verdict = std::iter::once(outcome.verdict_name().into()).chain(reasons).chain(table::adapted(outcome));
+        let verdict: Vec<String> = verdict.collect();
         must_sayln!("{}", verdict.join("; "));
     }
     sayln!("{head}{}", table::samples(outcome));

@@ -167,6 +167,19 @@ impl Noise {
         ]
     }
 
+    /// The same noise, with the Allan floors and walks that this hardware has.
+    #[must_use]
+    pub fn with_sizes_of(self, hardware: &Hardware) -> Self {
+        let of = |key: &str| HardwareSize::named(key).map(|size| hardware::in_unit(size, hardware));
+        Self {
+            accel_floor_ug: of("accel_floor_ug"),
+            accel_walk_ug_sqrt_h: of("accel_walk_ug_sqrt_h"),
+            gyro_floor_deg_h: of("gyro_floor_deg_h"),
+            gyro_walk_deg_h_sqrt_h: of("gyro_walk_deg_h_sqrt_h"),
+            ..self
+        }
+    }
+
     /// Checks that every number is finite and not negative.
     ///
     /// # Errors
@@ -303,9 +316,16 @@ impl UnitFile {
 #[derive(Clone, Debug, Default)]
 pub struct Origin {
     file: Option<(PathBuf, toml::Table)>,
+    noise: Option<String>,
 }
 
 impl Origin {
+    /// The same origin, but for noise of this name on the command line.
+    #[must_use]
+    pub fn with_noise(self, name: Option<&str>) -> Self {
+        Self { noise: name.map(|name| format!("--noise {name}")), ..self }
+    }
+
     /// The keys of the site that have default values.
     pub fn default_site_keys(&self) -> Vec<&'static str> {
         SITE_KEYS.into_iter().filter(|key| !self.gives("site", key)).collect()
@@ -318,6 +338,9 @@ impl Origin {
 
     /// The origin of these keys of a table: the file, "default", or both.
     fn of(&self, table: &str, keys: &[&str]) -> String {
+        if let Some(noise) = self.noise.as_ref().filter(|_| table == "noise") {
+            return noise.clone();
+        }
         let Some((path, _)) = &self.file else { return "default".into() };
         let missing: Vec<_> = keys.iter().copied().filter(|key| !self.gives(table, key)).collect();
         match missing.len() {
@@ -335,7 +358,7 @@ impl UnitConfig {
     /// One line that names file, line and key.
     pub fn read_with_origin(path: &Path) -> Result<(Self, Origin), TomlFileError> {
         let keys = TomlFile::read(path)?.parse()?;
-        Ok((Self::read(path)?, Origin { file: Some((path.into(), keys)) }))
+        Ok((Self::read(path)?, Origin { file: Some((path.into(), keys)), noise: None }))
     }
 
     /// Site, noise and the heading if it is known, in words, each on a line with its origin.

@@ -4,6 +4,7 @@ use super::frame::{Section, document, shown};
 use super::{figures, paste};
 use crate::base::quantity::{self, fixed, rounded, significant};
 use crate::calibration::Outcome;
+use crate::files::hardware;
 use crate::files::truth::ParameterTable;
 use crate::inspect::turned;
 use crate::result::comparison::Comparison;
@@ -206,6 +207,7 @@ fn facts(content: &Content) -> Vec<(&'static str, String)> {
             ),
         ),
         ("noise", outcome.setup.noise.to_string()),
+        ("hardware", hardware::described(&outcome.setup.hardware)),
         (
             "temperature",
             temperature.map_or_else(|| "no sensor".into(), |temperature| format!("{temperature:.1} deg C")),

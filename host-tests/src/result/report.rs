@@ -2,13 +2,15 @@
 
 use crate::base::quantity;
 use crate::calibration::{Enlargement, Outcome, Precision, is_estimated, method_name};
+use crate::files::hardware::{in_unit, nearest_profile};
 use crate::files::unit_file::Noise;
+use rins_selfcal::base::hardware::{HARDWARE, Hardware};
 use rins_selfcal::base::imu_identity::ImuIdentity;
 use rins_selfcal::base::linear::{Matrix3, Vector3};
 use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::site::Site;
-use rins_selfcal::base::units::DEG;
+use rins_selfcal::base::units::{DEG, MGAL};
 use rins_selfcal::estimator::{Estimate, LargestInnovation};
 use rins_selfcal::model::correction::Calibration;
 use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETER_INFO, ParameterInfo};
@@ -74,11 +76,51 @@ pub struct SiteReport {
     pub height_m: f64,
     /// Gravity, m/s^2.
     pub gravity_m_s2: f64,
+    /// Sigma of the latitude, deg. `None` for a stored calibration, which does not have it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub latitude_sigma_deg: Option<f64>,
+    /// Sigma of gravity at this latitude, mGal.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gravity_sigma_mgal: Option<f64>,
 }
 
 impl From<&Site> for SiteReport {
     fn from(site: &Site) -> Self {
-        Self { latitude_deg: site.latitude_rad / DEG, height_m: site.height_m, gravity_m_s2: site.gravity_m_s2() }
+        Self {
+            latitude_deg: site.latitude_rad / DEG,
+            height_m: site.height_m,
+            gravity_m_s2: site.gravity_m_s2(),
+            latitude_sigma_deg: None,
+            gravity_sigma_mgal: None,
+        }
+    }
+}
+
+impl SiteReport {
+    /// The site of an outcome, with its sigmas.
+    pub fn of(outcome: &Outcome) -> Self {
+        let sigmas = outcome.site_sigmas();
+        Self {
+            latitude_sigma_deg: Some(sigmas.latitude_rad / DEG),
+            gravity_sigma_mgal: Some(sigmas.gravity_m_s2 / MGAL),
+            ..Self::from(&outcome.site())
+        }
+    }
+}
+
+/// Sizes of the imperfections of the hardware, with the keys and in the units of `[hardware]`.
+#[derive(Clone, Debug, Serialize)]
+struct HardwareReport {
+    /// The profile with most of these sizes.
+    profile: &'static str,
+    #[serde(flatten)]
+    sizes: Named<f64>,
+}
+
+impl From<&Hardware> for HardwareReport {
+    fn from(hardware: &Hardware) -> Self {
+        let sizes = HARDWARE.iter().map(|size| (size.key, in_unit(size, hardware)));
+        Self { profile: nearest_profile(hardware).0, sizes: Named(sizes.collect()) }
     }
 }
 
@@ -140,6 +182,7 @@ pub struct CalibrationReport {
     scheme: Option<String>,
     site: SiteReport,
     noise: Noise,
+    hardware: HardwareReport,
     rate_hz: f64,
     temperature_c: Option<f32>,
     stops: usize,
@@ -176,8 +219,9 @@ impl From<&Outcome> for CalibrationReport {
             correction: correction(&outcome.estimate().errors),
             convention: CONVENTION,
             scheme: outcome.setup.scheme.clone(),
-            site: (&outcome.site()).into(),
-            noise: outcome.setup.noise,
+            site: SiteReport::of(outcome),
+            noise: outcome.setup.noise.with_sizes_of(&outcome.setup.hardware),
+            hardware: (&outcome.setup.hardware).into(),
             rate_hz: outcome.setup.rate_hz,
             temperature_c: Some(solution.temperature_c).filter(|temperature| temperature.is_finite()),
             stops: outcome.stops,

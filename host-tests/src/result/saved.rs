@@ -134,7 +134,7 @@ impl Saved {
             method: Some(method_name(outcome.setup.method).into()),
             scheme: outcome.setup.scheme.clone(),
             temperature_c: Some(temperature_c).filter(|temperature| temperature.is_finite()),
-            site: Some(SiteReport::from(&outcome.site())),
+            site: Some(SiteReport::of(outcome)),
             parameters: std::array::from_fn(|index| outcome.is_estimated(index).then(|| parameter(index))),
         }
     }

@@ -6,7 +6,8 @@ use crate::files::truth::ParameterTable;
 use comfy_table::{Cell, CellAlignment, Table, presets};
 use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::method::Method;
-use rins_selfcal::model::effects::effect;
+use rins_selfcal::base::units::DEG;
+use rins_selfcal::model::effects::{EFFECT_INFO, effect};
 use rins_selfcal::model::error_model::{PARAMETERS, ParameterInfo, block};
 use rins_selfcal::verdict::CHANNEL_NAMES;
 use std::ops::Range;
@@ -141,8 +142,8 @@ pub fn parameters(outcome: &Outcome, truth: Option<&ParameterTable>) -> String {
     })
 }
 
-/// Estimates of the effects of the hardware that the run has seen, and the number of all that were estimated; empty if
-/// there are none.
+/// Estimates of the effects of the hardware and of the site that the run has seen, and the number of all that were
+/// estimated; empty if there are none.
 pub fn effects(outcome: &Outcome) -> String {
     let priors = outcome.setup.prior_sigmas();
     let prior = |name: &str| {
@@ -152,7 +153,7 @@ pub fn effects(outcome: &Outcome) -> String {
     let seen = outcome.effects().filter(|(info, _, sigma)| *sigma <= SEEN * prior(info.name));
     let row = |(info, value, sigma): (&ParameterInfo, f64, f64)| {
         let (value, sigma) = (rounded(value, sigma), significant(sigma));
-        format!("  {} {value} +- {sigma} {} (configured {})\n", info.name, info.unit, significant(prior(info.name)))
+        format!("  {} {value} +- {sigma} {} ({})\n", info.name, info.unit, configured(outcome, info, prior(info.name)))
     };
     let rows: String = seen.map(row).collect();
     let none = if rows.is_empty() { "  none\n" } else { "" };
@@ -160,6 +161,20 @@ pub fn effects(outcome: &Outcome) -> String {
         return String::new();
     }
     format!("effects of the hardware: those that the run has seen, of {all} (--json has all)\n{rows}{none}\n")
+}
+
+/// What is configured of an effect: its size; of the site the value with its sigma.
+fn configured(outcome: &Outcome, info: &ParameterInfo, prior: f64) -> String {
+    let size = significant(prior);
+    if info.name == EFFECT_INFO[effect::GRAVITY].name {
+        format!("configured 0 +- {size}")
+    } else if info.name != EFFECT_INFO[effect::LATITUDE].name {
+        format!("configured {size}")
+    } else if outcome.setup.knows_latitude() {
+        format!("configured {} +- {size}", rounded(outcome.setup.site.latitude_rad / DEG, prior))
+    } else {
+        "not configured".into()
+    }
 }
 
 /// Number of samples, stops and moves, and losses and other faults of the samples.
@@ -223,20 +238,37 @@ pub fn verdict(outcome: &Outcome) -> String {
     for reason in folded(outcome.reasons()) {
         text += &format!("  - {reason}\n");
     }
-    if let Some(Enlargement { key, unit, configured, found }) = &outcome.enlargement {
+    if let Some(adapted) = adapted(outcome) {
+        text += &format!("{adapted}\n");
+    } else if let Some(Enlargement { key, unit, configured, found }) = &outcome.enlargement {
         let [configured, found] = [*configured, *found].map(significant);
-        text += &if outcome.setup.adapt {
-            format!(
-                "{key} was enlarged from {configured} to {found} {unit}, because the first verdict named it (--adapt)\n"
-            )
-        } else {
-            format!("`rins replay --adapt` solves once more with {key} = {found} in place of {configured} {unit}\n")
-        };
+        text +=
+            &format!("`rins replay --adapt` solves once more with {key} = {found} in place of {configured} {unit}\n");
     }
     if let Some(code) = outcome.reason_codes().first() {
         text += &format!("{}\n", explained(code));
     }
     text
+}
+
+/// What `--adapt` has changed, or why it has changed nothing; `None` without `--adapt`.
+pub fn adapted(outcome: &Outcome) -> Option<String> {
+    let because = if outcome.setup.method == Method::TwoStage {
+        "the two-stage method knows no effects of the hardware"
+    } else if outcome.reason_codes().contains(&"hardware-effect") {
+        "the effect that the verdict names is a motion of the axes or has its largest size already"
+    } else {
+        "the verdict names no effect of the hardware"
+    };
+    let change = match &outcome.enlargement {
+        None => format!("no size of the hardware was enlarged, because {because}"),
+        Some(Enlargement { key, unit, configured, found }) => format!(
+            "{key} was enlarged from {} to {} {unit}, because the first verdict named it",
+            significant(*configured),
+            significant(*found)
+        ),
+    };
+    outcome.setup.adapt.then(|| format!("--adapt: {change}"))
 }
 
 /// The reasons of a verdict as they are printed: equal reasons once, with their number.
