@@ -6,7 +6,7 @@ use super::arguments::scheme::{SchemeArguments, UnobservedArguments};
 use super::arguments::unit::UnitArguments;
 use super::arguments::value::{at_least_one, positive};
 use super::ending::Ending;
-use super::output::{is_quiet, must_sayln, sayln};
+use super::output::{is_quiet, must_sayln, say, sayln};
 use super::progress::Progress;
 use super::{files, progress, replay};
 use crate::base::quantity;
@@ -153,6 +153,7 @@ pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
     let run = arguments.unit.run(&config, scheme)?;
     let place = if arguments.firmware { "firmware in the emulator" } else { "in process" };
     sayln!("virtual RINS: scheme {}, {:.0} s, closed loop, {place}", run.scheme.name, run.duration_s());
+    say!("{}", arguments.unit.described(&config)?);
     let terms = Terms { axes: arguments.axes.axes(), ..arguments.terms.terms() };
     let power_up = PowerUp::new(&run, &setup).on_terms(terms).with_imu(arguments.imu);
     if arguments.firmware {

@@ -46,9 +46,9 @@ pub struct MonteCarloArguments {
     /// Floating-point type of the core
     #[arg(long, value_enum, default_value_t)]
     pub precision: Precision,
-    /// Errors: table1, table3, real, typical, typical:0.5, random, random:1deg, random:tactical, a file, or the content
-    /// of a file in one line
-    #[arg(long, value_name = "NAME|FILE", default_value = "random")]
+    /// Errors: table1, table3, real, typical, typical:0.5, random, random:1deg, random:tactical, a file, or keys in
+    /// one line such as 'parameters.Sgxy = 30, effects.hunting_hz = 1.5'
+    #[arg(long, value_name = "NAME|FILE|KEYS", default_value = "random")]
     pub errors: String,
     #[command(flatten)]
     pub unit: VirtualArguments,
@@ -90,7 +90,7 @@ pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
     let inputs = [arguments.scheme.input(), errors, noise, config, hardware];
     files::check(&inputs, &[("--json", arguments.json.as_deref())])?;
     let monte_carlo = monte_carlo(arguments)?;
-    say!("{}", head(arguments, &monte_carlo));
+    say!("{}", head(arguments, &monte_carlo)?);
     let bar = progress::bar(arguments.runs, "runs");
     let start = Instant::now();
     let so_far = Mutex::new(SoFar::default());
@@ -143,13 +143,17 @@ impl fmt::Display for SoFar {
 }
 
 /// Description of the study, printed above the tables.
-fn head(arguments: &MonteCarloArguments, monte_carlo: &MonteCarlo) -> String {
+fn head(arguments: &MonteCarloArguments, monte_carlo: &MonteCarlo) -> anyhow::Result<String> {
     let MonteCarlo { scheme, unit, rate_hz, seed, .. } = monte_carlo;
+    let mut described = arguments.unit.described(unit)?;
+    if let Some((_, rest)) = described.split_once('\n').filter(|_| arguments.anywhere) {
+        described = format!("site: another place for every unit, none is configured\n{rest}");
+    }
     let periods = if scheme.periods == 1 { "1 period".into() } else { format!("{} periods", scheme.periods) };
     let methods: Vec<_> = monte_carlo.methods.iter().map(|method| method_name(*method)).collect();
-    format!(
+    Ok(format!(
         "{} runs of {:.1} s at {rate_hz} Hz, {}, seed {seed}\nscheme: {}, {periods}, {} stops of {}\nmethod: {}\n\
-         errors: {}\nnoise: {}\n",
+         errors: {}\n{described}",
         monte_carlo.runs,
         monte_carlo.duration_s(),
         if monte_carlo.closed_loop { "closed loop" } else { "open loop" },
@@ -157,9 +161,8 @@ fn head(arguments: &MonteCarloArguments, monte_carlo: &MonteCarlo) -> String {
         scheme.moves() + 1,
         stops(scheme),
         methods.join(" and "),
-        arguments.errors,
-        unit.noise
-    )
+        arguments.errors
+    ))
 }
 
 /// Duration of the stops, or its range.
@@ -196,15 +199,18 @@ fn text(method: &MethodStatistics, beside_bai: bool) -> String {
         method.accepted, method.accepted_wrong, method.rejected, method.unconverged, method.diverged, method.aborted
     );
     let mut text = format!("{name} method: {counts}\n");
-    for wrong in &method.wrong {
-        text += &format!("  wrong: {wrong}\n");
-    }
-    for reason in &method.rejections {
-        text += &format!("  - {reason}\n");
-    }
+    text += &listed("  wrong: ", &method.wrong, method.accepted_wrong);
+    text += &listed("  - ", &method.rejections, method.rejected + method.aborted);
     let beside_bai = beside_bai && method.method == Method::TwoStage;
     let note = if beside_bai { BAI_TABLE_1_NOTE } else { "" };
     text + "\n" + &errors(method, beside_bai) + note + &summary(method) + &live(&method.live)
+}
+
+/// The first of so many, each on a line, and how many more there are.
+fn listed(mark: &str, first: &[String], all: usize) -> String {
+    let lines = first.iter().map(|line| format!("{mark}{line}\n"));
+    let more = all.saturating_sub(first.len());
+    lines.chain((more > 0).then(|| format!("{mark}and {more} more\n"))).collect()
 }
 
 /// Live estimates, a row for each segment.
@@ -396,5 +402,17 @@ impl From<&MethodStatistics> for MethodReport {
             parameters: Named(states().zip(&method.states).take(PARAMETERS).filter_map(of_state).collect()),
             effects: Named(states().zip(&method.states).skip(PARAMETERS).filter_map(of_state).collect()),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_listed_is_counted() {
+        let first = ["run 3: Sgxy".to_string(), "run 5: alpha".into()];
+        assert_eq!(listed("  wrong: ", &first, 2), "  wrong: run 3: Sgxy\n  wrong: run 5: alpha\n");
+        assert_eq!(listed("  - ", &first[..1], 4), "  - run 3: Sgxy\n  - and 3 more\n");
     }
 }

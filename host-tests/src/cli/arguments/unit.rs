@@ -4,7 +4,7 @@ use super::hardware::HardwareArguments;
 use super::value::{number_in, of_option};
 use crate::calibration::virtual_run::{Stream, VirtualRun, derived_seed};
 use crate::cli::files::NamedFile;
-use crate::files::unit_file::UnitConfig;
+use crate::files::unit_file::{Origin, UnitConfig};
 use crate::study::monte_carlo::ErrorSource;
 use crate::virtual_unit::presets::noise_named;
 use crate::virtual_unit::unit::{DEFAULT_RATE_HZ, VirtualUnit};
@@ -36,6 +36,13 @@ impl DescriptionArguments {
         self.hardware.apply(unit.somewhere())
     }
 
+    /// Site, noise and hardware of the unit that [`Self::config`] describes, each on a line with its origin.
+    fn described(&self, unit: &UnitConfig) -> anyhow::Result<String> {
+        let of_file = self.config.as_ref().map(|path| UnitConfig::read_with_origin(path)).transpose()?;
+        let origin = of_file.map_or_else(Origin::default, |(_, origin)| origin);
+        Ok(unit.described(&origin.with_noise(self.noise.as_deref())))
+    }
+
     /// The input files.
     pub fn inputs(&self) -> [NamedFile<'_>; 3] {
         let noise = ("--noise", self.noise.as_deref().map(Path::new));
@@ -64,6 +71,11 @@ impl VirtualArguments {
         Ok(unit)
     }
 
+    /// Site, noise and hardware of the unit, each on a line with its origin.
+    pub fn described(&self, unit: &UnitConfig) -> anyhow::Result<String> {
+        self.description.described(unit)
+    }
+
     /// The input files of the unit and of its errors.
     pub fn inputs<'a>(&'a self, errors: &'a str) -> [NamedFile<'a>; 4] {
         let [noise, config, hardware] = self.description.inputs();
@@ -73,9 +85,9 @@ impl VirtualArguments {
 
 #[derive(Debug, Args)]
 pub struct UnitArguments {
-    /// Errors: table1, table3, real, typical, typical:0.5, random, random:1deg, random:tactical, a file, or the content
-    /// of a file in one line
-    #[arg(long, value_name = "NAME|FILE", default_value = "real")]
+    /// Errors: table1, table3, real, typical, typical:0.5, random, random:1deg, random:tactical, a file, or keys in
+    /// one line such as 'parameters.Sgxy = 30, effects.hunting_hz = 1.5'
+    #[arg(long, value_name = "NAME|FILE|KEYS", default_value = "real")]
     errors: String,
     #[command(flatten)]
     of_unit: VirtualArguments,
@@ -84,6 +96,11 @@ pub struct UnitArguments {
 impl UnitArguments {
     pub fn config(&self) -> anyhow::Result<UnitConfig> {
         self.of_unit.config()
+    }
+
+    /// Site, noise and hardware of the unit, each on a line with its origin.
+    pub fn described(&self, unit: &UnitConfig) -> anyhow::Result<String> {
+        self.of_unit.described(unit)
     }
 
     /// The input files that describe the unit.
