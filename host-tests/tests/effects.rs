@@ -1,8 +1,6 @@
 //! With the effects that a unit may have, the sigmas stay correct, and a good run is accepted.
 //!
-//! The tests compare means of `runs` times 28 squared normalized errors. They are hardly correlated between runs, and
-//! little correlated within a run. The bounds are five sigma, sqrt(2 / (7 runs)), of a quarter as many independent
-//! squares.
+//! The tests compare means of `runs` times 28 squared normalized errors. See [`bounds_of_mean`].
 
 use host_tests::base::quantity;
 use host_tests::calibration::virtual_run::VirtualRun;
@@ -11,13 +9,14 @@ use host_tests::files::hardware::HardwareTable;
 use host_tests::files::unit_file::UnitConfig;
 use host_tests::study::effects_table::{FURTHER, alone, effects, row};
 use host_tests::study::monte_carlo::{ErrorSource, MethodStatistics, MonteCarlo};
-use host_tests::study::statistics::binomial_quantile;
+use host_tests::study::statistics::{binomial_quantile, chi_square_mean_bounds};
 use host_tests::virtual_unit::imperfections::Imperfections;
 use host_tests::virtual_unit::presets::{self, UnitErrors};
 use host_tests::virtual_unit::unit::{Effects, VirtualUnit};
 use rins_selfcal::base::hardware::Hardware;
 use rins_selfcal::base::method::Method;
-use rins_selfcal::base::units::{ARCSEC, DEG_H, MICRO_G};
+use rins_selfcal::base::units::{ARCSEC, DEG_H, MICRO_G, STANDARD_GRAVITY_M_S2};
+use rins_selfcal::model::effects::{EFFECTS, by_noise_effect, effect};
 use rins_selfcal::model::error_model::{INSTALLATION_STATES, PARAMETERS, block};
 use rins_selfcal::scheme::Scheme;
 
@@ -42,10 +41,10 @@ fn campaign(errors: ErrorSource, unit: UnitConfig, scheme: &str, runs: u64, seed
 }
 
 /// The unit "real" with these effects, on a scheme of the library.
-fn statistics(effects: Effects, hardware: Hardware, scheme: &str) -> MethodStatistics {
+fn statistics(effects: Effects, hardware: Hardware, scheme: &str, seed: u64) -> MethodStatistics {
     let errors = ErrorSource::Fixed(Box::new(UnitErrors { errors: presets::real(3), effects }));
     let unit = UnitConfig { hardware: HardwareTable(hardware), ..UnitConfig::ideal() };
-    campaign(errors, unit, scheme, RUNS as u64, 5)
+    campaign(errors, unit, scheme, RUNS as u64, seed)
 }
 
 fn mean_normalized_squared(statistics: &MethodStatistics) -> f64 {
@@ -53,20 +52,39 @@ fn mean_normalized_squared(statistics: &MethodStatistics) -> f64 {
     means.sum::<f64>() / PARAMETERS as f64
 }
 
-fn bound() -> f64 {
-    5.0 * (2.0 / (7.0 * RUNS as f64)).sqrt()
+/// Sigmas of the 28 parameters, SI, and the number of independent squares that their 28 normalized errors count as. The
+/// sum of the squares of one run has the variance 2 sum R_ij^2, where R is the correlation matrix of the estimate. So
+/// it scatters as 28^2 / sum R_ij^2 independent squares do (Welch and Satterthwaite).
+fn sigmas_and_squares(unit: UnitConfig, scheme: &str) -> ([f64; PARAMETERS], f64) {
+    let scheme = Scheme::named(scheme).expect("a scheme of the library");
+    let setup = Setup::new(&unit, 200.0, Method::Joint, Precision::F64).on_scheme(&scheme);
+    let of_setup = VirtualUnit { errors: presets::real(3), ..VirtualUnit::default() };
+    let outcome = VirtualRun { unit: of_setup, scheme, seed: 1 }.calibrate(&[setup]).remove(0);
+    let covariance = &outcome.covariance;
+    let sigma = |index: usize| covariance[(index, index)].sqrt();
+    let correlation = |row: usize, column: usize| covariance[(row, column)] / (sigma(row) * sigma(column));
+    let squares = (0..PARAMETERS).flat_map(|row| (0..PARAMETERS).map(move |column| (row, column)));
+    let squares: f64 = squares.map(|(row, column)| correlation(row, column).powi(2)).sum();
+    (std::array::from_fn(sigma), (PARAMETERS * PARAMETERS) as f64 / squares)
+}
+
+/// Bounds of the mean of all squared normalized errors of so many runs. Chance exceeds each of them with a probability
+/// of 5e-4.
+fn bounds_of_mean(unit: UnitConfig, scheme: &str, runs: u64) -> [f64; 2] {
+    let (_, squares) = sigmas_and_squares(unit, scheme);
+    chi_square_mean_bounds(runs as usize, squares, 0.999).map(|bound| bound / squares)
 }
 
 #[test]
 fn servos_that_hunt_before_coarse_encoders_are_no_fault() {
+    let [low, high] = bounds_of_mean(UnitConfig::ideal(), "fast-120", RUNS as u64);
     for (encoder_bits, hunting_hz) in [(24, 1.7), (20, 1.7), (22, 6.0)] {
         let hunting =
             Effects { encoder_bits: Some(encoder_bits), hunting_arcsec: 2.0, hunting_hz, ..Effects::default() };
-        let found = statistics(hunting, Hardware::IDEAL, "fast-120");
+        let found = statistics(hunting, Hardware::IDEAL, "fast-120", 6);
         assert!(found.accepted >= RUNS - 1, "{encoder_bits} bits: {:?}", found.rejections);
         let mean = mean_normalized_squared(&found);
-        // Sigmas may be a little too large: single readings that begin one segment end another.
-        assert!(mean < 1.0 + bound() && mean > 0.7 - bound(), "{encoder_bits} bits: {mean}");
+        assert!((low..high).contains(&mean), "{encoder_bits} bits: {mean}, not in {low} to {high}");
     }
 }
 
@@ -81,12 +99,20 @@ fn harmonics_of_the_encoders_are_found_while_both_axes_turn() {
         [[[2.0, 3.5], [2.0, -0.3], [0.3, 0.1], [-0.2, 0.3]], [[-1.0, -2.8], [-1.9, 2.3], [0.1, -0.3], [0.3, 0.2]]];
     let imperfections = Imperfections { encoder_harmonics_arcsec: waves, ..Imperfections::default() };
     let effects = Effects { hardware: imperfections, ..Effects::default() };
-    let found = statistics(effects.clone(), eccentric([2.5, 2.0, 0.3, 0.3]), "fast-180");
+    let hardware = eccentric([2.5, 2.0, 0.3, 0.3]);
+    let found = statistics(effects.clone(), hardware, "fast-180", 5);
     assert!(found.accepted >= RUNS - 1, "{:?}", found.rejections);
     let mean = mean_normalized_squared(&found);
-    // The harmonics are the same in all runs, near one sigma of their sizes: their share of the errors is no chance.
-    assert!(mean < 1.0 + bound() && mean > 0.5, "{mean}");
-    let unknown = statistics(effects, Hardware::IDEAL, "fast-180");
+    // The harmonics are the same in all runs, so that their part of the errors does not scatter. Their squares are 0.77
+    // of those of their sizes on average, so that this part is no larger than expected. At least the part of the noise
+    // is left: its variance is no less than that of an estimate that knows the harmonics (Gauss and Markov).
+    let with = |hardware| UnitConfig { hardware: HardwareTable(hardware), ..UnitConfig::ideal() };
+    let [low, high] = bounds_of_mean(with(hardware), "fast-180", RUNS as u64);
+    let [(known, _), (estimated, _)] = [Hardware::IDEAL, hardware].map(|of| sigmas_and_squares(with(of), "fast-180"));
+    let of_noise = known.iter().zip(&estimated).map(|(known, estimated)| (known / estimated).powi(2)).sum::<f64>();
+    let of_noise = of_noise / PARAMETERS as f64;
+    assert!((of_noise * low..high).contains(&mean), "{mean}, not in {} to {high}", of_noise * low);
+    let unknown = statistics(effects, Hardware::IDEAL, "fast-180", 5);
     assert_eq!(unknown.accepted, 0, "several arcsec that the model has not");
 }
 
@@ -125,9 +151,9 @@ fn typical_units_are_accepted_and_right() {
         assert!(found.accepted as u64 >= least_accepted(runs), "{scheme}: {:?}", found.rejections);
         // None is wrong but by chance, whose probability is 60 times 9e-5.
         assert_eq!(found.accepted_wrong, 0, "{scheme}: {:?}", found.wrong);
-        // 60 times 28 squares, of which a quarter counts as independent: one sigma of their mean is 0.07.
         let mean = mean_normalized_squared(&found);
-        assert!((0.7..1.25).contains(&mean), "{scheme}: {mean}");
+        let [low, high] = bounds_of_mean(UnitConfig::default().somewhere(), scheme, runs);
+        assert!((low..high).contains(&mean), "{scheme}: {mean}, not in {low} to {high}");
     }
 }
 
@@ -171,6 +197,27 @@ fn with_adapt_a_size_that_the_verdict_names_is_enlarged_and_the_result_is_right(
     let sigmas = quantity::sigmas(&adapted.estimate().sigmas);
     for (parameter, (error, sigma)) in errors.iter().zip(&sigmas).enumerate().take(INSTALLATION_STATES) {
         assert!(error.abs() < 4.5 * sigma, "{parameter}: {error} +- {sigma}");
+    }
+}
+
+/// The derivatives by which the verdict tests effects without a state are those of the virtual unit.
+#[test]
+fn effects_without_a_state_act_as_on_the_virtual_unit() {
+    let in_g = [0.3, -0.8, 0.5];
+    let force_a = in_g.map(|force| force * STANDARD_GRAVITY_M_S2);
+    for tested in 0..EFFECTS {
+        let mut unit = Imperfections::default();
+        if let Some(place) = tested.checked_sub(effect::G_SENSITIVITY.start) {
+            unit.gyro_g_sensitivity_deg_h_g[place / 3][place % 3] = 1.0;
+        } else if let Some(place) = tested.checked_sub(effect::ACCEL_CROSS_QUADRATIC.start) {
+            unit.accel_cross_quadratic_ug_g2[place / 3][place % 3] = 1.0;
+        }
+        let [force, omega] = unit.distortion(force_a, [0.0; 3], 0.0);
+        let expected = force.iter().map(|force| force / MICRO_G).chain(omega.iter().map(|omega| omega / DEG_H));
+        for (channel, expected) in (0..).zip(expected) {
+            let found = by_noise_effect(tested, channel, &in_g);
+            assert!((found - expected).abs() < 1e-12, "effect {tested}, channel {channel}: {found} for {expected}");
+        }
     }
 }
 
