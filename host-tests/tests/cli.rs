@@ -7,6 +7,7 @@ use host_tests::base::quantity::values;
 use host_tests::log::{LogReader, LogWriter};
 use host_tests::study::statistics::chi_square_mean_bounds;
 use host_tests::virtual_unit::plant::Reading;
+use rins_selfcal::guide::CHAPTERS;
 use rins_selfcal::model::effects::{EFFECT_INFO, EFFECT_STATES};
 use rins_selfcal::model::error_model::PARAMETER_INFO;
 use rins_selfcal::scheme::Scheme;
@@ -113,6 +114,11 @@ fn json_says_what_it_is_and_how_to_apply_it() {
     assert_eq!(result["correlation"]["matrix"].as_array().map(Vec::len), Some(PARAMETERS));
     assert!((result["correlation"]["matrix"][3][3].as_f64().unwrap() - 1.0).abs() < 1e-12);
     assert_eq!((&result["site"]["latitude_deg"], &result["temperature_c"]), (&47.3769.into(), &Value::Null));
+    assert_eq!(
+        (&result["site"]["latitude_sigma_deg"], &result["site"]["gravity_sigma_mgal"]),
+        (&0.0.into(), &0.0.into())
+    );
+    assert_eq!((&result["hardware"]["profile"], &result["noise"]["gyro_floor_deg_h"]), (&"ideal".into(), &0.0.into()));
     assert!(result["software"]["version"].is_string());
     let matrix = |row: usize, column: usize| result["correction"]["force_matrix_sa"][row][column].as_f64().unwrap();
     let parameter = |name: &str| result["parameters"][name]["value"].as_f64().unwrap();
@@ -122,6 +128,61 @@ fn json_says_what_it_is_and_how_to_apply_it() {
     let arcsec = std::f64::consts::PI / 648_000.0;
     let sazx = matrix(2, 1) * (1.0 + parameter("accel_scale_y") * 1e-6);
     assert!((sazx - parameter("Sazx") * arcsec).abs() < 1e-12);
+}
+
+/// A result names the hardware, the noise and the site that it was made with, and `--adapt` says what it has changed.
+#[test]
+fn a_result_says_what_it_was_made_with_and_what_adapt_has_changed() {
+    let (log, out) = (scratch("adapted.csv.gz"), scratch("adapted.json"));
+    let errors = "effects.hardware.backlash_arcsec = [4.0, 0.0], parameters.Sgxy = 100.0, parameters.base_roll = 1.0";
+    run(0, &["simulate", "--scheme", "fast-180", "--errors", errors, "--out", &log]);
+    let unit =
+        self::log("adapted.toml", "[site]\nlatitude_deg = 30.93041\nheight_m = 20.0\n[noise]\naccel_floor_ug = 3.0\n");
+    let replay = ["replay", &log, "--config", &unit, "--adapt", "--json", &out];
+    let quiet = run(0, &[&replay[..], &["--quiet"]].concat());
+    let enlarged = "accepted; --adapt: backlash_arcsec was enlarged from 0.600 to ";
+    assert!(quiet.starts_with(enlarged) && quiet.lines().count() == 1, "{quiet}");
+    run(0, &replay);
+    let result = json(&out);
+    assert_eq!(
+        (&result["enlarged"]["key"], &result["enlarged"]["unit"]),
+        (&"backlash_arcsec".into(), &"arcsec".into())
+    );
+    let hardware = &result["hardware"];
+    assert_eq!((&hardware["profile"], &hardware["accel_quadratic_ug_g2"]), (&"navigation".into(), &6.0.into()));
+    // Single precision has seven digits.
+    let found = result["enlarged"]["found"].as_f64().unwrap();
+    assert!((hardware["backlash_arcsec"].as_f64().unwrap() / found - 1.0).abs() < 1e-6, "{hardware}");
+    let noise = &result["noise"];
+    assert_eq!((&noise["accel_floor_ug"], &noise["gyro_floor_deg_h"]), (&3.0.into(), &0.002.into()));
+    assert_eq!((&hardware["accel_floor_ug"], &noise["accel_walk_ug_sqrt_h"]), (&3.0.into(), &0.0.into()));
+    let formats = CHAPTERS.iter().find(|chapter| chapter.name == "formats").expect("a chapter").text;
+    let (_, documented) = formats.split_once("\n## Result\n").expect("a section");
+    let documented = documented.split("\n## ").next().expect("its text");
+    for key in result.as_object().unwrap().keys() {
+        assert!(documented.contains(&format!("`{key}`")), "{key} is not documented");
+    }
+}
+
+/// The estimated latitude has one meaning, whether a latitude was configured or not.
+#[test]
+fn the_latitude_of_a_result_is_that_of_the_site() {
+    let out = scratch("latitude.json");
+    let known = "[site]\nlatitude_deg = 47.38\nlatitude_sigma_deg = 0.1\nheight_m = 408.0\n";
+    for (site, sigma_deg, configured) in [
+        ("[site]\nheight_m = 408.0\n", None, "deg (not configured)\n"),
+        (known, Some(0.1), "deg (configured 47.380 +- 0.100)\n"),
+    ] {
+        let unit = log("latitude.toml", site);
+        let stdout = run(0, &["replay", &data("sample.csv.gz"), "--config", &unit, "--json", &out]);
+        let result = json(&out);
+        let number = |key: &str| result["effects"]["site_latitude"][key].as_f64().unwrap();
+        let (value, sigma) = (number("value"), number("sigma"));
+        assert!((value - 47.3769).abs() < 4.5 * sigma && sigma < 0.03, "{value} +- {sigma}");
+        let of_site = result["site"]["latitude_sigma_deg"].as_f64().unwrap();
+        assert!((of_site / sigma_deg.unwrap_or(sigma) - 1.0).abs() < 1e-6, "{of_site}");
+        assert!(stdout.contains("\n  site_latitude 47.3") && stdout.contains(configured), "{stdout}");
+    }
 }
 
 #[test]
@@ -243,6 +304,14 @@ fn wrong_arguments_and_configurations_are_refused_in_one_line() {
     assert_eq!(message, format!("--errors: unknown 'table9'; known: {names}"));
     let message = refused(&["montecarlo", "--noise", "quiet"]);
     assert_eq!(message, "--noise: unknown 'quiet'; known: bai, navigation, tactical, or a file");
+    let message = refused(&["montecarlo", "--hardware", "nowhere.toml"]);
+    let profiles = "ideal, navigation, tactical, mems";
+    assert_eq!(message, format!("--hardware: there is no file 'nowhere.toml'; names in place of a file: {profiles}"));
+    for command in [&["simulate", "--out", &scratch("never.csv")][..], &["montecarlo"], &["calibrate"]] {
+        let message =
+            refused(&[command, &["--errors", "parameters.Sgxy = 1, effects.hardware.accel_floor_ug = nan"]].concat());
+        assert_eq!(message, "--errors: hardware.accel_floor_ug: must be from 0 to 1000 ug");
+    }
     let message = refused(&["simulate", "--out", &scratch("never.csv"), "--scheme", "bay"]);
     let names = rins_selfcal::scheme::library::NAMES;
     assert_eq!(message, format!("--scheme: unknown 'bay'; known: {names}, or a file"));
@@ -459,6 +528,9 @@ fn without_a_command_the_virtual_rins_calibrates_itself() {
     let stdout = run(0, &["--seed", "5", "--json", &out, "--report", &report]);
     assert!(stdout.contains("closed loop") && stdout.contains("verdict: accepted"), "{stdout}");
     assert!(stdout.contains("power-up: calibrating: nothing is stored"), "{stdout}");
+    let head: Vec<_> = stdout.lines().skip(1).take(3).collect();
+    assert!(head[0].starts_with("site: latitude 30.93041 deg, height 20 m, ") && head[0].ends_with(" (default)"));
+    assert!(head[1].starts_with("noise: ") && head[1].ends_with(" (default)") && head[2] == "hardware: navigation");
     assert_eq!(json(&out)["scheme"], "fast-180");
     let same = run(0, &["calibrate", "--seed", "5", "--report", &report]);
     let result =
@@ -532,19 +604,22 @@ fn monte_carlo_finds_the_joint_method_consistent() {
 
 #[test]
 fn monte_carlo_puts_both_methods_side_by_side() {
-    let arguments = ["montecarlo", "--method", "both", "--runs", "4", "--stop", "5", "--errors", "real"];
+    let arguments = ["montecarlo", "--method", "both", "--runs", "7", "--stop", "5", "--errors", "real"];
     let stdout = run(0, &arguments);
     assert!(
         stdout.contains("factor gained") && stdout.contains("two-stage method: 0 accepted (0 of them wrong)"),
         "{stdout}"
     );
+    assert!(stdout.contains("\n  - and 2 more\n"), "five of seven rejected runs are listed: {stdout}");
     let arguments = ["montecarlo", "--method", "two-stage", "--runs", "4", "--stop", "5", "--errors", "table1"];
     let stdout = run(0, &[&arguments[..], &["--noise", "bai"]].concat());
     assert!(stdout.contains("\nBai Table 1: errors of Bai's own simulation as published"), "{stdout}");
-    let head: Vec<_> = stdout.lines().take(5).collect();
+    let head: Vec<_> = stdout.lines().take(7).collect();
     assert!(head[0].starts_with("4 runs of ") && head[0].ends_with(" s at 200 Hz, open loop, seed 1"), "{stdout}");
     assert_eq!(head[1..4], ["scheme: bai, 2 periods, 37 stops of 5 s", "method: two-stage", "errors: table1"]);
-    assert!(head[4].starts_with("noise: accelerometers 2.12 ug/sqrt(Hz), gyros 0.000236 deg/sqrt(h)"), "{stdout}");
+    assert!(head[4].starts_with("site: latitude 30.93041 deg, height 20 m, ") && head[4].ends_with(" (default)"));
+    assert!(head[5].starts_with("noise: accelerometers 2.12 ug/sqrt(Hz), gyros 0.000236 deg/sqrt(h)"), "{stdout}");
+    assert!(head[5].ends_with("(--noise bai)") && head[6] == "hardware: navigation", "{stdout}");
     assert!(!stdout.contains("wall time"), "{stdout}");
 }
 
@@ -805,6 +880,8 @@ fn quiet_commands_say_how_they_end_and_nothing_else() {
     let nothing = |text: &str| (Some(0), text.to_string(), String::new());
     assert_eq!(said(&["replay", &log, "--config", &config, "--quiet"]), nothing("accepted\n"));
     assert_eq!(said(&["replay", "--quiet", &log, "--config", &config]), nothing("accepted\n"));
+    let unchanged = "accepted; --adapt: no size of the hardware was enlarged, because the verdict names no effect of the hardware\n";
+    assert_eq!(said(&["replay", "--quiet", &log, "--config", &config, "--adapt"]), nothing(unchanged));
     assert_eq!(said(&["observability", "--scheme", "fast-60", "-q"]), nothing(""));
     assert_eq!(said(&["simulate", "--quiet", "--scheme", "fast-60", "--out", &scratch("quiet.csv")]), nothing(""));
     let (status, stdout, stderr) = said(&["replay", &scratch("nowhere.csv"), "--quiet"]);
