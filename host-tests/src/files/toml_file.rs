@@ -83,7 +83,13 @@ impl TomlFile {
     /// # Errors
     /// As [`Self::parse`]; or the table is missing, or the file has something else.
     pub fn only_table<T: DeserializeOwned>(&self, table: &str) -> Result<T, TomlFileError> {
-        let all: toml::Table = self.parse()?;
+        let all: toml::Table = self.parse().map_err(|error| match error {
+            TomlFileError::Keys { option, message } => {
+                let message = format!("not KEY = VALUE, KEY = VALUE with texts in quotes: {message}");
+                TomlFileError::Keys { option, message }
+            }
+            other => other,
+        })?;
         if let Some((other, value)) = all.iter().find(|(key, _)| *key != table) {
             let what = if value.is_table() {
                 format!("this file may have the table [{table}] only; give a whole unit description as --config")
