@@ -288,8 +288,9 @@ mod tests {
             })
         };
         type Source<'a> = &'a dyn Fn(u64) -> Processes;
+        type Sizes<'a> = &'a [(Process, f64)];
         let white = |seed: u64| drawn(seed, 10.0, |_, _| 0.0);
-        let cases: [(Source, u64, &[(Process, f64)]); 4] = [
+        let cases: [(Source, u64, Sizes); 4] = [
             (&white, 200, &[(Process::White, 1.0)]),
             (&walk, 60, &[(Process::White, 1.0), (Process::Walk, 0.3)]),
             (&angle, 60, &[(Process::White, 1.0), (Process::Angle, 1.0)]),
