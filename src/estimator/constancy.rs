@@ -213,9 +213,9 @@ struct Suspect {
 }
 
 /// Largest number of changes under test in one sweep. There are 37 changes for each onset. To save memory, they are
-/// tested in two sweeps. The first onset has the four configured settings before them, in the very first sweep, and the
+/// tested in three sweeps. The first onset has the four configured settings before them, in the very first sweep, and the
 /// effects of the hardware behind them.
-const SUSPECTS: usize = 19;
+const SUSPECTS: usize = 13;
 
 /// Changes that begin with one segment, under test in one sweep of the filter.
 #[derive(Clone, Debug)]

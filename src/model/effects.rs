@@ -16,7 +16,7 @@
 //! noise that differs from segment to segment has no state: cross-quadratic, g-sensitivity, sub-division, rocking, and
 //! pulses.
 
-use crate::base::hardware::{FLICKER_DENSITY, HARDWARE, Hardware, HardwareSize, REFERENCE_RATE_RAD_S};
+use crate::base::hardware::{FLICKER_DENSITY, Hardware, HardwareSize, REFERENCE_RATE_RAD_S};
 use crate::base::linear::{ComplexField, Matrix, Real, Vector3, columns as columns_of, real};
 use crate::base::site::EARTH_RATE_RAD_S;
 use crate::base::units::{ARCSEC, DEG, DEG_H, HOUR_S, MGAL, MICRO_G, PPM};
@@ -294,14 +294,13 @@ pub fn kind_keys(number: u8) -> &'static str {
 
 /// The size of the hardware of a kind; `None` for all motions of the axes.
 pub fn size_of_kind(number: u8) -> Option<&'static HardwareSize> {
-    let key = kind_keys(number);
-    HARDWARE.iter().find(|size| size.key == key)
+    HardwareSize::named(kind_keys(number))
 }
 
 /// The size of the hardware to which an effect belongs; `None` for an error of the configured site.
 pub fn size_of(effect: usize) -> Option<&'static HardwareSize> {
     let (_, key) = SIZE_KEYS.iter().find(|(effects, _)| effects.contains(&effect))?;
-    HARDWARE.iter().find(|size| size.key == *key)
+    HardwareSize::named(key)
 }
 
 /// Whether a unit that works can have an effect of this value, SI. A larger value has another cause.
