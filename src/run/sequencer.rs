@@ -280,16 +280,9 @@ impl Sequencer {
             State::Stopping => self.stopping(input),
             State::Parking if self.is_overdue(input) => self.strand(input),
             State::Parking if input.arrived => self.end(input, State::Parked, Action::Hold),
-            State::Correcting | State::StandBy | State::Parked | State::Stopped | State::Stranded if input.start => {
-                self.begin(input)
-            }
-            State::Store
-            | State::Correcting
-            | State::StandBy
-            | State::Parking
-            | State::Parked
-            | State::Stopped
-            | State::Stranded => Action::Continue,
+            idle if idle.is_idle() && input.start => self.begin(input),
+            // Store and Parking wait; idle states wait for a command.
+            _ => Action::Continue,
         }
     }
 
@@ -300,32 +293,21 @@ impl Sequencer {
         match self.state {
             // An IMU may need more time to start than the longest permitted loss of samples.
             State::PowerUp if reason == AbortReason::SampleLoss => Action::Continue,
-            State::PowerUp
-            | State::AwaitStill
-            | State::Turn(_)
-            | State::Settle(_)
-            | State::Dwell(_)
-            | State::Weigh(_)
-            | State::Compute
-            | State::Verdict => self.give_up(&input, Some(reason)),
             State::Parking if reason.is_fault() => self.strand(&input),
+            State::Parking => Action::Continue,
             State::Stopping => {
                 self.ending = self.ending.max(Ending::after(reason));
                 Action::Continue
             }
-            State::Store | State::Correcting | State::StandBy | State::Parked | State::Stopped | State::Stranded
-                if matches!(reason, AbortReason::Gimbal(_)) =>
-            {
+            quiet if quiet == State::Store || quiet.is_idle() => {
+                if !matches!(reason, AbortReason::Gimbal(_)) {
+                    return Action::Continue;
+                }
                 self.ending = Ending::Release;
                 Action::Release
             }
-            State::Store
-            | State::Correcting
-            | State::StandBy
-            | State::Parking
-            | State::Parked
-            | State::Stopped
-            | State::Stranded => Action::Continue,
+            // A run is under way or about to begin.
+            _ => self.give_up(&input, Some(reason)),
         }
     }
 
@@ -336,7 +318,7 @@ impl Sequencer {
         let held = self.ending.max(Ending::Hold);
         match self.state {
             State::Stranded => Action::Continue,
-            State::Correcting | State::StandBy | State::Parked | State::Stopped => Action::Hold,
+            idle if idle.is_idle() => Action::Hold,
             State::Store => {
                 self.ending = held;
                 Action::Hold
@@ -345,14 +327,8 @@ impl Sequencer {
                 self.ending = if self.state == State::Parking { Ending::Hold } else { held };
                 self.enter(&input, State::Stopping, Action::Hold)
             }
-            State::PowerUp
-            | State::AwaitStill
-            | State::Turn(_)
-            | State::Settle(_)
-            | State::Dwell(_)
-            | State::Weigh(_)
-            | State::Compute
-            | State::Verdict => {
+            // A run is under way or about to begin.
+            _ => {
                 self.ending = Ending::Hold;
                 self.enter(&input, State::Stopping, Action::GiveUp(Some(AbortReason::Stopped)))
             }
