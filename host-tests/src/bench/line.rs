@@ -1,5 +1,6 @@
 //! The instrument's end of a serial line, in this process.
 
+use rins_selfcal::link::{Command, MAX_FRAME_BYTES, encode};
 use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
@@ -20,6 +21,43 @@ pub struct Unconnected;
 impl Line for Unconnected {
     fn receive(&mut self) -> Option<u8> {
         None
+    }
+
+    fn transmit(&mut self, next: &mut dyn FnMut() -> Option<u8>) {
+        while next().is_some() {}
+    }
+}
+
+/// Somebody at the other end of a line who sends commands and does not listen.
+pub trait Commander {
+    /// Looks at the instrument and gives the next commands to `send`. Called whenever all commands before have arrived.
+    fn look(&mut self, send: &mut dyn FnMut(&Command));
+}
+
+/// A line with a [`Commander`] at its other end.
+pub struct CommandLine<C> {
+    /// Who sends the commands.
+    pub commander: C,
+    sent: VecDeque<u8>,
+}
+
+impl<C> CommandLine<C> {
+    /// The line before the first command.
+    pub fn new(commander: C) -> Self {
+        Self { commander, sent: VecDeque::new() }
+    }
+}
+
+impl<C: Commander> Line for CommandLine<C> {
+    fn receive(&mut self) -> Option<u8> {
+        if self.sent.is_empty() {
+            let sent = &mut self.sent;
+            self.commander.look(&mut |command| {
+                let mut frame = [0; MAX_FRAME_BYTES];
+                sent.extend(encode(1, command, &mut frame).expect("a command fits into a frame"));
+            });
+        }
+        self.sent.pop_front()
     }
 
     fn transmit(&mut self, next: &mut dyn FnMut() -> Option<u8>) {

@@ -1,6 +1,6 @@
 //! Reaction of the instrument to failures: each failure at several phases of a run, in closed loop, in this process.
 
-use crate::bench::line::Line;
+use crate::bench::line::{CommandLine, Commander};
 use crate::bench::power_up::{Memory, Switched, in_process, self_calibrate, shared};
 use crate::bench::{Chip, SharedBench, Trouble};
 use crate::virtual_unit::drive::move_durations_s;
@@ -11,7 +11,7 @@ use crate::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::units::DEG;
 use rins_selfcal::gimbal::servo::PERIOD_US;
-use rins_selfcal::link::{Command, MAX_FRAME_BYTES, encode};
+use rins_selfcal::link::Command;
 use rins_selfcal::run::assignment::Assignment;
 use rins_selfcal::run::config::CalibratorConfig;
 use rins_selfcal::run::config::SelfCalibrationConfig;
@@ -21,7 +21,6 @@ use rins_selfcal::run::state::State;
 use rins_selfcal::run::telemetry::Message;
 use rins_selfcal::scheme::Scheme;
 use std::cell::{Cell, RefCell};
-use std::collections::VecDeque;
 use std::rc::Rc;
 
 /// A failure.
@@ -233,19 +232,18 @@ struct Saboteur {
     failing: Failing,
     phase: Phase,
     axis: usize,
-    commands: VecDeque<u8>,
     aborted: bool,
 }
 
-impl Saboteur {
-    fn look(&mut self) {
+impl Commander for Saboteur {
+    fn look(&mut self, send: &mut dyn FnMut(&Command)) {
         let (state, since_us) = self.state.get();
         let now_us = self.unit.borrow().now_us;
         let (when, after_us) = self.phase.moment();
         let failed_us = self.unit.borrow().failed_us;
         if failed_us.is_none() && state == when && now_us >= since_us + after_us {
             self.unit.borrow_mut().failed_us = Some(now_us);
-            self.fail(now_us);
+            self.fail(now_us, send);
         }
         if let Failing::EncoderAway(away_us) = self.failing
             && failed_us.is_some_and(|failed_us| now_us >= failed_us + away_us)
@@ -254,24 +252,21 @@ impl Saboteur {
         }
         if failed_us.is_some() && self.failing == Failing::ImuSensor {
             // The failure continues.
-            self.fail(now_us);
+            self.fail(now_us, send);
         }
         // A command aborts the run, because the run would not park otherwise.
         if self.phase == Phase::Parking && state == State::Dwell(1) && !std::mem::replace(&mut self.aborted, true) {
-            self.send(&Command::Abort);
+            send(&Command::Abort);
         }
         let idle_us = if state == State::Stopping { WAITS_US } else { AFTER_US };
         let over = (state.is_idle() || state == State::Stopping) && now_us >= since_us + idle_us;
         let waits = failed_us.is_none_or(|failed_us| now_us < failed_us + WAITS_US);
         self.unit.borrow_mut().off = over && !waits || now_us >= LIMIT_US;
     }
+}
 
-    fn send(&mut self, command: &Command) {
-        let mut buffer = [0; MAX_FRAME_BYTES];
-        self.commands.extend(encode(1, command, &mut buffer).expect("a short command"));
-    }
-
-    fn fail(&mut self, now_us: u64) {
+impl Saboteur {
+    fn fail(&mut self, now_us: u64, send: &mut dyn FnMut(&Command)) {
         let axis = self.axis;
         match self.failing {
             Failing::Chip(trouble) => self.bench.borrow_mut().set_trouble(axis, Some(trouble)),
@@ -296,21 +291,8 @@ impl Saboteur {
             Failing::DataReady => self.unit.borrow_mut().no_edges = true,
             Failing::EncoderAway(_) => self.bench.borrow_mut().set_trouble(axis, Some(Trouble::EncoderSilent)),
             Failing::ImuRestarted => self.unit.borrow_mut().halved = true,
-            Failing::StopCommand => self.send(&Command::Stop),
+            Failing::StopCommand => send(&Command::Stop),
         }
-    }
-}
-
-impl Line for Saboteur {
-    fn receive(&mut self) -> Option<u8> {
-        if self.commands.is_empty() {
-            self.look();
-        }
-        self.commands.pop_front()
-    }
-
-    fn transmit(&mut self, next: &mut dyn FnMut() -> Option<u8>) {
-        while next().is_some() {}
     }
 }
 
@@ -341,16 +323,15 @@ pub fn fate(failing: Failing, phase: Phase, axis: usize, before: &StoredCalibrat
     }));
     let state = Rc::new(Cell::new((State::PowerUp, 0)));
     let bench = shared(Rc::clone(&watched));
-    let mut line = Saboteur {
+    let mut line = CommandLine::new(Saboteur {
         bench: Rc::clone(&bench),
         unit: Rc::clone(&watched),
         state: Rc::clone(&state),
         failing,
         phase,
         axis,
-        commands: VecDeque::new(),
         aborted: false,
-    };
+    });
     let (mut told, mut accepted) = (Vec::new(), false);
     let mut on_message = |message: &Message| match message {
         Message::State { state: entered, .. } => state.set((*entered, watched.borrow().now_us)),

@@ -8,5 +8,6 @@ pub mod fault_table;
 pub mod faults;
 pub mod monte_carlo;
 pub mod power_ups;
+pub mod promises;
 pub mod replication;
 pub mod statistics;

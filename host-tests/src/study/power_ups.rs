@@ -1,7 +1,7 @@
 //! Many power-ups of units with cables: at random angles, with the power cut at random moments, in closed loop.
 //! Whatever happens, an axis never leaves its physical travel, or the instrument refuses to move.
 
-use crate::bench::line::Line;
+use crate::bench::line::{CommandLine, Commander};
 use crate::bench::power_up::{Memory, Switched, share, start};
 use crate::bench::{Bench, SharedBench};
 use crate::virtual_unit::drive::move_durations_s;
@@ -16,13 +16,12 @@ use rins_selfcal::base::units::DEG;
 use rins_selfcal::gimbal::axis::AxisLimits;
 use rins_selfcal::gimbal::travel::{Travel, TurnSource};
 use rins_selfcal::instrument::Startup;
-use rins_selfcal::link::{Command, MAX_FRAME_BYTES, UNLOCK_WORD, encode};
+use rins_selfcal::link::{Command, UNLOCK_WORD};
 use rins_selfcal::run::config::{CalibratorConfig, SelfCalibrationConfig};
 use rins_selfcal::run::state::State;
 use rins_selfcal::run::telemetry::Message;
 use rins_selfcal::scheme::{Leg, Scheme};
 use std::cell::{Cell, RefCell};
-use std::collections::VecDeque;
 use std::rc::Rc;
 
 /// Number of power-ups of one unit, with one memory.
@@ -138,15 +137,14 @@ fn power_up(
     let (plant, off) = Switched::new(Rc::clone(&wound));
     let bench: SharedBench<_> = share(Bench::new(plant));
     let state = Rc::new(Cell::new(State::PowerUp));
-    let mut operator = Operator {
+    let mut operator = CommandLine::new(Operator {
         wound: Rc::clone(&wound),
         state: Rc::clone(&state),
         off,
         helps: part(random) < 0.5,
         asked: false,
         refused: false,
-        commands: VecDeque::new(),
-    };
+    });
     let mut on_message = |message: &Message| {
         if let Message::State { state: entered, .. } = message {
             state.set(*entered);
@@ -155,8 +153,8 @@ fn power_up(
     start::<f64, _>(&mut Startup::assigned(config, Restart::PowerOn), memory, &bench, &mut operator, &mut on_message)
         .expect("a valid configuration");
     all.cut += u32::from(!state.get().is_idle());
-    all.refused += u32::from(operator.refused);
-    all.confirmed += u32::from(operator.asked);
+    all.refused += u32::from(operator.commander.refused);
+    all.confirmed += u32::from(operator.commander.asked);
     drop((operator, bench));
     let mut wound = Rc::into_inner(wound).expect("the run is over").into_inner();
     for _ in 0..COASTING {
@@ -209,11 +207,10 @@ struct Operator {
     helps: bool,
     asked: bool,
     refused: bool,
-    commands: VecDeque<u8>,
 }
 
-impl Operator {
-    fn look(&mut self) {
+impl Commander for Operator {
+    fn look(&mut self, send: &mut dyn FnMut(&Command)) {
         let Wound { periods, cut_after, .. } = *self.wound.borrow();
         let state = self.state.get();
         let refused = matches!(state, State::Stopped | State::Stranded);
@@ -221,24 +218,8 @@ impl Operator {
         if refused && self.helps && !self.asked {
             self.asked = true;
             let angles = self.wound.borrow().rins.true_angles_rad().map(|angle| Some(angle as f32));
-            [Command::Unlock(UNLOCK_WORD), Command::ConfirmAngles(angles), Command::Start].iter().for_each(|command| {
-                let mut frame = [0; MAX_FRAME_BYTES];
-                self.commands.extend(encode(1, command, &mut frame).expect("it fits"));
-            });
+            [Command::Unlock(UNLOCK_WORD), Command::ConfirmAngles(angles), Command::Start].iter().for_each(send);
         }
         self.off.set(periods >= cut_after.min(LONGEST));
-    }
-}
-
-impl Line for Operator {
-    fn receive(&mut self) -> Option<u8> {
-        if self.commands.is_empty() {
-            self.look();
-        }
-        self.commands.pop_front()
-    }
-
-    fn transmit(&mut self, next: &mut dyn FnMut() -> Option<u8>) {
-        while next().is_some() {}
     }
 }
