@@ -177,9 +177,9 @@ fn a_flag_costs_the_samples_that_carry_it() {
     assert_eq!([read(), read()], [Err(ImuFault::Status(flag::CLOCK)), Ok(0)]);
 }
 
-/// Outcomes and counts of losses of an acquisition. The IMU samples for a minute at 200 Hz, is off for 0.3 s, and then
-/// gives 1000 samples at this interval.
-fn after_a_restart(settings_saved: bool, interval_us: u64) -> (Vec<Result<(), LossReason>>, LossCounts) {
+/// The outcomes and the counts of losses of an acquisition from an IMU that samples for a minute at 200 Hz, is off for 0.3
+/// s, and then gives 1000 samples, at 4250 Hz until it has its settings.
+fn after_a_restart(settings_saved: bool) -> (Vec<Result<(), LossReason>>, LossCounts) {
     let chip = imu(Model::ADIS16495_1);
     let mut queue = SampleQueue::<f64, 16>::new();
     let (producer, mut samples) = queue.split();
@@ -195,21 +195,33 @@ fn after_a_restart(settings_saved: bool, interval_us: u64) -> (Vec<Result<(), Lo
     };
     assert!((0..12_000).all(|_| on_edge(5000).is_ok()));
     chip.borrow_mut().restart(settings_saved);
-    let outcomes = std::iter::once(300_000).chain(std::iter::repeat_n(interval_us, 999)).map(on_edge).collect();
+    let mut outcomes = vec![on_edge(300_000)];
+    for _ in 1..1000 {
+        let interval_us = match chip.borrow().sampling().expect("data-ready is on DIO2") {
+            (decimation, false) => u64::from(decimation) * 1_000_000 / 4250,
+            (decimation, true) => u64::from(decimation) * 250,
+        };
+        outcomes.push(on_edge(interval_us));
+    }
     assert_eq!(chip.borrow().early_words, 0);
     (outcomes, samples.losses())
 }
 
+/// None of the samples that it gives without its settings is taken.
 #[test]
-fn an_imu_that_restarts_and_loses_its_settings_gives_no_more_samples() {
-    let (outcomes, losses) = after_a_restart(false, 235);
-    assert!(outcomes.iter().all(|outcome| *outcome == Err(LossReason::Restarted)));
-    assert_eq!(losses, LossCounts { restarted: 1000, ..LossCounts::default() });
+fn an_imu_that_restarts_and_loses_its_settings_gets_them_again() {
+    let (outcomes, losses) = after_a_restart(false);
+    let taken = outcomes.iter().position(Result::is_ok).expect("samples are taken again");
+    assert!((20..40).contains(&taken), "{taken}");
+    let (lost, after) = outcomes.split_at(taken);
+    assert!(lost.iter().all(|outcome| *outcome == Err(LossReason::Restarted)));
+    assert!(after.iter().all(Result::is_ok));
+    assert_eq!(losses, LossCounts { restarted: taken as u32, ..LossCounts::default() });
 }
 
 #[test]
 fn an_imu_that_restarts_with_saved_settings_goes_on_after_a_check() {
-    let (outcomes, losses) = after_a_restart(true, 5000);
+    let (outcomes, losses) = after_a_restart(true);
     let (check, after) = outcomes.split_at(7);
     assert!(check.iter().all(|outcome| *outcome == Err(LossReason::Restarted)));
     assert!(after.iter().all(Result::is_ok));

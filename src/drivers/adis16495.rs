@@ -31,8 +31,9 @@
 //!
 //! An IMU that loses its supply for a moment restarts with its initial settings: 4250 samples a second, and no filter.
 //! Its sample counter begins at zero. The driver compares the counter with the times of the edges. If they do not agree, it
-//! reads the settings again, one word at each edge, and refuses all samples until the settings hold. It does not write
-//! them: an IMU that has lost them stays refused until it is started again.
+//! refuses all samples and reads the settings again, one word at each edge. If the settings do not hold, it writes them as
+//! at the start and reads them once more, until they hold. A software reset is not needed, because the IMU has just
+//! started. Whoever uses the samples learns of the restart from [`ImuFault::Restarted`]: the biases may have changed.
 
 use super::imu::{Cadence, Counter, ImuFault, ImuReading, field};
 use crate::base::imu_identity::ImuIdentity;
@@ -261,21 +262,34 @@ pub struct Adis16495<S> {
     settings: Adis16495Settings,
     counter: Counter,
     cadence: Cadence,
-    /// The next step while the settings are checked; `None` while samples are read.
-    check: Option<Check>,
+    /// The next word while the settings are checked or written; `None` while samples are read.
+    recovery: Option<Recovery>,
 }
 
-/// A step of reading the settings again.
-#[derive(Clone, Copy, Debug)]
-struct Check {
-    step: usize,
-    /// Whether all registers that have been read hold their settings.
-    hold: bool,
+/// The next word of the recovery after a restart.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Recovery {
+    /// Reading the settings.
+    Check {
+        step: usize,
+        /// Whether all registers that have been read hold their settings.
+        hold: bool,
+    },
+    /// Writing the settings.
+    Write {
+        step: usize,
+        /// No word may be sent at an edge before this time, us.
+        ready_us: u64,
+    },
 }
 
-impl Check {
-    const START: Self = Self { step: 0, hold: true };
+impl Recovery {
+    const CHECK: Self = Self::Check { step: 0, hold: true };
+    const WRITE: Self = Self::Write { step: 0, ready_us: 0 };
 }
+
+/// Longest delay of a transfer after its edge, us. The control interrupt may delay it.
+const LATE_US: u64 = 500;
 
 impl<S: SpiDevice> Adis16495<S> {
     /// Resets the IMU on `spi`, checks product and sub-model, reads the serial number, and writes the settings. The IMU
@@ -314,7 +328,7 @@ impl<S: SpiDevice> Adis16495<S> {
                 settings: *settings,
                 counter: Counter::new(16),
                 cadence: Cadence::new((1e6 * settings.interval_s()) as f32),
-                check: None,
+                recovery: None,
             }),
             flags => Err(StartFault::Status(flags)),
         }
@@ -326,7 +340,7 @@ impl<S: SpiDevice> Adis16495<S> {
     }
 
     /// Reads the measurement of the last data-ready edge, which came at `edge_us`. Call this function once for every
-    /// edge. It makes one transfer and does not wait.
+    /// edge. It makes at most one transfer and does not wait.
     ///
     /// # Errors
     /// The sample is lost for the returned reason.
@@ -339,8 +353,10 @@ impl<S: SpiDevice> Adis16495<S> {
     }
 
     fn try_read<T: Real>(&mut self, edge_us: u64) -> Result<ImuReading<T>, ImuFault<S::Error>> {
-        if let Some(check) = self.check {
-            return Err(self.check_settings(check));
+        match self.recovery {
+            Some(Recovery::Check { step, hold }) => return Err(self.check_settings(step, hold)),
+            Some(Recovery::Write { step, ready_us }) => return Err(self.write_settings(step, ready_us, edge_us)),
+            None => {}
         }
         let mut burst = [0; BURST_BYTES];
         burst[0] = Register::BURST_CMD.address;
@@ -350,7 +366,7 @@ impl<S: SpiDevice> Adis16495<S> {
             return Err(ImuFault::Status(burst.flags & FLAGS));
         }
         if !self.cadence.agrees(edge_us, burst.count) {
-            (self.counter, self.check) = (Counter::new(16), Some(Check::START));
+            (self.counter, self.recovery) = (Counter::new(16), Some(Recovery::CHECK));
             return Err(ImuFault::Restarted);
         }
         let scaled = |raw: [i32; 3], step: f64| Vector3::from(raw.map(|raw| real(f64::from(raw) * step)));
@@ -365,24 +381,54 @@ impl<S: SpiDevice> Adis16495<S> {
 
     /// Sends one word of a check: the page of the settings, the address of each register, and the page of the burst. The
     /// value of a register comes with the word after its address. The edges are further apart than the stall between two
-    /// words, so no step waits. If the settings do not hold, the check begins again.
-    fn check_settings(&mut self, Check { step, hold }: Check) -> ImuFault<S::Error> {
+    /// words, so no step waits.
+    fn check_settings(&mut self, step: usize, hold: bool) -> ImuFault<S::Error> {
         let registers = self.settings.registers();
         let mut word = match step.checked_sub(1) {
             None => [0x80, Register::DEC_RATE.page],
             Some(number) => registers.get(number).map_or([0x80, 0], |(register, _)| [register.address, 0]),
         };
         if let Err(fault) = self.spi.transfer_in_place(&mut word) {
-            self.check = Some(Check::START);
+            self.recovery = Some(Recovery::CHECK);
             return ImuFault::Bus(fault);
         }
         let answered = step.checked_sub(2).and_then(|number| registers.get(number));
         let hold = hold && answered.is_none_or(|(_, value)| *value == u16::from_be_bytes(word));
-        self.check = match (step > registers.len(), hold) {
-            (false, _) => Some(Check { step: step + 1, hold }),
+        self.recovery = match (step > registers.len(), hold) {
+            (false, _) => Some(Recovery::Check { step: step + 1, hold }),
             (true, true) => None,
-            (true, false) => Some(Check::START),
+            (true, false) => Some(Recovery::WRITE),
         };
+        ImuFault::Restarted
+    }
+
+    /// Sends one word of the settings: their page, then the low and the high byte of each register. Some registers take
+    /// a write longer than the time to the next edge; the edges until then are left out. A check follows the last word.
+    fn write_settings(&mut self, step: usize, ready_us: u64, edge_us: u64) -> ImuFault<S::Error> {
+        // If the clock went back, nothing is left out.
+        if (1..=2 * LATE_US).contains(&ready_us.saturating_sub(edge_us)) {
+            return ImuFault::Restarted;
+        }
+        let registers = self.settings.registers();
+        let (mut word, stall_us) = match step.checked_sub(1).map(|byte| (registers.get(byte / 2), byte % 2)) {
+            None => ([0x80, Register::DEC_RATE.page], 0),
+            Some((Some((register, value)), 0)) => ([0x80 | register.address, value.to_be_bytes()[1]], 0),
+            Some((Some((register, value)), _)) => {
+                ([0x80 | (register.address + 1), value.to_be_bytes()[0]], register.stall_us)
+            }
+            Some((None, _)) => {
+                // The interval is that of the settings again.
+                self.cadence = Cadence::new((1e6 * self.settings.interval_s()) as f32);
+                return self.check_settings(0, true);
+            }
+        };
+        if let Err(fault) = self.spi.transfer_in_place(&mut word) {
+            self.recovery = Some(Recovery::CHECK);
+            return ImuFault::Bus(fault);
+        }
+        let wait_us = if stall_us > STALL_US { u64::from(stall_us) + LATE_US } else { 0 };
+        let ready_us = edge_us.saturating_add(wait_us);
+        self.recovery = Some(Recovery::Write { step: step + 1, ready_us });
         ImuFault::Restarted
     }
 }
@@ -665,22 +711,29 @@ mod tests {
             .collect()
     }
 
+    /// The transfers that write the settings again.
+    fn write_script() -> Vec<Transaction<u8>> {
+        [0x8003, 0x86cd, 0x8700, 0x8c13, 0x8d00, 0x9600, 0x9700, 0x9800, 0x9900]
+            .into_iter()
+            .flat_map(|word: u16| transaction(Transaction::transfer_in_place(word.to_be_bytes().into(), vec![0, 0])))
+            .collect()
+    }
+
     #[test]
-    fn samples_of_an_imu_that_has_lost_its_settings_are_refused() {
+    fn an_imu_that_has_lost_its_settings_gets_them_again() {
         let initial = check_script([0x000d, 0, 0, 0]);
-        let script =
-            [start_script(16_495, 0x3, 0x00cd, 0), counted(500), counted(0), initial, check_script(SETTINGS)].concat();
-        let (mut imu, mut spi) = start([script, counted(700)].concat()).unwrap();
+        let script = [start_script(16_495, 0x3, 0x00cd, 0), counted(500), counted(0), initial, write_script()].concat();
+        let (mut imu, mut spi) = start([script, check_script(SETTINGS), counted(700)].concat()).unwrap();
         let mut edge_us = 0;
         let mut read = |interval_us| {
             edge_us += interval_us;
             imu.read::<f64>(edge_us).map(|reading| reading.missed)
         };
         assert_eq!(read(5000), Ok(0));
-        // The IMU was off for 0.3 s. Neither the first sample nor any sample after it is taken.
+        // The IMU was off for 0.3 s. No sample is taken until the settings hold. The edges after the high byte of a slow
+        // register are left out: three for each of the first two registers, two for each of the others.
         assert_eq!(read(300_000), Err(ImuFault::Restarted));
-        assert!((0..12).all(|_| read(235) == Err(ImuFault::Restarted)));
-        // In this test the settings hold at the second check, so that samples are taken again.
+        assert!((0..6 + 9 + 3 + 3 + 2 + 2 + 6).all(|_| read(235) == Err(ImuFault::Restarted)));
         assert_eq!(read(5000), Ok(0));
         spi.done();
     }
@@ -713,13 +766,13 @@ mod tests {
             settings: Adis16495Settings::default(),
             counter: Counter::new(16),
             cadence: Cadence::new(5000.0),
-            check: Some(Check::START),
+            recovery: Some(Recovery::CHECK),
         };
         for step in 0..11 {
             let expected = if step == 4 { ImuFault::Bus(ErrorKind::Other) } else { ImuFault::Restarted };
             assert_eq!(imu.read::<f64>(0), Err(expected), "{step}");
         }
-        assert!(imu.check.is_none());
+        assert!(imu.recovery.is_none());
     }
 
     #[test]

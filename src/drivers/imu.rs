@@ -33,7 +33,7 @@ pub enum ImuFault<E> {
     /// The IMU reports faults of its own. The documentation of the driver explains the bits.
     Status(u16),
     /// The sample counter and the data-ready edges do not agree with the settings of the IMU, as after a restart of the
-    /// IMU during operation. No sample is returned until the settings have been read and hold.
+    /// IMU during operation. No sample is returned until the settings hold again.
     Restarted,
 }
 
