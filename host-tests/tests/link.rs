@@ -1,7 +1,7 @@
 //! The link of an instrument in this process: commands in every state, damaged bytes and hostile bytes.
 
 use host_tests::bench::line::Line;
-use host_tests::bench::power_up::{Memory, Switched, self_calibrate, shared};
+use host_tests::bench::power_up::{Memory, PIECES, Switched, self_calibrate, shared};
 use host_tests::virtual_unit::drive::move_durations_s;
 use host_tests::virtual_unit::driven::DrivenRins;
 use host_tests::virtual_unit::presets;
@@ -9,6 +9,7 @@ use host_tests::virtual_unit::unit::VirtualUnit;
 use proptest::collection::vec;
 use proptest::prelude::*;
 use rins_selfcal::base::method::Method;
+use rins_selfcal::gimbal::servo::PERIOD_US;
 use rins_selfcal::link::{
     Answer, Command, Decoder, Item, MAX_FRAME_BYTES, Payload, Refusal, Setting, SettingName, Status, UNLOCK_WORD,
     UNLOCKED_US, encode,
@@ -278,6 +279,33 @@ fn erasing_and_setting_need_an_unlock_which_times_out() {
     ];
     assert_eq!(answers, expected);
     assert!(memory.stored.is_none());
+}
+
+/// A record takes many turns of the main loop, and the next command waits for it. Samples do not.
+#[test]
+fn a_record_is_read_in_pieces() {
+    let mut memory = calibrated();
+    let all = power_up(PowerUpPolicy::OnCommand, &mut memory, &[], |told, sender| {
+        if state(told) == Some(State::Correcting) {
+            sender.command(1, &Command::Status);
+            sender.command(2, &Command::Read(Item::History { back: 0 }));
+            sender.command(3, &Command::Read(Item::History { back: 9 }));
+            sender.command(4, &Command::Status);
+        }
+        matches!(told, Told::Answer(4, _))
+    });
+    let answers = answers(&all);
+    assert_eq!(answers.iter().map(|(number, _)| *number).collect::<Vec<_>>(), [1, 2, 3, 4]);
+    let [Answer::Status(before), Answer::Calibration(_), nothing, Answer::Status(after)] =
+        [answers[0].1, answers[1].1, answers[2].1, answers[3].1]
+    else {
+        panic!("{answers:?}")
+    };
+    assert_eq!(nothing, &refused(Refusal::Nothing));
+    // A turn of the main loop a control period.
+    let pieces_us = 2 * u64::from(PIECES) * PERIOD_US;
+    assert!((pieces_us..pieces_us + 10 * PERIOD_US).contains(&(after.time_us - before.time_us)), "{after:?}");
+    assert_eq!(after.missing, 0);
 }
 
 #[test]

@@ -12,7 +12,7 @@ use rins_selfcal::keep::frame::Damage;
 use rins_selfcal::keep::medium::{Eeprom, Flash, Medium};
 use rins_selfcal::keep::record::{FORMAT_VERSION, HISTORY, SLOT_BYTES, encode};
 use rins_selfcal::keep::slots::StoreError;
-use rins_selfcal::keep::store::{CalibrationStore, Loaded, REJECTED_IN_A_ROW};
+use rins_selfcal::keep::store::{CalibrationStore, Loaded, Piece, REJECTED_IN_A_ROW, Wanted};
 use rins_selfcal::model::error_model::InstrumentErrors;
 use rins_selfcal::run::result::{StoredCalibration, StoredVerdict};
 use rins_selfcal::verdict::{Reason, Verdict};
@@ -144,6 +144,71 @@ fn blank_memory_is_empty_and_the_newest_record_is_found() {
     check::<Pages>();
     check::<Internal>();
     check::<Serial>();
+}
+
+/// An EEPROM that counts the bytes that are read.
+struct Counted {
+    eeprom: Pages,
+    read: usize,
+}
+
+impl Medium for Counted {
+    type Error = <Pages as Medium>::Error;
+    const ERASE_BYTES: Option<usize> = Pages::ERASE_BYTES;
+    const READ_FAULT_IS_DAMAGE: bool = Pages::READ_FAULT_IS_DAMAGE;
+
+    fn capacity(&self) -> usize {
+        self.eeprom.capacity()
+    }
+
+    fn read(&mut self, address: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
+        self.read += bytes.len();
+        self.eeprom.read(address, bytes)
+    }
+
+    fn write(&mut self, address: u32, bytes: &[u8]) -> Result<(), Self::Error> {
+        self.eeprom.write(address, bytes)
+    }
+
+    fn erase(&mut self, address: u32, length: usize) -> Result<(), Self::Error> {
+        self.eeprom.erase(address, length)
+    }
+}
+
+/// Reads a record piece by piece. Returns the number of pieces and the number of the record.
+fn in_pieces(store: &mut CalibrationStore<Counted>, wanted: Wanted) -> (usize, Option<u32>) {
+    for pieces in 1..=SLOT_BYTES / 32 {
+        store.memory().read = 0;
+        let piece = store.read_piece(wanted).expect("a memory that works");
+        assert!(store.memory().read <= 32, "{} bytes at once", store.memory().read);
+        match piece {
+            Piece::More => {}
+            Piece::Whole(found) => return (pieces, Some(number(&found))),
+            Piece::Nothing => return (pieces, None),
+        }
+    }
+    panic!("the read does not end");
+}
+
+#[test]
+fn a_record_is_read_in_pieces_and_a_write_in_between_begins_the_read_anew() {
+    let mut store = CalibrationStore::new(Counted { eeprom: Pages::blank(), read: 0 });
+    (0..3).for_each(|number| assert_eq!(store.save(&record(number)), Ok(0)));
+    let (pieces, newest) = in_pieces(&mut store, Wanted::Newest);
+    assert!(pieces > 5 && newest == Some(2), "{pieces} pieces, {newest:?}");
+    for (back, found) in [(0, Some(2)), (1, Some(1)), (2, Some(0)), (3, None), (u16::MAX, None)] {
+        assert_eq!(in_pieces(&mut store, Wanted::Entry { back }).1, found);
+    }
+    let begin = |store: &mut CalibrationStore<Counted>| assert_eq!(store.read_piece(Wanted::Newest), Ok(Piece::More));
+    begin(&mut store);
+    assert_eq!(store.save(&record(3)), Ok(0));
+    assert_eq!(in_pieces(&mut store, Wanted::Newest), (pieces, Some(3)));
+    begin(&mut store);
+    assert_eq!(in_pieces(&mut store, Wanted::Entry { back: 2 }).1, Some(1));
+    assert_eq!(in_pieces(&mut store, Wanted::Newest), (pieces, Some(3)));
+    begin(&mut store);
+    store.erase().expect("a memory that works");
+    assert_eq!(in_pieces(&mut store, Wanted::Newest).1, None);
 }
 
 // ------------------------------------------------------------------------------------------------------- power is cut

@@ -4,6 +4,7 @@ use super::motion_log::MotionLog;
 use super::surroundings::{Archive, Surroundings};
 use super::tell::tell;
 use crate::base::linear::Real;
+use crate::keep::store::Wanted;
 use crate::link::{Answer, CONFIRM_TOLERANCE_RAD, Command, Hello, Item, Link, Refusal, Setting, Status};
 use crate::model::error_model::PARAMETERS;
 use crate::run::config::SelfCalibrationConfig;
@@ -14,6 +15,15 @@ use crate::run::unit::{UnitConfiguration, UnitName};
 
 type Run<'m, T> = SelfCalibration<'m, T>;
 
+/// How a command is answered.
+#[expect(clippy::large_enum_variant, reason = "there is no heap to box on")]
+pub(super) enum Reply {
+    /// Now.
+    Now(Answer),
+    /// With this record, once it is read.
+    Record(Wanted),
+}
+
 /// Carries out one command. Not inlined, as the functions below, so that their stack is free for the other functions.
 ///
 /// # Errors
@@ -22,17 +32,23 @@ type Run<'m, T> = SelfCalibration<'m, T>;
 pub(super) fn carry_out<T: Real>(
     command: &Command,
     run: &mut Run<'_, T>,
-    motion_log: &mut MotionLog,
+    (motion_log, unit): (&mut MotionLog, &mut Option<UnitName>),
     link: &mut Link,
     outside: &mut impl Surroundings<T>,
-) -> Result<Answer, Refusal> {
+) -> Result<Reply, Refusal> {
     let now_us = outside.now_us();
-    match command {
+    let answer = match command {
+        Command::Read(Item::Calibration) => return Ok(Reply::Record(Wanted::Newest)),
+        Command::Read(Item::History { back }) => return Ok(Reply::Record(Wanted::Entry { back: *back })),
+        Command::Read(Item::Event { back }) => outside.event(*back).map(Answer::Event).ok_or(Refusal::Nothing),
+        Command::Read(Item::Unit) => unit.clone().map(Answer::Unit).ok_or(Refusal::Nothing),
+        Command::Read(Item::Setting(name)) => Ok(Answer::Setting(Setting::of(run.config(), *name))),
+        Command::Read(Item::Estimate) => estimate(run),
+        Command::Read(Item::Covariance { row }) => covariance(*row, run),
         Command::Hello => Ok(Answer::Hello(Hello::new::<T>())),
         Command::Status => Ok(Answer::Status(status(run, link, outside))),
         Command::Stop => stop(run, link, outside),
         Command::Abort => abort(run),
-        Command::Read(item) => read(*item, run, outside),
         Command::Stream(on) => {
             link.stream(*on);
             Ok(Answer::Done)
@@ -56,13 +72,20 @@ pub(super) fn carry_out<T: Real>(
         Command::Start => start(run),
         Command::Set(setting) => set(setting, run, outside),
         Command::Erase => erase(run.state(), outside),
-        Command::Commission(unit) => commission(unit, run, outside),
+        Command::Commission(name) => {
+            commission(name, run, outside)?;
+            *unit = Some(name.clone());
+            Ok(Answer::Done)
+        }
         Command::Decommission => {
             idle(run.state())?;
-            outside.archive().erase_configuration().map(|()| Answer::Done)
+            outside.archive().erase_configuration()?;
+            *unit = None;
+            Ok(Answer::Done)
         }
         Command::ConfirmAngles(angles_rad) => confirm(*angles_rad, run.state(), motion_log, outside),
-    }
+    };
+    answer.map(Reply::Now)
 }
 
 /// The state of the instrument now.
@@ -136,15 +159,10 @@ fn set<T: Real>(
 
 /// Stores the configuration in force for the next power-up. The time of this power-up is no part of it.
 #[inline(never)]
-fn commission<T: Real>(
-    unit: &UnitName,
-    run: &Run<'_, T>,
-    outside: &mut impl Surroundings<T>,
-) -> Result<Answer, Refusal> {
+fn commission<T: Real>(unit: &UnitName, run: &Run<'_, T>, outside: &mut impl Surroundings<T>) -> Result<(), Refusal> {
     idle(run.state())?;
     let run = SelfCalibrationConfig { utc_s: None, ..run.config().clone() };
-    outside.archive().configure(&UnitConfiguration { unit: unit.clone(), run })?;
-    Ok(Answer::Done)
+    outside.archive().configure(&UnitConfiguration { unit: unit.clone(), run })
 }
 
 fn confirm<T: Real>(
@@ -166,28 +184,31 @@ fn erase<T: Real>(state: State, outside: &mut impl Surroundings<T>) -> Result<An
 }
 
 #[inline(never)]
-fn read<T: Real>(item: Item, run: &Run<'_, T>, outside: &mut impl Surroundings<T>) -> Result<Answer, Refusal> {
+fn estimate<T: Real>(run: &Run<'_, T>) -> Result<Answer, Refusal> {
+    complete(run)?;
     let estimator = run.calibrator().estimator();
-    let segments = estimator.segments().len() as u16;
-    match item {
-        Item::Calibration => outside.archive().newest()?.map(Answer::Calibration).ok_or(Refusal::Nothing),
-        Item::History { back } => outside.archive().entry(back)?.map(Answer::Calibration).ok_or(Refusal::Nothing),
-        Item::Event { back } => outside.event(back).map(Answer::Event).ok_or(Refusal::Nothing),
-        Item::Unit => {
-            let found = outside.archive().configuration().configuration;
-            found.map(|found| Answer::Unit(found.unit)).ok_or(Refusal::Nothing)
-        }
-        Item::Setting(name) => Ok(Answer::Setting(Setting::of(run.config(), name))),
-        Item::Estimate | Item::Covariance { .. } if segments == 0 => Err(Refusal::Nothing),
-        // Between two pieces of the pass after a stop the estimate is incomplete, and so it stays if the run ends there.
-        Item::Estimate | Item::Covariance { .. } if estimator.is_refreshing() => {
-            Err(idle(run.state()).err().unwrap_or(Refusal::Nothing))
-        }
-        Item::Estimate => Ok(Answer::Estimate { segments, estimate: estimator.estimate() }),
-        Item::Covariance { row } if usize::from(row) < PARAMETERS => {
-            let values = estimator.covariance_row(row.into()).map(Real::widened).data.0[0];
-            Ok(Answer::Covariance { row, values })
-        }
-        Item::Covariance { .. } => Err(Refusal::Nothing),
+    Ok(Answer::Estimate { segments: estimator.segments().len() as u16, estimate: estimator.estimate() })
+}
+
+#[inline(never)]
+fn covariance<T: Real>(row: u8, run: &Run<'_, T>) -> Result<Answer, Refusal> {
+    complete(run)?;
+    if usize::from(row) >= PARAMETERS {
+        return Err(Refusal::Nothing);
+    }
+    let values = run.calibrator().estimator().covariance_row(row.into()).map(Real::widened).data.0[0];
+    Ok(Answer::Covariance { row, values })
+}
+
+/// Refuses to read an estimate that has no segments or is not complete. Between two pieces of the pass after a stop it is
+/// incomplete, and so it stays if the run ends there.
+fn complete<T: Real>(run: &Run<'_, T>) -> Result<(), Refusal> {
+    let estimator = run.calibrator().estimator();
+    if estimator.segments().is_empty() {
+        Err(Refusal::Nothing)
+    } else if estimator.is_refreshing() {
+        Err(idle(run.state()).err().unwrap_or(Refusal::Nothing))
+    } else {
+        Ok(())
     }
 }

@@ -1,6 +1,6 @@
 //! The main loop of the instrument, from power-up on.
 
-use super::commands::{carry_out, status};
+use super::commands::{Reply, carry_out, status};
 use super::motion_log::MotionLog;
 use super::startup::Startup;
 use super::surroundings::{Archive, Done, FoundRecord, Surroundings};
@@ -10,13 +10,15 @@ use crate::base::linear::Real;
 use crate::base::sample::SampleStatus;
 use crate::estimator::MAX_SEGMENTS;
 use crate::gimbal::{GimbalStatus, MotionCommand};
-use crate::link::{Answer, Hello, Link};
+use crate::keep::store::{Piece, Wanted};
+use crate::link::{Answer, Hello, Link, Refusal};
 use crate::run::abort::AbortReason;
 use crate::run::calibrator::Calibrator;
 use crate::run::config::ConfigError;
 use crate::run::result::StoredCalibration;
 use crate::run::self_calibration::{SelfCalibration, prepare};
 use crate::run::telemetry::Message;
+use crate::run::unit::UnitName;
 
 /// Largest number of received bytes that one turn of the main loop processes: what the fastest line brings in 5 ms.
 const BYTES_PER_TURN: usize = 512;
@@ -126,6 +128,10 @@ pub struct Instrument<'m, T: Real> {
     motion_log: MotionLog,
     /// Number of samples that were refused because the IMU had restarted.
     restarted: u32,
+    /// The name of the unit in the archive.
+    unit: Option<UnitName>,
+    /// The number of the command that waits for a record, and the record.
+    reading: Option<(u16, Wanted)>,
 }
 
 impl<'m, T: Real> Instrument<'m, T> {
@@ -144,6 +150,7 @@ impl<'m, T: Real> Instrument<'m, T> {
     ) -> Result<Self, ConfigError> {
         link.greet(Hello::new::<T>());
         let stored = load(link, outside);
+        let unit = unit_name(outside);
         tell(link, outside, &Message::Restarted(startup.restart().clone()));
         while let Err(error) = prepare(startup.config(), calibrator) {
             tell(link, outside, &Message::Refused(error));
@@ -151,14 +158,14 @@ impl<'m, T: Real> Instrument<'m, T> {
                 return Err(error);
             }
         }
-        Ok(Self::ready(startup, stored.as_ref(), link, calibrator))
+        Ok(Self::ready(startup, (stored.as_ref(), unit), link, calibrator))
     }
 
     /// The instrument with a configuration that is checked. Not inlined, so that the check does not need its stack.
     #[inline(never)]
     fn ready(
         startup: &Startup,
-        stored: Option<&StoredCalibration>,
+        (stored, unit): (Option<&StoredCalibration>, Option<UnitName>),
         link: &'m mut Link,
         calibrator: &'m mut Calibrator<T, MAX_SEGMENTS>,
     ) -> Self {
@@ -166,7 +173,7 @@ impl<'m, T: Real> Instrument<'m, T> {
         if let Some(lock) = startup.motion_lock() {
             run.lock_motion(lock);
         }
-        Self { run, link, samples: 0, motion_log: MotionLog::default(), restarted: 0 }
+        Self { run, link, samples: 0, motion_log: MotionLog::default(), restarted: 0, unit, reading: None }
     }
 
     /// One turn of the main loop: processes all waiting samples, then checks the clock, then answers the received
@@ -279,25 +286,44 @@ impl<'m, T: Real> Instrument<'m, T> {
         outside.command(motion, gimbal.time_us);
     }
 
-    /// Answers the received command, and reports the status when it is due. The work is bounded, whatever arrives:
-    /// while an answer waits to be sent, received bytes stay where they are.
+    /// Answers the received command, and reports the status when it is due. The work is bounded, whatever arrives: while
+    /// an answer waits to be sent, or a record to be read, received bytes stay where they are.
     #[inline(never)]
     fn serve(&mut self, outside: &mut impl Surroundings<T>) {
         self.link.note_overrun(outside.overrun());
+        self.read_on(outside);
         for _ in 0..BYTES_PER_TURN {
-            if !self.link.is_answered() {
+            if !self.link.is_answered() || self.reading.is_some() {
                 break;
             }
             let Some(byte) = outside.receive() else { break };
             if let Some((number, command)) = self.link.receive(byte) {
-                let answer = carry_out(&command, &mut self.run, &mut self.motion_log, self.link, outside);
-                self.link.reply(number, &answer.unwrap_or_else(Answer::Refused));
+                let known = (&mut self.motion_log, &mut self.unit);
+                match carry_out(&command, &mut self.run, known, self.link, outside) {
+                    Ok(Reply::Now(answer)) => self.link.reply(number, &answer),
+                    Ok(Reply::Record(wanted)) => self.reading = Some((number, wanted)),
+                    Err(refusal) => self.link.reply(number, &Answer::Refused(refusal)),
+                }
             }
         }
         if self.link.is_status_due(outside.now_us()) {
             let status = status(&self.run, self.link, outside);
             self.link.volunteer(&Answer::Status(status));
         }
+    }
+
+    /// Reads the next piece of the record that a command waits for. A whole record takes long in an EEPROM.
+    #[inline(never)]
+    fn read_on(&mut self, outside: &mut impl Surroundings<T>) {
+        let Some((number, wanted)) = self.reading else { return };
+        let answer = match outside.archive().read_piece(wanted) {
+            Ok(Piece::More) => return,
+            Ok(Piece::Whole(record)) => Answer::Calibration(record),
+            Ok(Piece::Nothing) => Answer::Refused(Refusal::Nothing),
+            Err(refusal) => Answer::Refused(refusal),
+        };
+        self.reading = None;
+        self.link.reply(number, &answer);
     }
 }
 
@@ -307,4 +333,10 @@ fn load<T: Real>(link: &mut Link, outside: &mut impl Surroundings<T>) -> Option<
     let FoundRecord { record, damaged, fault, other_version, .. } = outside.archive().power_up();
     tell(link, outside, &Message::Store { found: record.is_some(), damaged, fault, other_version });
     record
+}
+
+/// The name of the unit in the archive. Its configuration is long, so it is read at power-up only.
+#[inline(never)]
+fn unit_name<T: Real>(outside: &mut impl Surroundings<T>) -> Option<UnitName> {
+    outside.archive().configuration().configuration.map(|found| found.unit)
 }

@@ -13,7 +13,7 @@ use crate::gimbal::{GimbalStatus, MotionCommand};
 use crate::keep::black_box::{Entry, Event};
 use crate::keep::mark::Mark;
 use crate::keep::medium::Medium;
-use crate::keep::store::{CalibrationStore, Loaded};
+use crate::keep::store::{CalibrationStore, Loaded, Piece, Wanted};
 use crate::link::{Link, Refusal};
 use crate::run::result::StoredCalibration;
 use crate::run::state::State;
@@ -89,17 +89,12 @@ pub trait Archive {
     /// Stores the result of a run, accepted or rejected. Returns whether the record is stored.
     fn save(&mut self, record: &StoredCalibration) -> bool;
 
-    /// The calibration that the next power-up would use.
+    /// Reads the next piece of a calibration. While it returns [`Piece::More`], it is called again with the same
+    /// argument, once in a turn of the main loop. A piece takes less than the interval of the samples.
     ///
     /// # Errors
     /// [`Refusal::Memory`]: the memory does not work.
-    fn newest(&mut self) -> Result<Option<StoredCalibration>, Refusal>;
-
-    /// An entry of the history of calibrations, 0 for the newest; `None` beyond the last. Rejected runs are included.
-    ///
-    /// # Errors
-    /// [`Refusal::Memory`]: the memory does not work.
-    fn entry(&mut self, back: u16) -> Result<Option<StoredCalibration>, Refusal>;
+    fn read_piece(&mut self, wanted: Wanted) -> Result<Piece, Refusal>;
 
     /// Erases all calibrations.
     ///
@@ -159,13 +154,8 @@ impl<M: Medium> Archive for CalibrationStore<M> {
         Self::save(self, record).is_ok()
     }
 
-    fn newest(&mut self) -> Result<Option<StoredCalibration>, Refusal> {
-        self.newest_record().map_err(|_| Refusal::Memory)
-    }
-
-    fn entry(&mut self, back: u16) -> Result<Option<StoredCalibration>, Refusal> {
-        let entry = Self::entry(self, back.into()).map_err(|_| Refusal::Memory)?;
-        Ok(entry.map(|(_, record)| record))
+    fn read_piece(&mut self, wanted: Wanted) -> Result<Piece, Refusal> {
+        Self::read_piece(self, wanted).map_err(|_| Refusal::Memory)
     }
 
     fn erase(&mut self) -> Result<(), Refusal> {

@@ -6,7 +6,7 @@ use crate::keep::journal::Journal;
 use crate::keep::mark::{MARKS_AHEAD, Mark, Marks};
 use crate::keep::medium::Medium;
 use crate::keep::partition::{Layout, Partition};
-use crate::keep::store::CalibrationStore;
+use crate::keep::store::{CalibrationStore, Piece, Wanted};
 use crate::link::Refusal;
 use crate::run::result::StoredCalibration;
 use crate::run::unit::UnitConfiguration;
@@ -82,12 +82,8 @@ impl<M: Medium> Archive for UnitMemory<M> {
         Archive::save(&mut self.calibrations, record)
     }
 
-    fn newest(&mut self) -> Result<Option<StoredCalibration>, Refusal> {
-        self.calibrations.newest()
-    }
-
-    fn entry(&mut self, back: u16) -> Result<Option<StoredCalibration>, Refusal> {
-        Archive::entry(&mut self.calibrations, back)
+    fn read_piece(&mut self, wanted: Wanted) -> Result<Piece, Refusal> {
+        Archive::read_piece(&mut self.calibrations, wanted)
     }
 
     fn erase(&mut self) -> Result<(), Refusal> {

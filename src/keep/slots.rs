@@ -120,6 +120,23 @@ impl Tail {
     }
 }
 
+/// How far a slot has been read.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cursor {
+    place: usize,
+    /// The next byte.
+    next: usize,
+    /// Whether the slot is read for the second time.
+    is_second: bool,
+}
+
+impl Cursor {
+    /// At the beginning of the slot at this place.
+    pub const fn at(place: usize) -> Self {
+        Self { place, next: 0, is_second: false }
+    }
+}
+
 /// What a slot holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Content {
@@ -184,42 +201,58 @@ impl<M: Medium, K: Kind> Slots<M, K> {
             see(place, content, slot.as_ref());
         }
         // A memory of which nothing can be read does not work.
-        if is_readable { Ok(()) } else { self.fetch(0, &mut slot) }
+        if is_readable { Ok(()) } else { self.fetch(&mut Cursor::at(0), &mut slot) }
     }
 
-    /// The content of a slot, which is read into `slot`. A slot that seems damaged is read again, because the transfer
-    /// may have been disturbed.
+    /// The content of a slot, which is read into `slot`.
     pub fn inspect(&mut self, place: usize, slot: &mut K::Slot) -> Result<Content, StoreError<M::Error>> {
-        match self.content(place, slot) {
-            Ok(Content::Damaged(_)) => self.content(place, slot),
-            found => found,
+        let mut cursor = Cursor::at(place);
+        loop {
+            if let Some(content) = self.read_piece(&mut cursor, slot)? {
+                return Ok(content);
+            }
         }
     }
 
-    fn content(&mut self, place: usize, slot: &mut K::Slot) -> Result<Content, StoreError<M::Error>> {
-        match self.fetch(place, slot) {
-            Ok(()) if slot.as_ref().first_chunk() == Some(&BLANK_PIECE) => Ok(Content::Blank),
-            Ok(()) => Ok(frame::check(slot.as_ref(), K::MAGIC).map_or_else(Content::Damaged, Content::Frame)),
-            Err(_) if M::READ_FAULT_IS_DAMAGE => Ok(Content::Damaged(Damage::Unreadable)),
-            Err(error) => Err(error),
+    /// Reads the next 32 bytes of a slot into `slot`. Returns the content of the slot once as much is read as its header
+    /// claims; the rest of `slot` is then blank. A slot that seems damaged is read again, because the transfer may have
+    /// been disturbed.
+    pub fn read_piece(
+        &mut self,
+        cursor: &mut Cursor,
+        slot: &mut K::Slot,
+    ) -> Result<Option<Content>, StoreError<M::Error>> {
+        if cursor.next == 0 {
+            slot.as_mut().fill(0xff);
         }
+        let content = match self.fetch(cursor, slot) {
+            Ok(()) if cursor.next < Self::claimed_bytes(slot.as_ref()) => return Ok(None),
+            Ok(()) if slot.as_ref().first_chunk() == Some(&BLANK_PIECE) => Content::Blank,
+            Ok(()) => frame::check(slot.as_ref(), K::MAGIC).map_or_else(Content::Damaged, Content::Frame),
+            Err(_) if M::READ_FAULT_IS_DAMAGE => Content::Damaged(Damage::Unreadable),
+            Err(error) => return Err(error),
+        };
+        if matches!(content, Content::Damaged(_)) && !cursor.is_second {
+            *cursor = Cursor { is_second: true, ..Cursor::at(cursor.place) };
+            return Ok(None);
+        }
+        Ok(Some(content))
     }
 
-    /// Reads as much of a slot as its header claims. The rest of `slot` becomes blank.
-    fn fetch(&mut self, place: usize, slot: &mut K::Slot) -> Result<(), StoreError<M::Error>> {
-        let address = Self::address(place);
-        let slot = slot.as_mut();
-        slot.fill(0xff);
-        let Some((head, rest)) = slot.split_first_chunk_mut::<PIECE_BYTES>() else { return Err(StoreError::Size) };
-        self.memory.read(address, head).map_err(StoreError::Memory)?;
-        if *head == BLANK_PIECE {
-            return Ok(());
-        }
-        // If the length is not possible, nothing more is read, and the check of the frame reports the length.
-        let more =
-            frame::used_bytes(head, Self::BYTES).map_or(0, |used| used.next_multiple_of(PIECE_BYTES) - PIECE_BYTES);
-        let rest = rest.get_mut(..more).unwrap_or_default();
-        self.memory.read(address + PIECE_BYTES as u32, rest).map_err(StoreError::Memory)
+    /// Reads the piece at the cursor.
+    fn fetch(&mut self, cursor: &mut Cursor, slot: &mut K::Slot) -> Result<(), StoreError<M::Error>> {
+        let piece = slot.as_mut().get_mut(cursor.next..cursor.next + PIECE_BYTES).ok_or(StoreError::Size)?;
+        let address = Self::address(cursor.place) + cursor.next as u32;
+        self.memory.read(address, piece).map_err(StoreError::Memory)?;
+        cursor.next += PIECE_BYTES;
+        Ok(())
+    }
+
+    /// Number of bytes of whole pieces that the header of a slot claims. If the length is not possible, this is the first
+    /// piece, and the check of the frame reports the length.
+    fn claimed_bytes(slot: &[u8]) -> usize {
+        let head = slot.first_chunk().filter(|head| **head != BLANK_PIECE);
+        head.and_then(|head| frame::used_bytes(head, Self::BYTES)).unwrap_or(0).next_multiple_of(PIECE_BYTES)
     }
 
     fn is_blank(&mut self, place: usize) -> bool {

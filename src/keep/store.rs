@@ -13,8 +13,8 @@
 
 use super::frame::{Damage, Frame};
 use super::medium::Medium;
-use super::record::{Calibrations, FORMAT_VERSION, MAX_SLOTS};
-use super::slots::{Change, Content, Kind, Position, Slots, StoreError, Tail};
+use super::record::{Calibrations, FORMAT_VERSION, MAX_SLOTS, SLOT_BYTES};
+use super::slots::{Change, Content, Cursor, Kind, Position, Slots, StoreError, Tail};
 use crate::run::result::StoredCalibration;
 use heapless::Vec;
 
@@ -42,6 +42,32 @@ pub enum Loaded {
         /// The first damage. A record of newer software comes before it, an intact record of older software after it.
         damage: Damage,
     },
+}
+
+/// A record that can be read in pieces.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Wanted {
+    /// The calibration that the next power-up would use.
+    Newest,
+    /// An entry of the history of calibrations, rejected ones included.
+    Entry {
+        /// Number of newer entries.
+        back: u16,
+    },
+}
+
+/// What a piece of a read has given.
+#[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[expect(clippy::large_enum_variant, reason = "there is no heap to box the record on")]
+pub enum Piece {
+    /// The record is not whole yet.
+    More,
+    /// The whole record.
+    Whole(StoredCalibration),
+    /// There is no such record, or it has been damaged since the last inspection.
+    Nothing,
 }
 
 /// The state of one slot.
@@ -134,12 +160,15 @@ pub struct CalibrationStore<M> {
     slots: Slots<M, Calibrations>,
     /// State of every slot, as found at the first access and as written since then.
     states: Vec<Slot, MAX_SLOTS>,
+    /// The read under way, and its slot.
+    reading: Option<(Wanted, Cursor)>,
+    slot: [u8; SLOT_BYTES],
 }
 
 impl<M: Medium> CalibrationStore<M> {
     /// The store in `memory`. The memory is not accessed yet.
     pub fn new(memory: M) -> Self {
-        Self { slots: Slots::new(memory), states: Vec::new() }
+        Self { slots: Slots::new(memory), states: Vec::new(), reading: None, slot: Calibrations::BLANK }
     }
 
     /// The memory. The store sees bytes that were written directly only after the next [`Self::load`].
@@ -168,16 +197,27 @@ impl<M: Medium> CalibrationStore<M> {
         Ok(Loaded::Found { record, damage })
     }
 
-    /// The newest accepted calibration, by the last inspection of the slots. Only the slot of this calibration is read.
+    /// Reads the next 32 bytes of a record, so that no caller has to wait for a whole record: call it again while it
+    /// returns [`Piece::More`]. A read of another record, and a write or an erase, begin the read anew.
     ///
     /// # Errors
     /// The memory does not work or is too small.
     #[inline(never)]
-    pub fn newest_record(&mut self) -> Result<Option<StoredCalibration>, StoreError<M::Error>> {
+    pub fn read_piece(&mut self, wanted: Wanted) -> Result<Piece, StoreError<M::Error>> {
         self.scan_once()?;
-        match self.newest_accepted() {
-            Some(newest) => Ok(self.read(newest.at.place)?.map(|(_, record)| record)),
-            None => Ok(None),
+        let started = self.reading.take().filter(|(started, _)| *started == wanted).map(|(_, cursor)| cursor);
+        let first = || match wanted {
+            Wanted::Newest => self.newest_accepted().map(|newest| newest.at.place),
+            Wanted::Entry { back } => self.place(back.into()),
+        };
+        let Some(mut cursor) = started.or_else(|| first().map(Cursor::at)) else { return Ok(Piece::Nothing) };
+        match self.slots.read_piece(&mut cursor, &mut self.slot)? {
+            None => {
+                self.reading = Some((wanted, cursor));
+                Ok(Piece::More)
+            }
+            Some(Content::Frame(frame)) => Ok(record(frame, &self.slot).map_or(Piece::Nothing, Piece::Whole)),
+            Some(Content::Blank | Content::Damaged(_)) => Ok(Piece::Nothing),
         }
     }
 
@@ -227,6 +267,7 @@ impl<M: Medium> CalibrationStore<M> {
     /// The memory does not work or is too small, the record does not fit, no slot takes it, or it must not be written.
     #[inline(never)]
     pub fn save(&mut self, record: &StoredCalibration) -> Result<usize, StoreError<M::Error>> {
+        self.reading = None;
         self.scan_once()?;
         self.refuse_newer()?;
         let holds = Holds::of(record);
@@ -267,7 +308,12 @@ impl<M: Medium> CalibrationStore<M> {
         let _ = self.scan();
         let tail = self.tail();
         self.states.clear();
-        self.slots.erase(&tail)
+        self.reading = None;
+        self.slots.erase(&tail)?;
+        // The memory is blank, and no access has to search it. There is room for the state of every slot.
+        let count = self.slots.count()?;
+        self.states.resize(count, Slot::Empty).unwrap_or_default();
+        Ok(())
     }
 
     // --------------------------------------------------------------------------------------------------------- reading

@@ -27,6 +27,7 @@ use rins_selfcal::instrument::{
 };
 use rins_selfcal::keep::black_box::{Entry, Event};
 use rins_selfcal::keep::mark::Mark;
+use rins_selfcal::keep::store::{Piece, Wanted};
 use rins_selfcal::link::{Link, Refusal};
 use rins_selfcal::run::assignment::{Assignment, MAX_ASSIGNMENT_BYTES};
 use rins_selfcal::run::calibrator::Calibrator;
@@ -102,7 +103,12 @@ pub struct Memory {
     pub configuration: Option<UnitConfiguration>,
     /// The last mark of motion.
     pub mark: Option<Mark>,
+    /// Number of pieces of the present record that have been read.
+    pub pieces: u8,
 }
+
+/// Number of pieces in which [`Memory`] is read: a record has as many in an EEPROM.
+pub const PIECES: u8 = 20;
 
 impl Archive for Memory {
     fn power_up(&mut self) -> FoundRecord {
@@ -118,12 +124,17 @@ impl Archive for Memory {
         true
     }
 
-    fn newest(&mut self) -> Result<Option<StoredCalibration>, Refusal> {
-        Ok(self.stored.clone())
-    }
-
-    fn entry(&mut self, back: u16) -> Result<Option<StoredCalibration>, Refusal> {
-        Ok(self.history.iter().rev().nth(back.into()).cloned())
+    fn read_piece(&mut self, wanted: Wanted) -> Result<Piece, Refusal> {
+        self.pieces += 1;
+        if self.pieces < PIECES {
+            return Ok(Piece::More);
+        }
+        self.pieces = 0;
+        let found = match wanted {
+            Wanted::Newest => self.stored.clone(),
+            Wanted::Entry { back } => self.history.iter().rev().nth(back.into()).cloned(),
+        };
+        Ok(found.map_or(Piece::Nothing, Piece::Whole))
     }
 
     fn erase(&mut self) -> Result<(), Refusal> {

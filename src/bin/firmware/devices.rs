@@ -18,7 +18,7 @@ use rins_selfcal::instrument::{
 use rins_selfcal::keep::black_box::{Entry, Event};
 use rins_selfcal::keep::mark::Mark;
 use rins_selfcal::keep::slots::StoreError;
-use rins_selfcal::keep::store::REJECTED_IN_A_ROW;
+use rins_selfcal::keep::store::{Piece, REJECTED_IN_A_ROW, Wanted};
 use rins_selfcal::link::{Link, Refusal};
 use rins_selfcal::run::result::StoredCalibration;
 use rins_selfcal::run::state::State;
@@ -183,12 +183,8 @@ impl<B: Board> Archive for Devices<'_, B> {
         saved.is_ok()
     }
 
-    fn newest(&mut self) -> Result<Option<StoredCalibration>, Refusal> {
-        self.board.parts().memory.newest()
-    }
-
-    fn entry(&mut self, back: u16) -> Result<Option<StoredCalibration>, Refusal> {
-        Archive::entry(&mut self.board.parts().memory, back)
+    fn read_piece(&mut self, wanted: Wanted) -> Result<Piece, Refusal> {
+        Archive::read_piece(&mut self.board.parts().memory, wanted)
     }
 
     fn erase(&mut self) -> Result<(), Refusal> {
