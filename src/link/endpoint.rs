@@ -223,7 +223,7 @@ impl Default for Link {
 }
 
 /// The lane of a message on the serial line; `None` if it is not sent there.
-fn lane(message: &Message) -> Option<Lane> {
+pub fn lane(message: &Message) -> Option<Lane> {
     match message {
         Message::Covariance { .. } | Message::Innovations(_) => None,
         Message::Segment(_) | Message::Corrected { .. } | Message::Queue { .. } => Some(Lane::Routine),

@@ -10,7 +10,7 @@ mod outbox;
 mod protocol;
 
 pub use corrected::CorrectedReport;
-pub use endpoint::Link;
+pub use endpoint::{Link, lane};
 pub use frame::{
     Damage, Decoder, Dropped, Frame, MAX_FRAME_BYTES, MAX_PAYLOAD_BYTES, PROTOCOL_VERSION, Payload, encode,
 };

@@ -110,7 +110,7 @@ impl Campaign {
 }
 
 /// The largest error relative to its tolerance, and its parameter if the ratio exceeds one.
-fn compare(solution: &Solution, truth: &InstrumentErrors<f64>) -> (f64, Option<Wrong>) {
+pub(super) fn compare(solution: &Solution, truth: &InstrumentErrors<f64>) -> (f64, Option<Wrong>) {
     const TOLERANCE_SIGMAS: f64 = 4.5;
     const TOLERANCE_ARCSEC: f64 = 1.0;
     let difference = solution.estimate.errors.to_vector() - truth.to_vector();

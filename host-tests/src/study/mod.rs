@@ -6,6 +6,7 @@ pub mod effects_table;
 pub mod fault_campaign;
 pub mod fault_table;
 pub mod faults;
+pub mod hostile_line;
 pub mod monte_carlo;
 pub mod power_ups;
 pub mod promises;
