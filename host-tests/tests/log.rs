@@ -253,11 +253,11 @@ fn unit_files_have_defaults_and_name_what_is_wrong() {
     let text = config_refused("text.toml", "[site]\nlatitude_deg = \"north\"\n");
     assert!(text.starts_with("text.toml:2: latitude_deg: invalid type: string"), "{text}");
     let pole = config_refused("pole.toml", "[noise]\n[site]\n\nlatitude_deg = 91\n");
-    assert_eq!(pole, "pole.toml:4: latitude_deg: must be between -90 and 90");
+    assert_eq!(pole, "pole.toml:4: latitude_deg: must be from -90 to 90 deg");
     let negative = config_refused("negative.toml", "[noise]\ngyro_arw_deg_sqrt_h = -1.0\n");
     assert_eq!(negative, "negative.toml:2: gyro_arw_deg_sqrt_h: must be finite and not negative");
     let nan = config_refused("nan.toml", "[site]\nlatitude_deg = nan\n");
-    assert_eq!(nan, "nan.toml:2: latitude_deg: must be between -90 and 90");
+    assert_eq!(nan, "nan.toml:2: latitude_deg: must be from -90 to 90 deg");
     assert!(config_refused("syntax.toml", "[site]\nlatitude_deg 3\n").starts_with("syntax.toml:2: "));
     assert!(config_refused("none.toml", "[orbit]\n").starts_with("none.toml:1: unknown field `orbit`"));
     assert!(UnitConfig::read(&scratch("nowhere.toml")).unwrap_err().to_string().contains("nowhere.toml: No such"));

@@ -4,7 +4,7 @@
 //! the number is taken from the type. The check and its message both use that table. A row may also be a derived number,
 //! such as the ratio of two fields.
 
-use crate::base::units::{ARCSEC, DEG};
+use crate::base::units::{ARCSEC, DEG, DEG_H, MGAL, MICRO_G, PPM};
 use core::fmt;
 
 /// A unit of measurement of a bound.
@@ -36,6 +36,15 @@ pub const DEGREES_PER_S3: Unit = Unit { symbol: "deg/s^3", si: DEG };
 pub const ARCSECONDS: Unit = Unit { symbol: "arcsec", si: ARCSEC };
 /// Milliseconds.
 pub const MILLISECONDS: Unit = Unit { symbol: "ms", si: 1e-3 };
+
+/// Degrees per hour.
+pub const DEGREES_PER_H: Unit = Unit { symbol: "deg/h", si: DEG_H };
+/// Parts per million.
+pub const PARTS_PER_MILLION: Unit = Unit { symbol: "ppm", si: PPM };
+/// Millionths of standard gravity.
+pub const MICROGRAVITIES: Unit = Unit { symbol: "ug", si: MICRO_G };
+/// Milligals.
+pub const MILLIGALS: Unit = Unit { symbol: "mGal", si: MGAL };
 
 /// Relative rounding error that a number may have after its conversion to SI units.
 const ROUNDING: f64 = 1e-12;

@@ -1,27 +1,13 @@
 //! Normal gravity and Earth rotation at the site of the instrument, WGS-84.
 
+use crate::base::bounds::{Bounded, DEGREES, Unit};
 use crate::base::units::DEG;
 use serde::{Deserialize, Serialize};
 
 /// Earth rotation rate, rad/s (WGS-84).
 pub const EARTH_RATE_RAD_S: f64 = 7.292_115e-5;
 
-/// Sigma of a latitude that is given, deg.
-pub const LATITUDE_SIGMA_DEG: f64 = 0.02;
-/// Sigma of a latitude that is not given, deg. It is so wide that the gyros find the latitude.
-pub const UNKNOWN_LATITUDE_SIGMA_DEG: f64 = 60.0;
-/// Sigma of a height that is given, m.
-pub const HEIGHT_SIGMA_M: f64 = 30.0;
-/// Sigma of a height that is not given and taken as 0, m.
-pub const UNKNOWN_HEIGHT_SIGMA_M: f64 = 2000.0;
-/// Sigma of the difference between gravity and normal gravity at a known place, mGal.
-pub const GRAVITY_SIGMA_MGAL: f64 = 20.0;
-/// Sigma of a measured gravity, mGal.
-pub const MEASURED_GRAVITY_SIGMA_MGAL: f64 = 1.0;
-/// Decrease of gravity with height, mGal/m.
-pub const GRAVITY_BY_HEIGHT_MGAL_M: f64 = 0.3086;
-
-/// Location of the instrument.
+/// Location of the instrument. [`SITE_BOUNDS`] has the permitted range of every number.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Site {
@@ -32,6 +18,14 @@ pub struct Site {
     /// Measured gravity, m/s^2. If present, it replaces the normal gravity.
     pub measured_gravity_m_s2: Option<f64>,
 }
+
+/// The permitted range of every number of [`Site`]: heights from below the sea floor to where the series for normal gravity
+/// ends, and gravity as it is on Earth at these heights.
+pub static SITE_BOUNDS: [Bounded<Site>; 3] = [
+    Bounded::new("latitude", DEGREES, [-90.0, 90.0], |site| site.latitude_rad),
+    Bounded::new("height", Unit::si("m"), [-12_000.0, 100_000.0], |site| site.height_m),
+    Bounded::new("gravity", Unit::si("m/s^2"), [9.0, 10.0], Site::gravity_m_s2),
+];
 
 impl Default for Site {
     /// Bai's laboratory: latitude 30.93041 deg north, height 20 m.

@@ -1,5 +1,6 @@
 //! Configuration of the estimator, and prior sigmas before the first segment.
 
+use crate::base::bounds::{Bounded, DEGREES};
 use crate::base::hardware::Hardware;
 use crate::base::linear::{ComplexField, Real, Vector, real};
 use crate::base::method::Method;
@@ -55,6 +56,18 @@ pub enum HeadingSource {
         sigma_rad: f64,
     },
 }
+
+/// The permitted range of every number of [`HeadingSource`].
+pub static HEADING_BOUNDS: [Bounded<HeadingSource>; 2] = [
+    Bounded::new("heading", DEGREES, [-1e6, 1e6], |source| match source {
+        HeadingSource::Configured { heading_rad, .. } => *heading_rad,
+        HeadingSource::Gyrocompass => 0.0,
+    }),
+    Bounded::new("sigma of the heading", DEGREES, [1e-9, 1e6], |source| match source {
+        HeadingSource::Configured { sigma_rad, .. } => *sigma_rad,
+        HeadingSource::Gyrocompass => 1.0,
+    }),
+];
 
 /// Configuration of the estimator.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

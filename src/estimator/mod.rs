@@ -12,7 +12,7 @@ mod sweep;
 mod two_stage;
 
 pub use configuration::{
-    BEFORE_EFFECTS, BEFORE_PARAMETERS, EstimatorConfig, HeadingSource, KNOWN_LATITUDE_RAD, STATES,
+    BEFORE_EFFECTS, BEFORE_PARAMETERS, EstimatorConfig, HEADING_BOUNDS, HeadingSource, KNOWN_LATITUDE_RAD, STATES,
 };
 pub use joint::{Estimator, LEAST_TURN_RAD, MAX_SEGMENTS};
 pub use solution::{EffectEstimates, Estimate, Fit, LargestInnovation, OBSERVED_RATIO, SegmentInnovations, Solution};

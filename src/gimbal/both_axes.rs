@@ -372,7 +372,7 @@ mod tests {
         gimbal.command(MotionCommand::Hold);
         periods(&mut gimbal, 1000, [0.0; 2]);
         assert!(gimbal.status().at_rest);
-        let mut blind = |gimbal: &mut Gimbal<f64>, count: u64| {
+        let blind = |gimbal: &mut Gimbal<f64>, count: u64| {
             let inputs =
                 GimbalInputs { encoders: [Err(EncoderFault::Silent), Ok(Angle::default())], bridges: [Ok(()); 2] };
             let mut drives = [Drive::Off; 2];

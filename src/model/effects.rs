@@ -16,7 +16,8 @@
 //! noise that differs from segment to segment has no state: cross-quadratic, g-sensitivity, sub-division, rocking, and
 //! pulses.
 
-use crate::base::hardware::{FLICKER_DENSITY, Hardware, HardwareSize, REFERENCE_RATE_RAD_S};
+use crate::base::bounds::{Bounded, DEGREES, MILLIGALS};
+use crate::base::hardware::{FLICKER_DENSITY, HARDWARE, Hardware, HardwareSize, REFERENCE_RATE_RAD_S};
 use crate::base::linear::{ComplexField, Matrix, Real, Vector3, columns as columns_of, real};
 use crate::base::site::EARTH_RATE_RAD_S;
 use crate::base::units::{ARCSEC, DEG, DEG_H, HOUR_S, MGAL, MICRO_G, PPM};
@@ -85,7 +86,7 @@ const FLICKER_SPACING: f64 = 2.07;
 /// sqrt(s). White noise hides the finer structure of the flicker of a gyro.
 const GYRO_FLICKER_WALK: f64 = 0.17;
 
-/// Sigmas of what is known about the site.
+/// Sigmas of what is known about the site. [`SITE_SIGMA_BOUNDS`] has the permitted range of every number.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SiteSigmas {
@@ -94,6 +95,12 @@ pub struct SiteSigmas {
     /// Sigma of gravity at the given latitude, from height and anomaly, m/s^2.
     pub gravity_m_s2: f64,
 }
+
+/// The permitted range of every number of [`SiteSigmas`].
+pub static SITE_SIGMA_BOUNDS: [Bounded<SiteSigmas>; 2] = [
+    Bounded::new("sigma of the latitude", DEGREES, [0.0, 90.0], |sigmas| sigmas.latitude_rad),
+    Bounded::new("sigma of gravity", MILLIGALS, [0.0, 100_000.0], |sigmas| sigmas.gravity_m_s2),
+];
 
 impl SiteSigmas {
     /// The site is known exactly.

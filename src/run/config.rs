@@ -1,23 +1,24 @@
 //! The configuration of a run, and the reasons why a configuration is refused.
 
-use crate::base::bounds::{Bound, first_outside};
+use crate::base::bounds::{ARCSECONDS, Bound, Bounded, Unit, first_outside};
 use crate::base::hardware::{HARDWARE, HardwareSize};
 use crate::base::method::Method;
-use crate::base::units::DEG;
+use crate::base::site::SITE_BOUNDS;
 use crate::estimator::EstimatorConfig;
 use crate::estimator::rehearsal::SHORTEST_STOP_S;
-use crate::estimator::{HeadingSource, KNOWN_LATITUDE_RAD, MAX_SEGMENTS};
+use crate::estimator::{HEADING_BOUNDS, KNOWN_LATITUDE_RAD, MAX_SEGMENTS};
 use crate::gimbal::axis::{AXIS_AND_MOTOR_BOUNDS, AXIS_BOUNDS, AxisLimits};
 use crate::gimbal::fault::AXIS_NAMES;
 use crate::gimbal::servo::{MOTOR_BOUNDS, MotorAndLoad};
+use crate::model::effects::SITE_SIGMA_BOUNDS;
 use crate::model::error_model::PARAMETER_INFO;
-use crate::run::policy::PowerUpPolicy;
-use crate::run::sequencer::Pace;
+use crate::run::policy::{POLICY_BOUNDS, PowerUpPolicy};
+use crate::run::sequencer::{PACE_BOUNDS, Pace};
 use crate::scheme::{Scheme, SchemeError};
 use crate::segment::Stillness;
-use crate::verdict::VerdictLimits;
+use crate::segment::white_noise::NOISE_BOUNDS;
+use crate::verdict::{LIMIT_BOUNDS, VerdictLimits};
 use core::fmt;
-use core::ops::RangeInclusive;
 use serde::{Deserialize, Serialize};
 
 /// The configuration of the chain from samples to parameters.
@@ -84,14 +85,13 @@ impl BoundedNumber {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ConfigError {
-    /// The sample rate is not from 50 to 10 000 Hz.
+    /// The sample rate is outside [`RATE_BOUNDS`].
     Rate,
-    /// A noise is not positive and finite, or the noise margin is below 1.
+    /// A noise is outside [`NOISE_BOUNDS`].
     Noise,
-    /// The heading or its sigma is not finite, or the sigma is not positive.
+    /// The heading or its sigma is outside [`HEADING_BOUNDS`].
     Heading,
-    /// The range of an axis at rest is not positive or exceeds 1 deg, or the innovation gate is not positive and
-    /// finite.
+    /// The range of an axis at rest or the innovation gate is outside [`STILLNESS_BOUNDS`].
     Stillness,
     /// A number is outside its bounds.
     OutOfBounds {
@@ -100,17 +100,17 @@ pub enum ConfigError {
         /// The axis, if the number belongs to an axis.
         axis: Option<u8>,
     },
-    /// The longest time of a run is not finite and positive.
+    /// The longest time of a run is outside [`PACE_BOUNDS`].
     Pace,
-    /// A limit of the power-up policy is not finite, or negative.
+    /// A limit of the power-up policy is outside [`POLICY_BOUNDS`].
     Policy,
-    /// A limit of the verdict is not positive and finite.
+    /// A limit of the verdict is outside [`LIMIT_BOUNDS`].
     Limits,
     /// A size of the hardware is outside its bounds: the row of [`HARDWARE`].
     Hardware(u8),
     /// The scheme has more segments than fit into memory.
     Segments,
-    /// The latitude is beyond 90 deg, or the height or the gravity is not finite.
+    /// A number is outside [`SITE_BOUNDS`] or [`SITE_SIGMA_BOUNDS`], or the two-stage method does not know the latitude.
     Site,
     /// The scheme is not valid.
     Scheme(SchemeError),
@@ -161,29 +161,32 @@ impl fmt::Display for ConfigError {
         }
         let name = |axis: &u8| AXIS_NAMES.get(usize::from(*axis)).copied().unwrap_or("?");
         match self {
-            Self::Rate => f.write_str("the sample rate must be from 50 to 10 000 Hz"),
-            Self::Noise => f.write_str("every noise must be finite and positive, and the noise margin at least 1"),
-            Self::Heading => f.write_str("a configured heading must be finite, and its sigma finite and positive"),
-            Self::Stillness => f.write_str(
-                "the angle range of an axis at rest must be positive and at most 1 deg, and the innovation gate finite and \
-                 positive",
-            ),
+            Self::Rate => write_bounds(f, &RATE_BOUNDS),
+            Self::Noise => write_bounds(f, &NOISE_BOUNDS),
+            Self::Heading => write_bounds(f, &HEADING_BOUNDS),
+            Self::Stillness => write_bounds(f, &STILLNESS_BOUNDS),
             Self::OutOfBounds { number, axis } => write_outside(f, *number, axis.as_ref().map(name)),
-            Self::Pace => f.write_str("the longest time of a run must be finite and positive"),
-            Self::Policy => {
-                f.write_str("the temperature limit of the power-up policy must be finite and not negative")
+            Self::Pace => write_bounds(f, &PACE_BOUNDS),
+            Self::Policy => write_bounds(f, &POLICY_BOUNDS),
+            Self::Limits => {
+                f.write_str("of the limits of the verdict, ")?;
+                write_bounds(f, &LIMIT_BOUNDS)
             }
-            Self::Limits => f.write_str("every limit of the verdict must be finite and positive"),
             Self::Hardware(row) => match HARDWARE.get(usize::from(*row)) {
                 Some(HardwareSize { key, unit, largest, .. }) => {
                     write!(f, "the size {key} of the hardware must be from 0 to {largest} {unit}")
                 }
                 None => f.write_str("a size of the hardware is outside its bounds"),
             },
-            Self::Segments => write!(f, "the scheme has more than {MAX_SEGMENTS} stops and moves, which do not fit into memory"),
-            Self::Site => f.write_str(
-                "the latitude must be within 90 deg and known for the two-stage method, height and gravity must be finite, and their sigmas must be from 0 to 90 deg and to 1 m/s^2",
-            ),
+            Self::Segments => {
+                write!(f, "the scheme has more than {MAX_SEGMENTS} stops and moves, which do not fit into memory")
+            }
+            Self::Site => {
+                write_bounds(f, &SITE_BOUNDS)?;
+                f.write_str("; ")?;
+                write_bounds(f, &SITE_SIGMA_BOUNDS)?;
+                f.write_str("; and the two-stage method must know the latitude")
+            }
             Self::Scheme(error) => error.fmt(f),
             Self::TooFast(axis) => {
                 write!(f, "the scheme turns or accelerates faster than the limits of the {} axis permit", name(axis))
@@ -204,6 +207,15 @@ impl fmt::Display for ConfigError {
     }
 }
 
+/// All bounds of a table: which of its numbers is wrong is not told.
+fn write_bounds<C>(f: &mut fmt::Formatter<'_>, table: &[Bounded<C>]) -> fmt::Result {
+    for (row, Bounded { bound, .. }) in table.iter().enumerate() {
+        let separator = if row > 0 { ", " } else { "" };
+        write!(f, "{separator}the {} must be {bound}", bound.name)?;
+    }
+    Ok(())
+}
+
 fn write_outside(f: &mut fmt::Formatter<'_>, number: BoundedNumber, axis: Option<&str>) -> fmt::Result {
     let Some(bound) = number.bound() else { return f.write_str("a number is outside its bounds") };
     match axis {
@@ -212,70 +224,47 @@ fn write_outside(f: &mut fmt::Formatter<'_>, number: BoundedNumber, axis: Option
     }
 }
 
-/// Permitted sample rates, Hz. The lower limit keeps enough samples in a segmenter's block and in the time constant of
-/// the position loop. The upper limit keeps the interval at 100 us or more, as time stamps are in whole
+/// The permitted range of the sample rate. The lower limit keeps enough samples in a segmenter's block and in the time
+/// constant of the position loop. The upper limit keeps the interval at 100 us or more, as time stamps are in whole
 /// microseconds.
-const RATES_HZ: RangeInclusive<f64> = 50.0..=10_000.0;
+pub static RATE_BOUNDS: [Bounded<CalibratorConfig>; 1] =
+    [Bounded::new("sample rate", Unit::si("Hz"), [50.0, 10_000.0], |config| config.rate_hz)];
 
-/// Largest sigma of gravity, m/s^2.
-const LARGEST_GRAVITY_SIGMA: f64 = 1.0;
-
-fn positive(x: &f64) -> bool {
-    x.is_finite() && *x > 0.0
-}
+/// The permitted range of the numbers by which stops are told from moves, and measurements from outliers. No gate is
+/// permitted too.
+pub static STILLNESS_BOUNDS: [Bounded<CalibratorConfig>; 2] = [
+    Bounded::new("angle range of an axis at rest", ARCSECONDS, [1e-3, 3600.0], |config| config.stillness.still_rad),
+    Bounded::new("innovation gate", Unit::si("sigmas"), [1e-3, 1e6], |config| {
+        config.estimator.gate_sigma.unwrap_or(1.0)
+    }),
+];
 
 impl SelfCalibrationConfig {
-    /// Checks every number, so that no later step can fail because of the configuration. Not inlined, because the
-    /// rehearsal that follows needs the stack.
+    /// Checks every number, so that no later step can fail because of the configuration. Every number has its bounds in
+    /// one table beside its type. Not inlined, because the rehearsal that follows needs the stack.
     ///
     /// # Errors
     /// The first number that is wrong.
     #[inline(never)]
     pub fn check(&self) -> Result<(), ConfigError> {
-        let estimator = &self.calibrator.estimator;
-        let (noise, site) = (&estimator.noise, &estimator.site);
-        if !RATES_HZ.contains(&self.calibrator.rate_hz) {
-            return Err(ConfigError::Rate);
-        }
-        if ![noise.accel_psd_sqrt, noise.gyro_psd_sqrt, noise.encoder_sigma_rad, noise.margin].iter().all(positive)
-            || noise.margin < 1.0
-        {
-            return Err(ConfigError::Noise);
-        }
-        if let HeadingSource::Configured { heading_rad, sigma_rad } = estimator.heading
-            && !(heading_rad.is_finite() && positive(&sigma_rad))
-        {
-            return Err(ConfigError::Heading);
-        }
-        if !(f64::MIN_POSITIVE..=DEG).contains(&self.calibrator.stillness.still_rad)
-            || !estimator.gate_sigma.as_ref().is_none_or(positive)
-        {
-            return Err(ConfigError::Stillness);
-        }
+        let Self { calibrator, limits, pace, policy, .. } = self;
+        let estimator = &calibrator.estimator;
+        within(&RATE_BOUNDS, calibrator, ConfigError::Rate)?;
+        within(&NOISE_BOUNDS, &estimator.noise, ConfigError::Noise)?;
+        within(&HEADING_BOUNDS, &estimator.heading, ConfigError::Heading)?;
+        within(&STILLNESS_BOUNDS, calibrator, ConfigError::Stillness)?;
         let wrong = estimator.hardware.first_wrong();
         if let Some(row) = wrong.and_then(|wrong| HARDWARE.iter().position(|size| size.key == wrong.key)) {
             return Err(ConfigError::Hardware(row as u8));
         }
-        let sigmas = &estimator.site_sigmas;
-        let is_unknown = sigmas.latitude_rad > KNOWN_LATITUDE_RAD && estimator.method == Method::TwoStage;
-        if is_unknown
-            || !(0.0..=90.1 * DEG).contains(&sigmas.latitude_rad)
-            || !(0.0..=LARGEST_GRAVITY_SIGMA).contains(&sigmas.gravity_m_s2)
-        {
+        within(&SITE_BOUNDS, &estimator.site, ConfigError::Site)?;
+        within(&SITE_SIGMA_BOUNDS, &estimator.site_sigmas, ConfigError::Site)?;
+        if estimator.site_sigmas.latitude_rad > KNOWN_LATITUDE_RAD && estimator.method == Method::TwoStage {
             return Err(ConfigError::Site);
         }
-        if !(-90.1 * DEG..=90.1 * DEG).contains(&site.latitude_rad) || !positive(&site.gravity_m_s2()) {
-            return Err(ConfigError::Site);
-        }
-        if !self.pace.is_valid() {
-            return Err(ConfigError::Pace);
-        }
-        if !self.policy.is_valid() {
-            return Err(ConfigError::Policy);
-        }
-        if !self.limits.are_positive() {
-            return Err(ConfigError::Limits);
-        }
+        within(&PACE_BOUNDS, pace, ConfigError::Pace)?;
+        within(&POLICY_BOUNDS, policy, ConfigError::Policy)?;
+        within(&LIMIT_BOUNDS, limits, ConfigError::Limits)?;
         check_motion(&self.scheme, &self.axes)?;
         if 2 * self.scheme.moves() + 1 > MAX_SEGMENTS {
             return Err(ConfigError::Segments);
@@ -300,6 +289,12 @@ impl SelfCalibrationConfig {
         }
         calibrator
     }
+}
+
+/// # Errors
+/// `error`, if a number is outside the bounds of its table.
+fn within<C>(table: &[Bounded<C>], of: &C, error: ConfigError) -> Result<(), ConfigError> {
+    first_outside(table, of).map_or(Ok(()), |_| Err(error))
 }
 
 fn within_bounds(outside: Option<BoundedNumber>, axis: u8) -> Result<(), ConfigError> {
@@ -334,6 +329,8 @@ mod tests {
     use super::*;
     use crate::base::method::Method;
     use crate::base::site::Site;
+    use crate::base::units::DEG;
+    use crate::estimator::HeadingSource;
     use crate::gimbal::{Travel, TurnSource};
     use crate::segment::white_noise::Noise;
     use std::string::ToString;
@@ -350,7 +347,7 @@ mod tests {
         let axis = |row, axis| ConfigError::OutOfBounds { number: BoundedNumber::Axis(row), axis: Some(axis) };
         let motor = |row, axis| ConfigError::OutOfBounds { number: BoundedNumber::Motor(row), axis: Some(axis) };
         let both = |row, axis| ConfigError::OutOfBounds { number: BoundedNumber::AxisAndMotor(row), axis: Some(axis) };
-        let wrong: [(Spoil, ConfigError); 34] = [
+        let wrong: [(Spoil, ConfigError); 41] = [
             (|config| config.motors[1].inertia_kg_m2 = 0.0, motor(0, 1)),
             (|config| config.motors[0].viscous_nm_s = f64::INFINITY, motor(2, 0)),
             (|config| config.motors[0].inductance_h = -1e-3, motor(5, 0)),
@@ -373,6 +370,13 @@ mod tests {
             (|config| config.calibrator.estimator.gate_sigma = Some(-5.0), ConfigError::Stillness),
             (|config| config.calibrator.estimator.site.latitude_rad = f64::NAN, ConfigError::Site),
             (|config| config.calibrator.estimator.site.measured_gravity_m_s2 = Some(0.0), ConfigError::Site),
+            (|config| config.calibrator.estimator.site.latitude_rad = 90.05 * DEG, ConfigError::Site),
+            (|config| config.calibrator.estimator.site.height_m = 1e6, ConfigError::Site),
+            (|config| config.calibrator.estimator.site.measured_gravity_m_s2 = Some(1.62), ConfigError::Site),
+            (|config| config.calibrator.estimator.site_sigmas.latitude_rad = f64::NAN, ConfigError::Site),
+            (|config| config.calibrator.estimator.noise.margin = f64::INFINITY, ConfigError::Noise),
+            (|config| config.calibrator.estimator.noise.accel_psd_sqrt = 1e300, ConfigError::Noise),
+            (|config| config.limits = config.limits.requiring(f64::NAN), ConfigError::Limits),
             (|config| config.limits.scale = f64::NAN, ConfigError::Limits),
             (|config| config.limits = config.limits.requiring(0.0), ConfigError::Limits),
             (|config| config.scheme.first_stop_s = 0.0, ConfigError::Scheme(SchemeError::Stop(0))),
@@ -411,6 +415,15 @@ mod tests {
              the highest acceleration"
         );
         assert_eq!(outside(BoundedNumber::Motor(99), None), "[config-bounds] a number is outside its bounds");
+    }
+
+    #[test]
+    fn the_bounds_of_a_wrong_number_are_told() {
+        assert_eq!(ConfigError::Rate.to_string(), "[config-rate] the sample rate must be from 50 to 10000 Hz");
+        let noise = ConfigError::Noise.to_string();
+        assert!(noise.contains("the velocity random walk must be from 1e-6 to 1e6 ug/sqrt(Hz), the angle"), "{noise}");
+        let site = ConfigError::Site.to_string();
+        assert!(site.contains("the latitude must be from -90 to 90 deg, the height must be"), "{site}");
     }
 
     fn stored(lowest_rad: f64, highest_rad: f64) -> Travel {

@@ -1,5 +1,6 @@
 //! The decision at power-up: calibrate, or correct with the stored calibration.
 
+use crate::base::bounds::{Bounded, Unit};
 use crate::base::imu_identity::ImuIdentity;
 use crate::base::restart::Restart;
 use core::fmt;
@@ -158,15 +159,14 @@ impl PowerUpPolicy {
             }
         }
     }
-
-    /// Whether every number is finite and not negative.
-    pub fn is_valid(self) -> bool {
-        match self {
-            Self::WhenDue { temperature_k: Some(limit), .. } => limit.is_finite() && limit >= 0.0,
-            _ => true,
-        }
-    }
 }
+
+/// The permitted range of every number of [`PowerUpPolicy`]. No limit is permitted too.
+pub static POLICY_BOUNDS: [Bounded<PowerUpPolicy>; 1] =
+    [Bounded::new("temperature limit of the power-up policy", Unit::si("K"), [0.0, 1000.0], |policy| match policy {
+        PowerUpPolicy::WhenDue { temperature_k: Some(limit), .. } => f64::from(*limit),
+        _ => 0.0,
+    })];
 
 fn too_old(stored: Conditions, now: Conditions, limit_s: u64) -> Option<Cause> {
     let age_s = now.utc_s.zip(stored.utc_s).and_then(|(now, then)| now.checked_sub(then));

@@ -28,6 +28,7 @@
 //! and Stranded.
 
 use super::abort::AbortReason;
+use crate::base::bounds::{Bounded, Unit};
 use crate::run::policy::Decision;
 use crate::run::state::State;
 use crate::scheme::{Leg, SETTLING_S, Scheme};
@@ -64,12 +65,9 @@ impl Default for Pace {
     }
 }
 
-impl Pace {
-    /// Whether the longest time is finite and positive.
-    pub fn is_valid(&self) -> bool {
-        self.longest_s.is_none_or(|longest_s| longest_s.is_finite() && longest_s > 0.0)
-    }
-}
+/// The permitted range of every number of [`Pace`]. No limit is permitted too.
+pub static PACE_BOUNDS: [Bounded<Pace>; 1] =
+    [Bounded::new("longest time of a run", Unit::si("s"), [1e-3, 1e6], |pace| pace.longest_s.unwrap_or(1.0))];
 
 /// What the sequencer needs to know at each step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -10,10 +10,11 @@
 use super::readings::Readings;
 use super::types::{Segment, Standing};
 use crate::base::angle::Angle;
+use crate::base::bounds::{ARCSECONDS, Bounded, Unit};
 use crate::base::hardware::{FLICKER_DENSITY, Hardware};
 use crate::base::linear::{ComplexField, Real};
 use crate::base::sample::CHANNELS;
-use crate::base::units::STANDARD_GRAVITY_M_S2;
+use crate::base::units::{DEG_SQRT_H, MICRO_G, STANDARD_GRAVITY_M_S2};
 use serde::{Deserialize, Serialize};
 
 /// Normal deviate above which the noise of a stop counts as larger than configured. The probability that chance exceeds
@@ -26,7 +27,7 @@ const INSTALLATION_RAD: f64 = 0.02;
 /// variance that remains in the trend.
 const TREND_PART: f64 = 3.0;
 
-/// White noise of the sensors and repeatability of the encoders.
+/// White noise of the sensors and repeatability of the encoders. [`NOISE_BOUNDS`] has the permitted range of every number.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Noise {
@@ -40,6 +41,19 @@ pub struct Noise {
     /// configured is allowed.
     pub margin: f64,
 }
+
+/// The permitted range of every number of [`Noise`], far beyond every real sensor at both ends. A filter without noise
+/// cannot be calculated.
+pub static NOISE_BOUNDS: [Bounded<Noise>; 4] = [
+    Bounded::new("velocity random walk", Unit { symbol: "ug/sqrt(Hz)", si: MICRO_G }, [1e-6, 1e6], |noise| {
+        noise.accel_psd_sqrt
+    }),
+    Bounded::new("angle random walk", Unit { symbol: "deg/sqrt(h)", si: DEG_SQRT_H }, [1e-9, 1e3], |noise| {
+        noise.gyro_psd_sqrt
+    }),
+    Bounded::new("repeatability of the encoders", ARCSECONDS, [1e-6, 3600.0], |noise| noise.encoder_sigma_rad),
+    Bounded::new("noise margin", Unit::si(""), [1.0, 1e6], |noise| noise.margin),
+];
 
 /// Scatter of one channel at a stop, in units of the noise that is allowed.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,5 +1,6 @@
 //! Limits of a result that do not follow from statistics: plausible values and required sigmas.
 
+use crate::base::bounds::{Bounded, DEGREES, DEGREES_PER_H, MICROGRAVITIES, PARTS_PER_MILLION, Unit};
 use crate::base::units::{DEG, DEG_H, MICRO_G, PPM};
 use crate::estimator::Solution;
 use crate::model::error_model::{INSTALLATION_STATES, PARAMETERS, block};
@@ -9,7 +10,7 @@ use serde::{Deserialize, Serialize};
 /// The twelve installation errors of the paper.
 pub(super) const INSTALLATION: Range<usize> = 0..INSTALLATION_STATES;
 
-/// Limits of a result that do not follow from statistics.
+/// Limits of a result that do not follow from statistics. [`LIMIT_BOUNDS`] has the permitted range of every number.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct VerdictLimits {
@@ -30,19 +31,25 @@ pub struct VerdictLimits {
     pub required_sigmas: Option<[f64; PARAMETERS]>,
 }
 
+/// The permitted range of every number of [`VerdictLimits`]. A limit of zero would reject every result.
+pub static LIMIT_BOUNDS: [Bounded<VerdictLimits>; 7] = [
+    Bounded::new("installation errors", DEGREES, [1e-6, 90.0], |limits| limits.installation_rad),
+    Bounded::new("accelerometer biases", MICROGRAVITIES, [1e-3, 1e7], |limits| limits.accel_bias_m_s2),
+    Bounded::new("gyro biases", DEGREES_PER_H, [1e-6, 1e6], |limits| limits.gyro_bias_rad_s),
+    Bounded::new("scale-factor errors", PARTS_PER_MILLION, [1e-3, 1e6], |limits| limits.scale),
+    Bounded::new("non-perpendicularity", DEGREES, [1e-6, 90.0], |limits| limits.non_perpendicularity_rad),
+    Bounded::new("tilt of the base", DEGREES, [1e-6, 180.0], |limits| limits.base_tilt_rad),
+    Bounded::new("required sigmas", Unit::si("SI"), [1e-15, f64::INFINITY], |limits| {
+        let smallest = limits.smallest_required();
+        if smallest == f64::INFINITY { 1.0 } else { smallest }
+    }),
+];
+
 impl VerdictLimits {
-    /// Whether every limit is positive and finite.
-    pub fn are_positive(&self) -> bool {
-        let limits = [
-            self.installation_rad,
-            self.accel_bias_m_s2,
-            self.gyro_bias_rad_s,
-            self.scale,
-            self.non_perpendicularity_rad,
-            self.base_tilt_rad,
-        ];
+    /// The smallest required sigma, SI; infinite if nothing is required, and not a number if a required sigma is none.
+    fn smallest_required(&self) -> f64 {
         let required = self.required_sigmas.iter().flatten();
-        limits.iter().all(|limit| limit.is_finite() && *limit > 0.0) && required.into_iter().all(|limit| *limit > 0.0)
+        required.fold(f64::INFINITY, |least, sigma| if *sigma < least || sigma.is_nan() { *sigma } else { least })
     }
 
     /// Requires at most this sigma, rad, of each of the twelve installation errors.

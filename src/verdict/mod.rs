@@ -14,7 +14,7 @@ pub mod wiring;
 pub use assessment::{Assessment, Verdict};
 pub use fit::is_good_fit;
 pub use judge::judge;
-pub use limits::VerdictLimits;
+pub use limits::{LIMIT_BOUNDS, VerdictLimits};
 pub use motion::unrest;
 pub use reason::{CHANNEL_NAMES, Reason, Sensors, Unrest};
 pub use scale::WrongScale;

@@ -314,7 +314,7 @@ scheme = "fast-60"
             ("turn = \"stored\"\n", "", "travel_deg: a limited travel needs the key turn"),
             ("\"continuous\"", "\"continuous\"\nturn = \"unique\"", "turn: a continuous axis has no turn to know"),
             ("\"when-due\"", "\"always\"", "policy: age_h and temperature_k belong to \"when-due\""),
-            ("latitude_deg = 52.0", "latitude_deg = 152.0", "latitude_deg: must be between -90 and 90"),
+            ("latitude_deg = 52.0", "latitude_deg = 152.0", "latitude_deg: must be from -90 to 90 deg"),
             ("serial = \"0007\"", "serial = \"00000000000000000007\"", "serial: is longer than 16 bytes"),
         ];
         for (old, new, message) in cases {

@@ -30,13 +30,11 @@
 use super::hardware::{self, HardwareTable};
 use super::toml_file::{TomlFile, TomlFileError};
 use crate::base::quantity::significant;
-use rins_selfcal::base::hardware::{Hardware, HardwareSize};
-use rins_selfcal::base::site::{
-    GRAVITY_BY_HEIGHT_MGAL_M, GRAVITY_SIGMA_MGAL, HEIGHT_SIGMA_M, LATITUDE_SIGMA_DEG, MEASURED_GRAVITY_SIGMA_MGAL,
-    Site, UNKNOWN_HEIGHT_SIGMA_M, UNKNOWN_LATITUDE_SIGMA_DEG,
-};
+use rins_selfcal::base::bounds::Bound;
+use rins_selfcal::base::hardware::{HARDWARE, Hardware};
+use rins_selfcal::base::site::{SITE_BOUNDS, Site};
 use rins_selfcal::base::units::{ARCSEC, DEG, DEG_SQRT_H, MGAL, MICRO_G};
-use rins_selfcal::model::effects::SiteSigmas;
+use rins_selfcal::model::effects::{SITE_SIGMA_BOUNDS, SiteSigmas};
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -398,7 +396,7 @@ impl UnitConfig {
         let config = file.parse::<UnitFile>()?.config();
         match config.check() {
             Ok(()) => Ok(config),
-            Err((table, key, what)) => Err(file.wrong_value(table, key, what)),
+            Err((table, key, what)) => Err(file.wrong_value(table, key, &what)),
         }
     }
 
@@ -456,42 +454,40 @@ impl UnitConfig {
     }
 
     /// Finds the first wrong number: table, key, and what is wrong.
-    fn check(&self) -> Result<(), (&'static str, &'static str, &'static str)> {
+    fn check(&self) -> Result<(), (&'static str, &'static str, String)> {
         let inside = |value: f64, low: f64, high: f64| (low..=high).contains(&value);
-        if !self.site.latitude_deg.is_none_or(|latitude| inside(latitude, -90.0, 90.0)) {
-            return Err(("site", "latitude_deg", "must be between -90 and 90"));
-        }
-        if !self.site.height_m.is_none_or(|height| inside(height, -12_000.0, 100_000.0)) {
-            return Err(("site", "height_m", "must be between -12000 and 100000"));
-        }
-        if !self.site.gravity_m_s2.is_none_or(|gravity| inside(gravity, 9.0, 10.0)) {
-            return Err(("site", "gravity_m_s2", "must be between 9 and 10"));
-        }
-        let sigmas = [
-            ("latitude_sigma_deg", self.site.latitude_sigma_deg, 90.0, "must be between 0 and 90"),
-            ("height_sigma_m", self.site.height_sigma_m, 100_000.0, "must be between 0 and 100000"),
-            ("gravity_sigma_mgal", self.site.gravity_sigma_mgal, 100_000.0, "must be between 0 and 100000"),
+        let [latitude, height, gravity] = SITE_BOUNDS.each_ref().map(|row| row.bound);
+        let [latitude_sigma, gravity_sigma] = SITE_SIGMA_BOUNDS.each_ref().map(|row| row.bound);
+        let SiteTable { latitude_deg, latitude_sigma_deg, height_m, height_sigma_m, gravity_m_s2, gravity_sigma_mgal } =
+            self.site;
+        let site = [
+            ("latitude_deg", latitude_deg, latitude),
+            ("latitude_sigma_deg", latitude_sigma_deg, latitude_sigma),
+            ("height_m", height_m, height),
+            ("height_sigma_m", height_sigma_m, Bound { lowest: 0.0, ..height }),
+            ("gravity_m_s2", gravity_m_s2, gravity),
+            ("gravity_sigma_mgal", gravity_sigma_mgal, gravity_sigma),
         ];
-        if let Some((key, .., what)) =
-            sigmas.into_iter().find(|(_, sigma, most, _)| !sigma.is_none_or(|sigma| inside(sigma, 0.0, *most)))
-        {
-            return Err(("site", key, what));
+        for (key, value, bound) in site {
+            if !value.is_none_or(|value| bound.permits(value * bound.unit.si)) {
+                return Err(("site", key, format!("must be {bound}")));
+            }
         }
         if self.site.latitude_deg.is_none() && self.site.latitude_sigma_deg.is_some() {
-            return Err(("site", "latitude_sigma_deg", "needs latitude_deg"));
+            return Err(("site", "latitude_sigma_deg", "needs latitude_deg".into()));
         }
         if self.site.height_m.is_none() && self.site.height_sigma_m.is_some() && self.site.gravity_m_s2.is_none() {
-            return Err(("site", "height_sigma_m", "needs height_m"));
+            return Err(("site", "height_sigma_m", "needs height_m".into()));
         }
-        self.noise.check().map_err(|(key, what)| ("noise", key, what))?;
+        self.noise.check().map_err(|(key, what)| ("noise", key, what.into()))?;
         if !self.sampling.rate_hz.is_none_or(|rate| inside(rate, 1.0, 100_000.0)) {
-            return Err(("sampling", "rate_hz", "must be between 1 and 100000"));
+            return Err(("sampling", "rate_hz", "must be between 1 and 100000".into()));
         }
         if !self.initial.heading_deg.is_none_or(f64::is_finite) {
-            return Err(("initial", "heading_deg", "must be finite"));
+            return Err(("initial", "heading_deg", "must be finite".into()));
         }
         if !(self.initial.heading_sigma_deg.is_finite() && self.initial.heading_sigma_deg > 0.0) {
-            return Err(("initial", "heading_sigma_deg", "must be finite and positive"));
+            return Err(("initial", "heading_sigma_deg", "must be finite and positive".into()));
         }
         Ok(())
     }
@@ -525,6 +521,6 @@ mod tests {
     #[test]
     fn a_sigma_of_a_latitude_that_is_not_given_is_refused() {
         let config: UnitConfig = toml::from_str("site = { latitude_sigma_deg = 1.0 }").expect("a unit description");
-        assert_eq!(config.check(), Err(("site", "latitude_sigma_deg", "needs latitude_deg")));
+        assert_eq!(config.check(), Err(("site", "latitude_sigma_deg", "needs latitude_deg".to_string())));
     }
 }
