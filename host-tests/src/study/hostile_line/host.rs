@@ -59,7 +59,7 @@ const CONFUSED: u64 = 400;
 const ASK: u64 = 2_000;
 const ANSWER: u64 = 60_000;
 /// Time at the end without an attack, control periods.
-const QUIET: u64 = 5_000;
+const QUIET: u64 = 3_000;
 /// Largest movement of an axis that is held, deg.
 const HELD_DEG: f64 = 0.01;
 /// Rate above which an axis moves, rad/s, and time after a run until its axes are at rest, control periods.
@@ -93,7 +93,8 @@ pub struct Heard {
 #[derive(Clone, Copy, Debug)]
 enum Phase {
     Attack(Attack, u64),
-    /// The attack has ended at this period; the host waits for the answer to the command of this number.
+    /// The attack has ended at this period; the host waits for the answer to the command of this number, 0 before it has
+    /// asked.
     Ask {
         since: u64,
         number: u16,
@@ -189,7 +190,7 @@ impl Besieger {
             self.command(Command::Start);
             (*self.random.pick(&Attack::SPARING), RUN)
         } else {
-            (*self.random.pick(&Attack::ALL), 1000 + self.random.below(4000))
+            (*self.random.pick(&Attack::ALL), 500 + self.random.below(2500))
         };
         self.pace = *self.random.pick(&PACES);
         if attack == Attack::Echo {
@@ -279,7 +280,7 @@ impl Besieger {
                 self.breach("the instrument does not answer after an attack");
                 self.begin();
             }
-            Phase::Ask { since, .. } if (now - since).is_multiple_of(ASK) && self.outgoing.is_empty() => {
+            Phase::Ask { since, number } if number == 0 || (now - since).is_multiple_of(ASK) => {
                 // The zero byte ends what the attack has begun.
                 self.outgoing.push_back(0);
                 let number = self.command(Command::Status);
