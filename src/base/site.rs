@@ -7,6 +7,21 @@ use serde::{Deserialize, Serialize};
 /// Earth rotation rate, rad/s (WGS-84).
 pub const EARTH_RATE_RAD_S: f64 = 7.292_115e-5;
 
+/// Sigma of a latitude that is given, deg.
+pub const LATITUDE_SIGMA_DEG: f64 = 0.02;
+/// Sigma of a latitude that is not given, deg. It is so wide that the gyros find the latitude.
+pub const UNKNOWN_LATITUDE_SIGMA_DEG: f64 = 60.0;
+/// Sigma of a height that is given, m.
+pub const HEIGHT_SIGMA_M: f64 = 30.0;
+/// Sigma of a height that is not given and taken as 0, m.
+pub const UNKNOWN_HEIGHT_SIGMA_M: f64 = 2000.0;
+/// Sigma of the difference between gravity and normal gravity at a known place, mGal.
+pub const GRAVITY_SIGMA_MGAL: f64 = 20.0;
+/// Sigma of a measured gravity, mGal.
+pub const MEASURED_GRAVITY_SIGMA_MGAL: f64 = 1.0;
+/// Decrease of gravity with height, mGal/m.
+pub const GRAVITY_BY_HEIGHT_MGAL_M: f64 = 0.3086;
+
 /// Location of the instrument. [`SITE_BOUNDS`] has the permitted range of every number.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -17,7 +17,7 @@
 //! pulses.
 
 use crate::base::bounds::{Bounded, DEGREES, MILLIGALS};
-use crate::base::hardware::{FLICKER_DENSITY, HARDWARE, Hardware, HardwareSize, REFERENCE_RATE_RAD_S};
+use crate::base::hardware::{FLICKER_DENSITY, Hardware, HardwareSize, REFERENCE_RATE_RAD_S};
 use crate::base::linear::{ComplexField, Matrix, Real, Vector3, columns as columns_of, real};
 use crate::base::site::EARTH_RATE_RAD_S;
 use crate::base::units::{ARCSEC, DEG, DEG_H, HOUR_S, MGAL, MICRO_G, PPM};

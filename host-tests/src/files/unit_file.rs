@@ -31,8 +31,11 @@ use super::hardware::{self, HardwareTable};
 use super::toml_file::{TomlFile, TomlFileError};
 use crate::base::quantity::significant;
 use rins_selfcal::base::bounds::Bound;
-use rins_selfcal::base::hardware::{HARDWARE, Hardware};
-use rins_selfcal::base::site::{SITE_BOUNDS, Site};
+use rins_selfcal::base::hardware::{Hardware, HardwareSize};
+use rins_selfcal::base::site::{
+    GRAVITY_BY_HEIGHT_MGAL_M, GRAVITY_SIGMA_MGAL, HEIGHT_SIGMA_M, LATITUDE_SIGMA_DEG, MEASURED_GRAVITY_SIGMA_MGAL,
+    SITE_BOUNDS, Site, UNKNOWN_HEIGHT_SIGMA_M, UNKNOWN_LATITUDE_SIGMA_DEG,
+};
 use rins_selfcal::base::units::{ARCSEC, DEG, DEG_SQRT_H, MGAL, MICRO_G};
 use rins_selfcal::model::effects::{SITE_SIGMA_BOUNDS, SiteSigmas};
 use serde::de::IgnoredAny;
