@@ -58,7 +58,7 @@ pub struct Measurement<T: Real, const N: usize> {
 
 /// Number of entries of U above the diagonal for `states` states: the third parameter of [`UdFilter`].
 pub const fn entries_above_diagonal(states: usize) -> usize {
-    states * (states - 1) / 2
+    states * states.saturating_sub(1) / 2
 }
 
 /// States and their covariance, `P = U D U^T`. `ABOVE` is [`entries_above_diagonal`] of `N`.
@@ -122,8 +122,13 @@ impl<T: Real, const N: usize, const ABOVE: usize> UdFilter<T, N, ABOVE> {
 
     /// The columns of U above the diagonal, with the diagonal of D, for the states in use.
     fn columns(&self) -> impl Iterator<Item = (&[T], &T)> {
-        let mut rest: &[T] = &self.u;
-        self.d.as_slice().iter().take(self.count).enumerate().map_while(move |(j, d)| {
+        self.columns_from(0)
+    }
+
+    /// The columns from this one on.
+    fn columns_from(&self, first: usize) -> impl Iterator<Item = (&[T], &T)> {
+        let mut rest = self.u.get(entries_above_diagonal(first)..).unwrap_or_default();
+        self.d.as_slice().iter().take(self.count).enumerate().skip(first).map_while(move |(j, d)| {
             let (column, after) = rest.split_at_checked(j)?;
             rest = after;
             Some((column, d))
@@ -162,7 +167,7 @@ impl<T: Real, const N: usize, const ABOVE: usize> UdFilter<T, N, ABOVE> {
         let entry = |column: &[T], diagonal: usize, i: usize| {
             if i == diagonal { T::one() } else { column.get(i).copied().unwrap_or(T::zero()) }
         };
-        let columns = self.columns().enumerate().skip(i.max(j));
+        let columns = (i.max(j)..).zip(self.columns_from(i.max(j)));
         columns.fold(T::zero(), |sum, (k, (column, d))| sum + entry(column, k, i) * entry(column, k, j) * *d)
     }
 
