@@ -24,6 +24,7 @@ use rins_selfcal::instrument::{
 use rins_selfcal::link::{Answer, Command, Decoder, Link, PROTOCOL_VERSION, Payload, UNLOCK_WORD};
 use rins_selfcal::run::calibrator::Calibrator;
 use std::cell::RefCell;
+use std::collections::VecDeque;
 
 /// An instrument at rest and level.
 const AT_REST: Reading = Reading {
@@ -90,6 +91,10 @@ impl Target for LinkCommands {
     }
 }
 
+/// Turns in which all commands of an input are answered: seven commands that each read a slot of 3 KiB in pieces of 32
+/// bytes.
+const TURNS_TO_ANSWER: u32 = 7 * 3072 / 32 + 7;
+
 fn serve(input: &[u8], calibrator: &mut Memories) -> Outcome {
     let config = samples::config();
     let memory = Memory { stored: Some(samples::record(1)), ..Memory::default() };
@@ -103,7 +108,13 @@ fn serve(input: &[u8], calibrator: &mut Memories) -> Outcome {
         if index == 0 || *byte == 0 {
             board.sample = Some(raw_sample(&Reading { time_us: 5000 * (1 + index as u64), ..AT_REST }));
         }
-        board.received = Some(*byte);
+        board.received.push_back(*byte);
+        instrument.turn(&mut board);
+    }
+    // Records are read in pieces, one in a turn, and bytes wait meanwhile. So the last answers come later.
+    board.sample = None;
+    for _ in 0..TURNS_TO_ANSWER {
+        board.now_us += 1000;
         instrument.turn(&mut board);
     }
     let config_now = instrument.run().config().clone();
@@ -133,7 +144,7 @@ fn serve(input: &[u8], calibrator: &mut Memories) -> Outcome {
 struct Board {
     now_us: u64,
     sample: Option<RawSample<f64>>,
-    received: Option<u8>,
+    received: VecDeque<u8>,
     sent: Vec<u8>,
     memory: Memory,
 }
@@ -176,7 +187,7 @@ impl Axes for Board {
 
 impl SerialLine for Board {
     fn receive(&mut self) -> Option<u8> {
-        self.received.take()
+        self.received.pop_front()
     }
 
     fn transmit(&mut self, link: &mut Link) {
