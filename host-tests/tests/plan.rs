@@ -52,7 +52,7 @@ fn predicted(scheme: &Scheme) -> Prediction {
 /// Time, s, and the largest sigma of Bai's twelve that the schemes `fast` and `ideal` may leave, arcsec: with hardware
 /// of navigation grade, and with ideal hardware.
 const MARKS: [(u32, [f64; 2]); 5] =
-    [(60, [1.45, 1.00]), (90, [1.08, 0.74]), (120, [0.90, 0.60]), (180, [0.73, 0.46]), (300, [0.56, 0.35])];
+    [(60, [1.42, 1.00]), (90, [1.02, 0.74]), (120, [0.86, 0.60]), (180, [0.69, 0.46]), (300, [0.53, 0.35])];
 
 #[test]
 fn planned_schemes_keep_time_and_travel_and_pass_their_marks() {
