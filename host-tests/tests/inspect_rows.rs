@@ -194,9 +194,10 @@ fn residuals_without_a_name_are_noise_of_the_encoders() {
         enlarged += 1;
         let encoders = found.residuals.as_ref().and_then(|residuals| residuals.encoders).expect("an encoder error");
         let [low, high] = encoders.range_arcsec;
-        // The range is one sigma on either side in the logarithm of the error; four are allowed.
+        // The range is one sigma on either side in the logarithm of the error; five are allowed. Larger errors more often
+        // resemble an effect, so that the logs which show an error of the encoders are those with the smaller ones.
         let sigma = if arcsec < 5.0 { (high / arcsec).ln() } else { (arcsec / low).ln() };
-        assert!(((5.0 / arcsec).ln() / sigma).abs() < 4.0, "{seed}: {encoders:?}");
+        assert!(((5.0 / arcsec).ln() / sigma).abs() < 5.0, "{seed}: {encoders:?}");
         assert_accepted_and_right("encoders", &outcome, &run);
     }
     // Two of three logs show it: fewer than two of six have a probability of 2 %.
