@@ -30,8 +30,8 @@ use serde::{Deserialize, Serialize};
 const REST_RAD_S: f64 = 0.05 * DEG;
 /// Time after which a shorted winding should have stopped the axis, us.
 const SHORTED_US: u64 = 100_000;
-/// Time for which a release waits for a free axis whose encoder is lost, us.
-const BLIND_US: u64 = 2_000_000;
+/// Time after which an axis with a faulty encoder is assumed to be at rest, us.
+const BLIND_REST_US: u64 = 2_000_000;
 /// An axis is stalled if its commanded rate exceeds `STALL_RAD_S`, rad/s, and its own rate is below the fraction
 /// `STALL_FRACTION` of it, for `STALL_PERIODS` control periods.
 const STALL_RAD_S: f64 = 2.0 * DEG;
@@ -491,24 +491,15 @@ impl<T: Real> Axis<T> {
         self.is_holding() && self.deviation_rad(now_us) <= self.limits.arrived_rad
     }
 
-    /// Whether the axis is seen to be at rest. The rate of an axis whose encoder is lost is not known.
-    pub fn is_at_rest(&self) -> bool {
+    /// Whether the axis is at rest. With a faulty encoder this is assumed after a fixed time.
+    pub fn is_at_rest(&self, now_us: u64) -> bool {
         match self.mode {
-            Mode::Free { .. } | Mode::Holding { .. } => {
-                self.has_valid_encoder() && self.servo.rate_rad_s().abs() <= real(self.rest_rad_s)
+            Mode::Free { since_us, .. } if !self.has_valid_encoder() => {
+                now_us.saturating_sub(since_us) >= BLIND_REST_US
             }
+            Mode::Free { .. } | Mode::Holding { .. } => self.servo.rate_rad_s().abs() <= real(self.rest_rad_s),
             Mode::Moving { .. } | Mode::Braking { .. } => false,
         }
-    }
-
-    /// Whether a release need not wait for the axis any longer: the axis is at rest, or nothing more can be done for an
-    /// axis whose encoder is lost.
-    pub fn is_released(&self, now_us: u64) -> bool {
-        let is_given_up = match self.mode {
-            Mode::Free { since_us, .. } => now_us.saturating_sub(since_us) >= BLIND_US,
-            Mode::Moving { .. } | Mode::Braking { .. } | Mode::Holding { .. } => false,
-        };
-        self.is_at_rest() || is_given_up && !self.has_valid_encoder()
     }
 }
 
