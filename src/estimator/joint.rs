@@ -17,7 +17,7 @@ use super::configuration::{
 };
 use super::constancy::{Seen, Suspects};
 use super::filter::{Innovation, Measurement, Update};
-use super::solution::{Estimate, Filter, Fit, SegmentInnovations, Solution, TriadFit, sigmas};
+use super::solution::{Estimate, Filter, Fit, Forces, SegmentInnovations, Solution, sigmas};
 use super::sweep::Pass;
 use super::two_stage::{STAGE_ONE, StageOneGains, Use, common_accel_scale};
 use crate::base::hardware::Hardware;
@@ -79,8 +79,8 @@ pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS> {
     /// Gains of stage 1 of the two-stage method.
     pub(super) stage_one_gains: StageOneGains<T>,
     pub(super) fit: Fit,
-    /// Innovations of the accelerometers, and of the gyros.
-    pub(super) triads: [TriadFit; 2],
+    /// Innovations of the accelerometers at the stops.
+    pub(super) forces: Forces,
     /// Reference time of biases and attitude, us.
     pub(super) reference_us: u64,
     /// Factor on the configured noise variance for each channel, from the last stop.
@@ -124,7 +124,7 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
             latitude_step_rad: 0.0,
             stage_one_gains: StageOneGains::NONE,
             fit: Fit::NONE,
-            triads: [TriadFit::NONE; 2],
+            forces: Forces::NONE,
             reference_us: 0,
             allowances: [1.0; CHANNELS],
             readings: [Readings::NONE; 2],
@@ -543,8 +543,9 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
             }),
         };
         self.fit.note(&update, segment, channel);
-        let [accelerometers, gyros] = &mut self.triads;
-        if channel < 3 { accelerometers } else { gyros }.note(&update, r);
+        if channel < 3 {
+            self.forces.note(&update, r);
+        }
         self.note_innovation(&update, channel);
         if let Update::Applied(Innovation { value: innovation, variance }) = update {
             self.suspects.see(&Seen {

@@ -9,12 +9,12 @@
 //! ```
 //! is chi-square with as many degrees of freedom as there are combinations of the effects that the measurements tell.
 //! The flicker of the accelerometers has no state that lasts. If it is larger than configured, the innovations of the
-//! forces are larger. An error of the encoders or of the axes enlarges those of the rotations too, and is not flicker.
+//! forces are larger.
 
 use super::configuration::BEFORE_EFFECTS;
 use super::constancy::{Change, Suspicion};
 use super::joint::Estimator;
-use super::solution::{Filter, TriadFit};
+use super::solution::{Filter, Forces};
 use crate::base::linear::{ComplexField, Matrix, Real, Vector};
 use crate::model::effects::{EFFECTS, FLICKER_KIND, KINDS, LARGEST_KIND, kind};
 use crate::segment::white_noise::chi_square_deviate;
@@ -33,10 +33,11 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
     pub(super) fn most_significant_kind(&self) -> Suspicion {
         let priors = self.config.effect_sigmas();
         let kinds = (0..KINDS).map(|number| suspicion(&self.filter, &self.effects, &priors, number));
-        let [flicker, rotations] =
-            self.triads.map(|TriadFit { chi_square, freedom }| of_chi_square(FLICKER_KIND, chi_square, freedom));
-        let is_flicker = self.config.hardware.accel_floor > 0.0 && !rotations.is_founded();
-        kinds.chain(is_flicker.then_some(flicker)).fold(Suspicion::default(), Suspicion::more_significant)
+        let Forces { chi_square, freedom } = self.forces;
+        let flicker = of_chi_square(FLICKER_KIND, chi_square, freedom);
+        kinds
+            .chain((self.config.hardware.accel_floor > 0.0).then_some(flicker))
+            .fold(Suspicion::default(), Suspicion::more_significant)
     }
 }
 

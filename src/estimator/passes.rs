@@ -6,7 +6,7 @@
 use super::configuration::{BEFORE_EFFECTS, BEFORE_PARAMETERS, KNOWN_LATITUDE_RAD};
 use super::constancy::SettingEvidence;
 use super::joint::{Estimator, SEGMENTS_PER_PIECE};
-use super::solution::{EffectEstimates, Estimate, Fit, SegmentInnovations, Solution, TriadFit, sigmas};
+use super::solution::{EffectEstimates, Estimate, Fit, Forces, SegmentInnovations, Solution, sigmas};
 use super::sweep::{HeadingSteps, Pass, Sweep};
 use super::two_stage::find_period;
 use crate::base::linear::{ComplexField, Real, Vector, real};
@@ -197,7 +197,7 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         // The gate is off while changes are under test, because it would hide a large change.
         let gate_sigma = self.config.gate_sigma.filter(|_| self.suspects.is_empty());
         self.restart_filters(gate_sigma);
-        (self.fit, self.triads) = (Fit::NONE, [TriadFit::NONE; 2]);
+        (self.fit, self.forces) = (Fit::NONE, Forces::NONE);
         self.forget_last_stop();
         let deviation = self.start - self.nominal;
         self.filter.state_mut().fixed_rows_mut::<PARAMETERS>(BEFORE_PARAMETERS).copy_from(&deviation);

@@ -86,15 +86,15 @@ impl Fit {
 /// and more, the filter learns the parameters, whose priors are wider than any instrument.
 const LARGEST_PREDICTED: f64 = 1e4;
 
-/// Chi-square of the innovations of one triad.
+/// Chi-square of the innovations of the accelerometers at the stops.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct TriadFit {
+pub(super) struct Forces {
     pub(super) chi_square: f64,
     /// Number of its terms.
     pub(super) freedom: u32,
 }
 
-impl TriadFit {
+impl Forces {
     pub(super) const NONE: Self = Self { chi_square: 0.0, freedom: 0 };
 
     /// Counts the outcome of a measurement whose noise has this variance.
