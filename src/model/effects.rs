@@ -19,7 +19,7 @@
 use crate::base::bounds::{Bounded, DEGREES, MILLIGALS};
 use crate::base::hardware::{FLICKER_DENSITY, Hardware, HardwareSize, REFERENCE_RATE_RAD_S};
 use crate::base::linear::{ComplexField, Matrix, Real, Vector3, columns as columns_of, real};
-use crate::base::site::EARTH_RATE_RAD_S;
+use crate::base::site::{EARTH_RATE_RAD_S, LATITUDE_SIGMA_DEG, UNKNOWN_LATITUDE_SIGMA_DEG};
 use crate::base::units::{ARCSEC, DEG, DEG_H, HOUR_S, MGAL, MICRO_G, PPM};
 use crate::model::error_model::{ParameterInfo, block};
 use crate::model::measurement::{BACKLASH, GEOMETRY, Prediction};
@@ -106,9 +106,9 @@ impl SiteSigmas {
     /// The site is known exactly.
     pub const EXACT: Self = Self { latitude_rad: 0.0, gravity_m_s2: 0.0 };
     /// Latitude and height are given: sigmas of 0.02 deg, of 30 m, and of 20 mGal for the anomaly of gravity.
-    pub const GIVEN: Self = Self { latitude_rad: 0.02 * DEG, gravity_m_s2: 22.0 * MGAL };
+    pub const GIVEN: Self = Self { latitude_rad: LATITUDE_SIGMA_DEG * DEG, gravity_m_s2: 22.0 * MGAL };
     /// Nothing is given: any latitude, and a height of 0 m with a sigma of 2000 m.
-    pub const UNKNOWN: Self = Self { latitude_rad: 60.0 * DEG, gravity_m_s2: 617.5 * MGAL };
+    pub const UNKNOWN: Self = Self { latitude_rad: UNKNOWN_LATITUDE_SIGMA_DEG * DEG, gravity_m_s2: 617.5 * MGAL };
 }
 
 /// Prior sigmas of the effects, SI; 0 for an effect that is absent.
