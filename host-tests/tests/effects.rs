@@ -186,6 +186,8 @@ fn with_adapt_a_size_that_the_verdict_names_is_enlarged_and_the_result_is_right(
     let [named, adapted] =
         run.calibrate(&[plain.clone(), Setup { adapt: true, ..plain }]).try_into().expect("two setups");
     assert_eq!(named.reason_codes().first(), Some(&"hardware-effect"), "{:?}", named.reasons());
+    // One effect is to blame, so the verdict says which, and how much, and not only that all of its size are large.
+    assert!(named.reasons()[0].contains("outer_backlash is "), "{:?}", named.reasons());
     assert!(adapted.verdict.accepted(), "{:?}", adapted.reasons());
     for enlargement in [named.enlargement, adapted.enlargement] {
         let found = enlargement.expect("named");

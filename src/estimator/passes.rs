@@ -4,7 +4,7 @@
 //! between two pieces.
 
 use super::configuration::{BEFORE_EFFECTS, BEFORE_PARAMETERS, KNOWN_LATITUDE_RAD};
-use super::constancy::SettingEvidence;
+use super::constancy::{SettingEvidence, Suspicion};
 use super::joint::{Estimator, SEGMENTS_PER_PIECE};
 use super::solution::{EffectEstimates, Estimate, Fit, Forces, SegmentInnovations, Solution, sigmas};
 use super::sweep::{HeadingSteps, Pass, Sweep};
@@ -190,7 +190,19 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
             part = 0;
         }
         self.suspects.clear();
+        self.test_kinds();
         self.close(None);
+    }
+
+    /// Tests the kinds of effects, unless a test of one change has already found something: that one says what, where
+    /// and how much.
+    fn test_kinds(&mut self) {
+        let kind = self.most_significant_kind();
+        if let Some(solution) = &mut self.solution
+            && !solution.suspicion.is_founded()
+        {
+            solution.suspicion = solution.suspicion.more_significant(kind);
+        }
     }
 
     fn begin_sweep(&mut self, period_moves: Option<u16>) -> Sweep {
@@ -260,7 +272,7 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
                 (last.start_us + last.duration_us).saturating_sub(first.start_us) as f64 * 1e-6
             }),
             effects: self.effect_estimates(),
-            suspicion: self.most_significant_kind(),
+            suspicion: Suspicion::default(),
             settings: SettingEvidence::default(),
             temperature_c: self.segments.iter().map(|segment| segment.temperature_c).sum::<f32>() / count,
         }
