@@ -19,6 +19,12 @@ use crate::segment::SegmentKind;
 /// Largest number of sweeps over the segments. An estimate that has not converged after these sweeps is rejected.
 const MAX_SWEEPS: u8 = 24;
 
+/// Largest number of sweeps over the segments for a live estimate. The early ones are far from linear.
+const MAX_LIVE_SWEEPS: u8 = 8;
+
+/// A live estimate has converged when no step exceeds this fraction of sigma.
+const LIVE_CONVERGED_PART: f64 = 0.1;
+
 /// An estimate of the latitude that leaves the configured one by this many of its prior sigmas shows that it is wrong.
 /// The probability of chance is 6e-5 at most, since the estimate scatters less than the prior.
 const LATITUDE_DOUBT_SIGMAS: f64 = 4.0;
@@ -26,7 +32,7 @@ const LATITUDE_DOUBT_SIGMAS: f64 = 4.0;
 /// Prior sigma of a latitude that is not known, rad.
 const UNKNOWN_LATITUDE_RAD: f64 = 1.0;
 
-/// Converged when no step exceeds this fraction of sigma plus rounding noise.
+/// Converged when no step exceeds this fraction of sigma.
 const CONVERGED_PART: f64 = 0.01;
 
 /// Rounding noise of an estimate as a fraction of its sigma, in units of the spacing of numbers.
@@ -66,17 +72,26 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         }
     }
 
-    /// Does one piece of a sweep over all segments so far. The sweep linearizes all segments about the present live
-    /// estimate, so that the chi-square refers to one model. Returns chi-square and degrees of freedom when the sweep
-    /// is done.
+    /// Does one piece of the sweeps over all segments so far. They linearize all segments about the live estimate until
+    /// it moves by less than its sigmas, so that estimate, sigmas and chi-square refer to one model. Returns chi-square
+    /// and degrees of freedom when the sweeps are done.
     pub fn refresh_piece(&mut self) -> Option<(f64, u32)> {
-        let mut sweep = match self.pass {
-            Pass::Refreshing { sweep } => sweep,
-            _ => self.begin_sweep(self.config.period_moves),
+        let (mut sweep, made, before) = match self.pass {
+            Pass::Refreshing { sweep, made, before } => (sweep, made, before),
+            _ => (self.begin_sweep(self.config.period_moves), 0, self.nominal),
         };
-        let swept = self.sweep_piece(&mut sweep);
-        self.pass = if swept { Pass::Idle } else { Pass::Refreshing { sweep } };
-        swept.then(|| (self.fit.chi_square, self.degrees_of_freedom(&self.estimate())))
+        if !self.sweep_piece(&mut sweep) {
+            self.pass = Pass::Refreshing { sweep, made, before };
+            return None;
+        }
+        let made = made + 1;
+        if made < MAX_LIVE_SWEEPS && !self.has_converged(&before, LIVE_CONVERGED_PART) {
+            let sweep = self.begin_sweep(self.config.period_moves);
+            self.pass = Pass::Refreshing { sweep, made, before: self.nominal };
+            return None;
+        }
+        self.pass = Pass::Idle;
+        Some((self.fit.chi_square, self.degrees_of_freedom(&self.estimate())))
     }
 
     /// Whether a sweep of [`Estimator::refresh_piece`] is in progress. The live estimate is then incomplete.
@@ -129,7 +144,7 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         let turned = errors.heading - heading_before;
         errors.heading = heading_before + turned * heading.next(turned);
         self.nominal = errors.to_vector();
-        let converged = self.has_converged(before);
+        let converged = self.has_converged(before, CONVERGED_PART);
         if made < MAX_SWEEPS && !converged {
             let sweep = self.begin_sweep(period_moves);
             self.pass = Pass::Iterating { sweep, made, before: self.nominal, heading };
@@ -242,11 +257,12 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         ended
     }
 
-    /// Whether the step of every parameter and of the latitude since the sweep before is within the limit.
-    fn has_converged(&self, before: &Vector<T, PARAMETERS>) -> bool {
+    /// Whether the step of every parameter and of the latitude since the sweep before is within this fraction of its
+    /// sigma, plus rounding noise.
+    fn has_converged(&self, before: &Vector<T, PARAMETERS>, part: f64) -> bool {
         let step = self.nominal - before;
         let variances = self.filter.variances();
-        let part = CONVERGED_PART + ROUNDING_NOISE_EPSILONS * T::EPSILON;
+        let part = part + ROUNDING_NOISE_EPSILONS * T::EPSILON;
         let limit = real::<T>(part * part);
         let moved = |(step, variance): (&T, &T)| *step * *step > limit * *variance;
         let latitude_step = real(self.latitude_step_rad);

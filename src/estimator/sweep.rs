@@ -22,8 +22,9 @@ pub(super) enum Pass<T: Real> {
     /// Sweeps until the estimate has converged. `made` is the number of sweeps so far, and `before` is the estimate
     /// before the present sweep.
     Iterating { sweep: Sweep, made: u8, before: Vector<T, PARAMETERS>, heading: HeadingSteps<T> },
-    /// One sweep that linearizes all segments about the live estimate.
-    Refreshing { sweep: Sweep },
+    /// Sweeps that linearize all segments about the live estimate. `made` is the number of sweeps so far, and `before`
+    /// is the estimate before the present sweep.
+    Refreshing { sweep: Sweep, made: u8, before: Vector<T, PARAMETERS> },
     /// The last sweep, about the solution. Its innovations are reported, and its covariance is that of the solution.
     Closing { sweep: Sweep },
     /// Sweeps about the solution that test for changes with the onset at segment `onset`. `part` is the number of the

@@ -632,7 +632,7 @@ mod tests {
             runs: 40,
             methods: vec![Method::Joint],
             precision: Precision::F64,
-            scheme: Scheme::named("fast-60").unwrap(),
+            scheme: Scheme::named("fast-180").unwrap(),
             axes: Default::default(),
             refuse_unobserved: true,
             closed_loop: false,
