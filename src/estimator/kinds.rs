@@ -16,7 +16,7 @@ use super::constancy::{Change, Suspicion};
 use super::joint::Estimator;
 use super::solution::{Filter, Forces};
 use crate::base::linear::{ComplexField, Matrix, Real, Vector};
-use crate::model::effects::{EFFECTS, FLICKER_KIND, KINDS, LARGEST_KIND, kind};
+use crate::model::effects::{EFFECTS, KINDS, LARGEST_KIND, kind};
 use crate::segment::white_noise::chi_square_deviate;
 
 /// Limit of the chi-square of a kind, as a normal deviate. The probability of a false alarm is 2.3e-4 for each kind, and
@@ -28,21 +28,48 @@ const LIMIT: f64 = 3.5;
 const LEAST_TOLD: f32 = 0.01;
 
 impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
-    /// The most significant kind, after a sweep. Not inlined, so that its stack is free again before the next sweep.
+    /// The finding that explains most, after a sweep: the most significant change alone, a kind, or the flicker. Not
+    /// inlined, so that its stack is free again before the next sweep.
     #[inline(never)]
-    pub(super) fn most_significant_kind(&self) -> Suspicion {
+    pub(super) fn most_explaining(&self, alone: Suspicion) -> Suspicion {
         let priors = self.config.effect_sigmas();
-        let kinds = (0..KINDS).map(|number| suspicion(&self.filter, &self.effects, &priors, number));
+        let kinds = (0..KINDS).map(|number| chi_square_of_kind(&self.filter, &self.effects, &priors, number));
         let Forces { chi_square, freedom } = self.forces;
-        let flicker = of_chi_square(FLICKER_KIND, chi_square, freedom);
-        kinds
-            .chain((self.config.hardware.accel_floor > 0.0).then_some(flicker))
-            .fold(Suspicion::default(), Suspicion::more_significant)
+        let flicker = (self.config.hardware.accel_floor > 0.0).then_some((chi_square, freedom));
+        let all = (0..).zip(kinds.chain(flicker)).map(|(number, (chi_square, freedom))| {
+            (of_chi_square(number, chi_square, freedom), gain(chi_square, freedom))
+        });
+        let most = |(found, gained): (Suspicion, f64), (other, by_other): (Suspicion, f64)| match (
+            found.is_founded(),
+            other.is_founded(),
+        ) {
+            (true, true) if by_other > gained => (other, by_other),
+            (true, _) => (found, gained),
+            (false, true) => (other, by_other),
+            (false, false) => (found.more_significant(other), 0.0),
+        };
+        // If larger variances of all innovations explain more than those of a kind, it is not the kind.
+        let all_variances = gain(self.fit.chi_square, self.degrees_of_freedom(&self.estimate()));
+        all.fold((alone, all_variances.max(alone.sigmas * alone.sigmas)), most).0
     }
 }
 
+/// Twice the logarithm of the likelihood that is gained if the variances behind this chi-square are larger by a common
+/// factor. A change alone gains the square of its significance. If one effect alone is large, it gains more than its
+/// kind does, and if all are large, less.
+fn gain(chi_square: f64, freedom: u32) -> f64 {
+    let freedom = f64::from(freedom);
+    chi_square - freedom - freedom * ComplexField::ln((chi_square / freedom).max(f64::MIN_POSITIVE))
+}
+
+/// Chi-square of the effects of kind `number`, and its degrees of freedom.
 #[inline(never)]
-fn suspicion<T: Real>(filter: &Filter<T>, in_use: &[u8], priors: &[f64; EFFECTS], number: usize) -> Suspicion {
+fn chi_square_of_kind<T: Real>(
+    filter: &Filter<T>,
+    in_use: &[u8],
+    priors: &[f64; EFFECTS],
+    number: usize,
+) -> (f64, u32) {
     let member = |effect: u8| {
         let place = in_use.iter().position(|used| *used == effect)?;
         Some((BEFORE_EFFECTS + place, *priors.get(usize::from(effect))?))
@@ -58,8 +85,7 @@ fn suspicion<T: Real>(filter: &Filter<T>, in_use: &[u8], priors: &[f64; EFFECTS]
             *entry = (before - filter.covariance(state, other).widened() / (prior * of_other)) as f32;
         }
     }
-    let (chi_square, freedom) = chi_square(&mut told, &mut values);
-    of_chi_square(number as u8, chi_square, freedom)
+    chi_square(&mut told, &mut values)
 }
 
 fn of_chi_square(kind: u8, chi_square: f64, freedom: u32) -> Suspicion {
@@ -108,7 +134,8 @@ mod tests {
             h[state] = 1.0;
             let _ = filter.update(&Measurement { z, h, r });
         }
-        suspicion(&filter, &in_use, &[1.0; EFFECTS], 0)
+        let (chi_square, freedom) = chi_square_of_kind(&filter, &in_use, &[1.0; EFFECTS], 0);
+        of_chi_square(0, chi_square, freedom)
     }
 
     #[test]
@@ -120,6 +147,15 @@ mod tests {
         assert!((together.size - 3.2).abs() < 1e-5 && together.is_founded(), "{together:?}");
         let one = found([each, 0.0, 0.0], 1.0);
         assert!(!one.is_founded(), "{one:?}");
+    }
+
+    #[test]
+    fn a_change_gains_more_than_a_larger_variance_unless_there_are_several() {
+        // One of ten deviations is 8 sigma, the others are 1 sigma.
+        assert!(gain(9.0 + 64.0, 10) < 64.0);
+        // All are 4 sigma.
+        assert!(gain(10.0 * 16.0, 10) > 16.0);
+        assert_eq!(gain(10.0, 10), 0.0);
     }
 
     #[test]

@@ -209,14 +209,11 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         self.close(None);
     }
 
-    /// Tests the kinds of effects, unless a test of one change has already found something: that one says what, where
-    /// and how much.
     fn test_kinds(&mut self) {
-        let kind = self.most_significant_kind();
-        if let Some(solution) = &mut self.solution
-            && !solution.suspicion.is_founded()
-        {
-            solution.suspicion = solution.suspicion.more_significant(kind);
+        let Some(Solution { suspicion: alone, .. }) = self.solution else { return };
+        let found = self.most_explaining(alone);
+        if let Some(solution) = &mut self.solution {
+            solution.suspicion = found;
         }
     }
 
@@ -294,7 +291,7 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         }
     }
 
-    fn degrees_of_freedom(&self, estimate: &Estimate) -> u32 {
+    pub(super) fn degrees_of_freedom(&self, estimate: &Estimate) -> u32 {
         self.fit.measurements.saturating_sub(self.determined(estimate))
     }
 

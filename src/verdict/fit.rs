@@ -6,8 +6,9 @@ use super::reason::Reason;
 use super::setting::{Explanation, wrong_setting};
 use crate::base::hardware::Hardware;
 use crate::base::linear::{ComplexField, Real};
+use crate::estimator::Solution;
 use crate::estimator::constancy::{Change, Suspicion};
-use crate::model::effects::{EFFECT_STATES, EFFECTS, effect};
+use crate::model::effects::{EFFECT_STATES, EFFECTS, FLICKER_KIND, effect};
 use crate::segment::white_noise::chi_square_quantile;
 
 /// Upper bound of the chi-square of the fit, as a normal deviate. Its probability is 2e-4.
@@ -42,6 +43,19 @@ fn named(suspicion: &Suspicion, configured: &[f64; EFFECTS]) -> Reason {
     Reason::Hardware { effect, size: suspicion.size, sigma, configured }
 }
 
+/// Whether the flicker of the accelerometers is larger than configured.
+fn is_flicker(suspicion: &Suspicion) -> bool {
+    suspicion.is_founded() && suspicion.change == Change::Kind(FLICKER_KIND)
+}
+
+/// Larger flicker is also seen as drift and as noise within the stops, so it is judged before them.
+pub(super) fn judge_flicker<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>) {
+    let Solution { suspicion, .. } = assessment.solution;
+    if is_flicker(suspicion) {
+        verdict.doubt(Reason::Changing(*suspicion));
+    }
+}
+
 pub(super) fn judge_fit<T: Real>(verdict: &mut Verdict, assessment: &Assessment<'_, T>, limits: &VerdictLimits) {
     let Assessment { solution, site, .. } = assessment;
     // An error of the instrument may look like a wrong setting. A wrong setting does not look like an error of the
@@ -52,8 +66,9 @@ pub(super) fn judge_fit<T: Real>(verdict: &mut Verdict, assessment: &Assessment<
     if let Some(Explanation { setting, .. }) = &wrong {
         verdict.doubt(Reason::Setting(*setting));
     }
-    if solution.suspicion.is_founded() && !wrong.is_some_and(|wrong| wrong.only) {
-        verdict.doubt(named(&solution.suspicion, assessment.effect_sigmas));
+    let suspicion = &solution.suspicion;
+    if suspicion.is_founded() && !is_flicker(suspicion) && !wrong.is_some_and(|wrong| wrong.only) {
+        verdict.doubt(named(suspicion, assessment.effect_sigmas));
     }
     if solution.fit.refused > 0 {
         verdict.doubt(Reason::Refused(solution.fit.refused));

@@ -5,7 +5,7 @@
 //! reject about two good calibrations in a thousand.
 
 use super::assessment::{Assessment, Verdict};
-use super::fit::judge_fit;
+use super::fit::{judge_fit, judge_flicker};
 use super::limits::{INSTALLATION, VerdictLimits, plausible};
 use super::motion::{NoiseLevels, unrest_but};
 use super::noise::{judge_noise, judge_noise_levels, noise_levels};
@@ -52,8 +52,9 @@ pub fn judge<T: Real>(assessment: &Assessment<'_, T>, limits: &VerdictLimits) ->
     }
     judge_samples(&mut verdict, assessment);
     let levels = noise_levels(assessment);
-    judge_noise_levels(&mut verdict, &levels);
     judge_segments(&mut verdict, assessment, &levels);
+    judge_flicker(&mut verdict, assessment);
+    judge_noise_levels(&mut verdict, &levels);
     judge_noise(&mut verdict, assessment, &levels);
     judge_fit(&mut verdict, assessment, limits);
     judge_parameters(&mut verdict, assessment, limits);
