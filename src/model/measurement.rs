@@ -26,7 +26,9 @@
 
 use super::error_model::{InstrumentErrors, PARAMETERS, block};
 use crate::base::angle::Angle;
-use crate::base::linear::{Matrix, Matrix3, Real, Vector3, exp_so3, inverse3, left_jacobian_so3, real, skew};
+use crate::base::linear::{
+    Matrix, Matrix3, Real, Vector3, columns_mut, exp_so3, inverse3, left_jacobian_so3, real, skew,
+};
 use crate::base::site::Site;
 
 /// Encoder errors that a measurement may depend on: outer and inner at the stop before, then outer and inner at this
@@ -122,15 +124,18 @@ impl<T: Real> MeasurementModel<T> {
         by_parameters.set_column(block::NON_PERPENDICULARITY, &(self.rot_sr * motion.by_non_perpendicularity));
         let by_attitude = self.rot_sr * motion.by_b * -skew(fixed_b) * self.attitude_axes_b;
         by_parameters.fixed_columns_mut::<3>(block::ATTITUDE).copy_from(&by_attitude);
-        Prediction {
+        let mut prediction = Prediction {
             value,
             by_parameters,
-            by_encoder_errors: self.rot_sr * motion.by_encoder_errors,
-            by_geometry: self.rot_sr * motion.by_geometry,
+            by_encoder_errors: motion.by_encoder_errors,
+            by_geometry: motion.by_geometry,
             in_g: Vector3::zeros(),
             by_attitude_rate: Matrix3::zeros(),
             by_earth_rate: Matrix::zeros(),
-        }
+        };
+        transform(&mut prediction.by_encoder_errors, &self.rot_sr);
+        transform(&mut prediction.by_geometry, &self.rot_sr);
+        prediction
     }
 }
 
@@ -161,13 +166,11 @@ pub(super) fn multiples<T: Real>(sin: T, cos: T) -> [[T; 2]; 4] {
     })
 }
 
-/// A matrix of these columns.
-pub(super) fn columns_of<T: Real>(columns: impl IntoIterator<Item = Vector3<T>>) -> Matrix<T, 3, GEOMETRY> {
-    let mut matrix = Matrix::<T, 3, GEOMETRY>::zeros();
-    for (mut to, column) in matrix.column_iter_mut().zip(columns) {
-        to.copy_from(&column);
+/// Multiplies every column by a matrix, in place: a second matrix of this size would need much stack.
+fn transform<T: Real, const C: usize>(matrix: &mut Matrix<T, 3, C>, by: &Matrix3<T>) {
+    for column in columns_mut(matrix) {
+        *column = (by * Vector3::from(*column)).into();
     }
-    matrix
 }
 
 pub(super) fn unit<T: Real>(axis: usize) -> Vector3<T> {
@@ -187,9 +190,9 @@ pub(super) fn sensed<T: Real, const S: usize>(
     let to_output = scaled * rot_sensor_s;
     let (first, matrix) = non_orthogonality(&along);
     prediction.value = scaled * along;
-    prediction.by_parameters = to_output * prediction.by_parameters;
-    prediction.by_encoder_errors = to_output * prediction.by_encoder_errors;
-    prediction.by_geometry = to_output * prediction.by_geometry;
+    transform(&mut prediction.by_parameters, &to_output);
+    transform(&mut prediction.by_encoder_errors, &to_output);
+    transform(&mut prediction.by_geometry, &to_output);
     prediction.by_parameters.fixed_columns_mut::<S>(first).copy_from(&(-to_output * matrix));
     prediction.by_parameters.fixed_columns_mut::<3>(scale_block).copy_from(&Matrix3::from_diagonal(&along));
 }

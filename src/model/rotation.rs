@@ -3,11 +3,11 @@
 
 use super::error_model::{block, frame_rotation_z};
 use super::measurement::{
-    BACKLASH, ENCODER_ERRORS, GEOMETRY, HARMONICS, MeasurementModel, Motion, Prediction, add_bias, columns_of,
-    harmonics, sensed, unit,
+    BACKLASH, ENCODER_ERRORS, GEOMETRY, HARMONICS, MeasurementModel, Motion, Prediction, add_bias, harmonics, sensed,
+    unit,
 };
 use crate::base::angle::{Angle, rad_to_ticks};
-use crate::base::linear::{Matrix, Matrix3, Real, Vector3, real, skew};
+use crate::base::linear::{Matrix, Matrix3, Real, Vector3, columns_mut, real, skew};
 use crate::segment::{AngleIntegrals, GUARD_S, Segment, SegmentKind, Turned};
 
 impl<T: Real> MeasurementModel<T> {
@@ -110,6 +110,8 @@ impl<T: Real> GimbalAxes<T> {
     /// Derivatives by the effects of encoders and axes. Those by the first two harmonics follow from the integrals of
     /// the harmonics; along the inner axis they follow from the inner angles at both ends. The others follow from the
     /// way of the axes.
+    // Not inlined, so that its stack is free again before the sensors' axes are taken into account.
+    #[inline(never)]
     fn by_geometry(
         &self,
         tilt: &Matrix3<T>,
@@ -125,7 +127,12 @@ impl<T: Real> GimbalAxes<T> {
         let [a, b, e, f] = outer_harmonics(integrals).map(along_outer);
         let [c, d, g, h] =
             inner_harmonics(&segment.turned, integrals).map(|along_way| across(along_way) + along_inner());
-        columns_of([a, b, c, d, e, f, g, h].into_iter().chain(along_way(segment)))
+        let mut geometry = Matrix::<T, 3, GEOMETRY>::zeros();
+        for (to, column) in columns_mut(&mut geometry).iter_mut().zip([a, b, c, d, e, f, g, h]) {
+            *to = column.into();
+        }
+        add_along_way(&mut geometry, segment);
+        geometry
     }
 }
 
@@ -133,14 +140,14 @@ impl<T: Real> GimbalAxes<T> {
 /// effects of some tenths of an arcsec.
 const STEPS: u32 = 12;
 
-/// Derivatives by the effects whose integrals are not measured, in r: harmonics 3 and 4, backlash, wobble and sag. The
-/// teeth change sides at the start of the move, so the derivatives by the backlash are the axes at the start. While both
-/// axes turn, they are taken to turn equally far until the shorter way ends, as they do at one rate.
-fn along_way<T: Real>(segment: &Segment<T>) -> [Vector3<T>; GEOMETRY - HARMONICS] {
-    let mut sums = [Vector3::zeros(); GEOMETRY - HARMONICS];
+/// Adds the derivatives by the effects whose integrals are not measured, in r: harmonics 3 and 4, backlash, wobble and
+/// sag, the columns behind the first [`HARMONICS`]. The teeth change sides at the start of the move, so the derivatives
+/// by the backlash are the axes at the start. While both axes turn, they are taken to turn equally far until the shorter
+/// way ends, as they do at one rate.
+fn add_along_way<T: Real>(geometry: &mut Matrix<T, 3, GEOMETRY>, segment: &Segment<T>) {
     let ways = [segment.turned.outer, segment.turned.inner];
     if segment.kind() == SegmentKind::Stop {
-        return sums;
+        return;
     }
     let longest = ways[0].abs().max(ways[1].abs());
     let starts = [segment.outer_from(), segment.inner_from()];
@@ -169,10 +176,10 @@ fn along_way<T: Real>(segment: &Segment<T>) -> [Vector3<T>; GEOMETRY - HARMONICS
         let inner_now = harmonics::<T>(inner);
         let [outer_before, inner_before] = &harmonics_before;
         let [outer_after, inner_after] = &harmonics_after;
-        let mut places = sums.iter_mut();
+        let mut places = columns_mut(geometry).iter_mut().skip(HARMONICS);
         let mut add = |value: Vector3<T>| {
             if let Some(place) = places.next() {
-                *place += value;
+                *place = (Vector3::from(*place) + value).into();
             }
         };
         for n in [2, 3] {
@@ -217,10 +224,9 @@ fn along_way<T: Real>(segment: &Segment<T>) -> [Vector3<T>; GEOMETRY - HARMONICS
     }
     let (sin, cos): (T, T) = segment.inner_from().sin_cos();
     let axes_at_start = [Vector3::new(cos, -sin, T::zero()), Vector3::new(T::zero(), T::zero(), T::one())];
-    for (place, axis) in sums.iter_mut().skip(BACKLASH - HARMONICS).zip(axes_at_start) {
-        *place = axis;
+    for (place, axis) in columns_mut(geometry).iter_mut().skip(BACKLASH).zip(axes_at_start) {
+        *place = axis.into();
     }
-    sums
 }
 
 /// Negative integrals of (cos, sin)(inner) over the error of each outer harmonic.

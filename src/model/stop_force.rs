@@ -1,10 +1,8 @@
 //! The accelerometers at a stop: the predicted mean output (M6), and its derivatives by all parameters.
 
 use super::error_model::{block, frame_rotation_x, frame_rotation_z};
-use super::measurement::{
-    GEOMETRY, MeasurementModel, Motion, Prediction, add_bias, columns_of, harmonics, sensed, unit,
-};
-use crate::base::linear::{Matrix, Matrix3, Real, Vector3};
+use super::measurement::{GEOMETRY, MeasurementModel, Motion, Prediction, add_bias, harmonics, sensed, unit};
+use crate::base::linear::{Matrix, Matrix3, Real, Vector3, columns_mut};
 use crate::segment::Segment;
 
 impl<T: Real> MeasurementModel<T> {
@@ -36,6 +34,8 @@ impl<T: Real> MeasurementModel<T> {
     }
 
     /// Derivatives of the force in r by the effects of encoders and axes.
+    // Not inlined, so that its stack is free again before the sensors' axes are taken into account.
+    #[inline(never)]
     fn geometry_at_stop(
         &self,
         stop: &Segment<T>,
@@ -74,7 +74,12 @@ impl<T: Real> MeasurementModel<T> {
             // The backlash.
             [Vector3::zeros(); 2],
         ];
-        columns_of(encoders.into_iter().chain(tilted).flatten())
+        let mut geometry = Matrix::<T, 3, GEOMETRY>::zeros();
+        let derivatives = encoders.into_iter().chain(tilted).flatten();
+        for (to, column) in columns_mut(&mut geometry).iter_mut().zip(derivatives) {
+            *to = column.into();
+        }
+        geometry
     }
 }
 
