@@ -14,6 +14,7 @@ mod app {
     use crate::sensor_board::SensorBoard;
     use cortex_m::peripheral::SYST;
     use cortex_m::peripheral::syst::SystClkSource;
+    use cortex_m::singleton;
     use rins_selfcal::acquisition::queue::{SampleConsumer, SampleProducer, SampleQueue, SampleWithGimbal};
     use rins_selfcal::base::angle::Angle;
     use rins_selfcal::base::loss::LossCounts;
@@ -68,8 +69,9 @@ mod app {
         let mut gimbal = Gimbal::new(&config.axes, &config.motors);
         let mut devices = Devices { samples: &mut samples, store: &mut store, gimbal: Alone(&mut gimbal), now_us: 0 };
         // Your start-up code knows why the software has started. Replace `PowerOn` with that reason.
-        let mut startup = Startup::assigned(config, Restart::PowerOn);
-        let Ok(instrument) = Instrument::power_up(&mut startup, link, calibrator, &mut devices) else { refuse() };
+        let startup = singleton!(: Startup = Startup::assigned(config, Restart::PowerOn));
+        let Some(startup) = startup else { refuse() };
+        let Ok(instrument) = Instrument::power_up(startup, link, calibrator, &mut devices) else { refuse() };
         start_periods(context.core.SYST);
         (Shared { gimbal, now_us: 0 }, Local { producer, samples, store, instrument })
     }

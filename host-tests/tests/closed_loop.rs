@@ -267,7 +267,7 @@ fn usual(scheme: Scheme) -> SelfCalibrationConfig {
 /// A main loop for tests: `act` gets every sample with its number and returns the motion command. Returns the unit and
 /// the state of the run at the end.
 fn by_hand(
-    config: SelfCalibrationConfig,
+    mut config: SelfCalibrationConfig,
     run_s: f64,
     mut act: impl FnMut(&mut Run64<'_>, u32, &mut SampleWithGimbal<f64>, &mut dyn FnMut(&Message)) -> Option<MotionCommand>,
     mut on_message: impl FnMut(&Message),
@@ -279,7 +279,7 @@ fn by_hand(
     let (producer, mut consumer) = queue.split();
     let mut interrupts = Interrupts::new(&bench, 200.0, Gimbal::new(&config.axes, &config.motors), producer);
     let mut calibrator = Calibrator::<f64>::UNCONFIGURED;
-    let mut run = SelfCalibration::new(&config, None, &mut calibrator).expect("a good configuration");
+    let mut run = SelfCalibration::new(&mut config, None, &mut calibrator).expect("a good configuration");
     let mut samples = 0;
     while interrupts.period(&bench) {
         while let Some(mut observed) = consumer.pop() {

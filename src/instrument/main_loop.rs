@@ -143,7 +143,7 @@ impl<'m, T: Real> Instrument<'m, T> {
     /// What is wrong with an assigned configuration. The refusal has already been reported.
     #[inline(never)]
     pub fn power_up(
-        startup: &mut Startup,
+        startup: &'m mut Startup,
         link: &'m mut Link,
         calibrator: &'m mut Calibrator<T, MAX_SEGMENTS>,
         outside: &mut impl Surroundings<T>,
@@ -164,13 +164,14 @@ impl<'m, T: Real> Instrument<'m, T> {
     /// The instrument with a configuration that is checked. Not inlined, so that the check does not need its stack.
     #[inline(never)]
     fn ready(
-        startup: &Startup,
+        startup: &'m mut Startup,
         (stored, unit): (Option<&StoredCalibration>, Option<UnitName>),
         link: &'m mut Link,
         calibrator: &'m mut Calibrator<T, MAX_SEGMENTS>,
     ) -> Self {
-        let mut run = SelfCalibration::prepared(startup.config(), stored, calibrator);
-        if let Some(lock) = startup.motion_lock() {
+        let lock = startup.motion_lock();
+        let mut run = SelfCalibration::prepared(startup.config_mut(), stored, calibrator);
+        if let Some(lock) = lock {
             run.lock_motion(lock);
         }
         Self { run, link, samples: 0, motion_log: MotionLog::default(), restarted: 0, unit, reading: None }

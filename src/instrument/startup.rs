@@ -46,6 +46,11 @@ impl Startup {
         &self.config
     }
 
+    /// The configuration, which the run may change when the link asks for it.
+    pub(super) fn config_mut(&mut self) -> &mut SelfCalibrationConfig {
+        &mut self.config
+    }
+
     /// Why the software has started.
     pub fn restart(&self) -> &Restart {
         &self.restart

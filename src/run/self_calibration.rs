@@ -68,7 +68,7 @@ struct Heard {
     sample_us: u64,
 }
 
-/// A running instrument. The caller owns the memory of the calibrator; on a board it is a static.
+/// A running instrument. The caller owns the configuration and the memory of the calibrator; on a board that is a static.
 ///
 /// ```
 /// use rins_selfcal::run::calibrator::Calibrator;
@@ -85,9 +85,9 @@ struct Heard {
 ///
 /// let noise = Noise { accel_psd_sqrt: 1e-4, gyro_psd_sqrt: 3e-7, encoder_sigma_rad: 2.5e-6, margin: 1.0 };
 /// let calibrator = CalibratorConfig::new(Method::Joint, Site::default(), noise, 200.0);
-/// let config = SelfCalibrationConfig::new(calibrator, Scheme::named("fast-180").expect("in the library"));
+/// let mut config = SelfCalibrationConfig::new(calibrator, Scheme::named("fast-180").expect("in the library"));
 /// let mut memory = Box::new(Calibrator::UNCONFIGURED);
-/// let mut instrument = SelfCalibration::<f64>::new(&config, None, &mut memory)?;
+/// let mut instrument = SelfCalibration::<f64>::new(&mut config, None, &mut memory)?;
 ///
 /// // On a board the samples come from the queue. The gimbal is [`Control`](crate::gimbal::control::Control).
 /// let mut gimbal = GimbalStatus { at_rest: true, arrived: true, ..GimbalStatus::default() };
@@ -110,7 +110,7 @@ struct Heard {
 /// ```
 #[derive(Debug)]
 pub struct SelfCalibration<'c, T: Real> {
-    config: SelfCalibrationConfig,
+    config: &'c mut SelfCalibrationConfig,
     stored: Option<(Estimate, Conditions)>,
     /// While motion is locked, no command is given to the gimbal.
     lock: Option<MotionLock>,
@@ -147,7 +147,7 @@ impl<'c, T: Real> SelfCalibration<'c, T> {
     /// What is wrong with the configuration.
     #[inline(never)]
     pub fn new(
-        config: &SelfCalibrationConfig,
+        config: &'c mut SelfCalibrationConfig,
         stored: Option<&StoredCalibration>,
         calibrator: &'c mut Calibrator<T, MAX_SEGMENTS>,
     ) -> Result<Self, ConfigError> {
@@ -159,7 +159,7 @@ impl<'c, T: Real> SelfCalibration<'c, T> {
     /// rehearsal before it needs the stack.
     #[inline(never)]
     pub(crate) fn prepared(
-        config: &SelfCalibrationConfig,
+        config: &'c mut SelfCalibrationConfig,
         stored: Option<&StoredCalibration>,
         calibrator: &'c mut Calibrator<T, MAX_SEGMENTS>,
     ) -> Self {
@@ -187,7 +187,7 @@ impl<'c, T: Real> SelfCalibration<'c, T> {
             start: false,
             corrected_report_us: None,
             stored,
-            config: config.clone(),
+            config,
         }
     }
 
@@ -358,12 +358,12 @@ impl<'c, T: Real> SelfCalibration<'c, T> {
     #[inline(never)]
     pub fn reconfigure(&mut self, change: impl FnOnce(&mut SelfCalibrationConfig)) -> Result<(), ConfigError> {
         let before = self.config.clone();
-        change(&mut self.config);
-        let prepared = prepare(&self.config, self.calibrator);
+        change(self.config);
+        let prepared = prepare(self.config, self.calibrator);
         match prepared {
             Ok(()) => self.sequencer.reconfigure(self.config.scheme.clone(), self.config.pace),
             Err(error) => {
-                self.config = before;
+                *self.config = before;
                 if matches!(error, ConfigError::Unobserved(_)) {
                     self.calibrator.restart(&self.config.run());
                 }
@@ -374,7 +374,7 @@ impl<'c, T: Real> SelfCalibration<'c, T> {
 
     /// The configuration.
     pub fn config(&self) -> &SelfCalibrationConfig {
-        &self.config
+        self.config
     }
 
     /// Number of legs of the whole run, including the move to the start.
@@ -691,17 +691,18 @@ mod tests {
         for name in ["8-position", "16-position"] {
             let mut config = SelfCalibrationConfig { scheme: Scheme::named(name).expect("there"), ..config() };
             // Sgxz
-            let refusal = SelfCalibration::new(&config, None, &mut calibrator).err();
+            let refusal = SelfCalibration::new(&mut config, None, &mut calibrator).err();
             assert_eq!(refusal, Some(ConfigError::Unobserved(1)), "{name}");
             config.refuse_unobserved = false;
-            assert!(SelfCalibration::new(&config, None, &mut calibrator).is_ok(), "{name}");
+            assert!(SelfCalibration::new(&mut config, None, &mut calibrator).is_ok(), "{name}");
         }
     }
 
     #[test]
     fn a_step_tells_whether_samples_are_missing_before_its_sample() {
         let mut calibrator = std::boxed::Box::new(Calibrator::<f64, MAX_SEGMENTS>::UNCONFIGURED);
-        let mut run = SelfCalibration::new(&config(), None, &mut calibrator).expect("it is right");
+        let mut unit = config();
+        let mut run = SelfCalibration::new(&mut unit, None, &mut calibrator).expect("it is right");
         let after_gap = [5000, 10_000, 20_000, 25_000, 25_000, 30_000].map(|time_us| {
             let sample = RawSample { time_us, ..RawSample::default() };
             run.step(&sample, &GimbalStatus::default(), &mut |_| ()).after_gap
@@ -712,7 +713,8 @@ mod tests {
     #[test]
     fn a_refused_configuration_leaves_the_old_one_in_force() {
         let mut calibrator = std::boxed::Box::new(Calibrator::<f64, MAX_SEGMENTS>::UNCONFIGURED);
-        let mut run = SelfCalibration::new(&config(), None, &mut calibrator).expect("it is right");
+        let mut unit = config();
+        let mut run = SelfCalibration::new(&mut unit, None, &mut calibrator).expect("it is right");
         let in_force = *run.calibrator().estimator().config();
         let noisy = |config: &mut SelfCalibrationConfig| config.calibrator.estimator.noise.gyro_psd_sqrt = 4e-7;
         let refused = run.reconfigure(|config| {

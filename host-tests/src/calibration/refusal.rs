@@ -23,7 +23,7 @@ pub fn check_axes(scheme: &Scheme, axes: &[AxisLimits; 2]) -> Result<()> {
 /// The reason why the core refuses the configuration.
 pub fn check(config: &SelfCalibrationConfig) -> Result<(), ConfigError> {
     let mut calibrator = Box::new(Calibrator::<f64, MAX_SEGMENTS>::UNCONFIGURED);
-    SelfCalibration::new(config, None, &mut calibrator).map(|_| ())
+    SelfCalibration::new(&mut config.clone(), None, &mut calibrator).map(|_| ())
 }
 
 /// Error for a configuration that the core refuses.

@@ -95,7 +95,8 @@ fn self_calibrate(
     // The instrument is borrowed in place. If it were moved, it would be on the stack twice.
     match &mut power_up(board, link, startup, calibrator) {
         Ok(instrument) => {
-            begin(board, &startup.config().axes, &startup.config().motors);
+            let config = instrument.run().config();
+            begin(board, &config.axes, &config.motors);
             while board.powered() {
                 watchdog::report(Supervised::Main, board.now_us());
                 instrument.turn(&mut Devices::new(board));
@@ -112,7 +113,7 @@ fn self_calibrate(
 fn power_up<'m>(
     board: &mut impl Board,
     link: &'m mut Link,
-    startup: &mut Startup,
+    startup: &'m mut Startup,
     calibrator: &'m mut ImageCalibrator,
 ) -> Result<Instrument<'m, Scalar>, ConfigError> {
     defmt::info!("scheme {=str}", startup.config().scheme.name.as_str());
