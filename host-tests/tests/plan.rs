@@ -132,6 +132,27 @@ fn weights_decide_what_becomes_good() {
 }
 
 #[test]
+fn the_best_rate_of_the_axes_is_found_and_shown() {
+    let of = |rates: &str, evaluations: &str| -> serde_json::Value {
+        let fixed = ["plan", "--time", "60", "--out", "rate.toml", "--hardware", "ideal", "--json", "rate.json"];
+        let text = run(&[&fixed[..], &["--axis-rate", rates, "--evaluations", evaluations]].concat());
+        assert_eq!(text.contains("axis rate deg/s"), rates.contains(".."), "{text}");
+        serde_json::from_str(&fs::read_to_string(scratch("rate.json")).unwrap()).unwrap()
+    };
+    let swept = of("2..40", "9000");
+    let rates = swept["rates"].as_array().expect("a list");
+    let value = |at: &serde_json::Value| at["value"].as_f64();
+    // Within 60 s, three quarters of the way around at 2 deg/s leave no time for a scheme that is as good.
+    let (slow, fast) = (value(&rates[0]), value(rates.last().unwrap()).expect("it fits"));
+    assert!(rates.len() == 9 && slow.is_none_or(|slow| slow > fast), "{rates:?}");
+    let best = rates.iter().filter_map(value).fold(f64::INFINITY, f64::min);
+    let chosen = read_scheme(&scratch("rate.toml")).unwrap().rate_rad_s.to_degrees();
+    let at = rates.iter().find(|at| (at["rate_deg_s"].as_f64().unwrap() / chosen - 1.0).abs() < 1e-6);
+    assert_eq!(value(at.expect("one of the rates")), Some(best));
+    assert!(of("20", "1000")["rates"].is_null());
+}
+
+#[test]
 fn plans_that_cannot_be_are_refused_in_one_line() {
     let out = ["plan", "--out", "never.toml", "--evaluations", "200"];
     let with = |arguments: &[&str]| refused(&[&out[..], arguments].concat());
@@ -140,6 +161,7 @@ fn plans_that_cannot_be_are_refused_in_one_line() {
     assert!(with(&["--time", "60", "--weights", "delta"]).contains("delta: unknown parameter"));
     assert!(with(&["--time", "60", "--name", &"x".repeat(33)]).contains("32 bytes"));
     assert!(with(&["--time", "-60"]).contains("--time"));
+    assert!(with(&["--time", "60", "--axis-rate", "30..10"]).contains("the lowest rate must be below the highest"));
     assert!(!scratch("never.toml").exists());
 }
 

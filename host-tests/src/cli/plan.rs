@@ -15,6 +15,7 @@ use crate::files::scheme_file::write_scheme;
 use crate::files::unit_file::UnitConfig;
 use crate::plan::objective::{Criterion, Objective};
 use crate::plan::prediction::Prediction;
+use crate::plan::rates::{AtRate, plan_over_rates};
 use crate::plan::{PlanRequest, Planned, plan};
 use crate::result::table;
 use anyhow::ensure;
@@ -25,6 +26,7 @@ use rins_selfcal::base::units::DEG;
 use rins_selfcal::model::error_model::PARAMETER_INFO;
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::scheme::Turning;
+use serde::Serialize;
 use std::path::PathBuf;
 use std::sync::Mutex;
 
@@ -42,9 +44,9 @@ pub struct PlanArguments {
     /// Travel of the outer and the inner axis, deg; none allows two turns either way [default: none]
     #[arg(long, value_name = "LOW..HIGH,LOW..HIGH", value_parser = travel, allow_hyphen_values = true)]
     limits: Option<TravelArgument>,
-    /// Rate of the moves, deg/s
-    #[arg(long, value_name = "DEG_S", default_value_t = 20.0, value_parser = pace, allow_negative_numbers = true)]
-    axis_rate: f64,
+    /// Rate of the moves, deg/s, or a range of rates of which the best is found; that takes twice as long
+    #[arg(long, value_name = "DEG_S|LOW..HIGH", default_value = "20", value_parser = axis_rates, allow_hyphen_values = true)]
+    axis_rate: AxisRates,
     /// Acceleration of the moves, deg/s^2
     #[arg(long, value_name = "DEG_S2", default_value_t = 20.0, value_parser = pace, allow_negative_numbers = true)]
     acceleration: f64,
@@ -84,7 +86,7 @@ impl PlanArguments {
         Ok(PlanRequest {
             setup,
             time_s: self.time,
-            turning: Turning { rate_rad_s: self.axis_rate * DEG, acceleration_rad_s2: self.acceleration * DEG },
+            turning: Turning { rate_rad_s: self.axis_rate.0[0] * DEG, acceleration_rad_s2: self.acceleration * DEG },
             settling_s: self.settling,
             travel: self.limits.and_then(|limits| limits.0).unwrap_or_default(),
             angle_step_rad: self.angles.map_or_else(|| usual_step_rad(&unit.hardware()), |step| step.0),
@@ -103,6 +105,18 @@ struct AngleStep(Option<f64>);
 /// are taken as independent from stop to stop. Stops that are close to each other would share them.
 fn usual_step_rad(hardware: &Hardware) -> Option<f64> {
     (*hardware != Hardware::IDEAL).then_some(45.0 * DEG)
+}
+
+/// Lowest and highest rate of the moves, deg/s; equal if only one is permitted.
+#[derive(Clone, Copy, Debug)]
+struct AxisRates([f64; 2]);
+
+fn axis_rates(text: &str) -> Result<AxisRates, String> {
+    let Some((low, high)) = text.split_once("..") else { return pace(text).map(|rate| AxisRates([rate; 2])) };
+    match (pace(low.trim())?, pace(high.trim())?) {
+        (low, high) if low < high => Ok(AxisRates([low, high])),
+        _ => Err("the lowest rate must be below the highest".into()),
+    }
 }
 
 fn angle_step(text: &str) -> Result<AngleStep, String> {
@@ -127,12 +141,15 @@ pub fn run(arguments: &PlanArguments) -> anyhow::Result<Ending> {
     let unit = arguments.unit.config()?;
     let request = arguments.request(&unit)?;
     let stem = arguments.out.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
-    let planned = search(&request, arguments.name.as_deref().unwrap_or(&stem))?;
+    let (planned, rates) = search(&request, arguments.axis_rate, arguments.name.as_deref().unwrap_or(&stem))?;
     let prediction = Prediction::new(&request.setup, &planned.scheme);
     refuse_unobserved(&prediction)?;
     write_scheme(&arguments.out, &planned.scheme)?;
     if let Some(path) = &arguments.json {
-        write_json(path, &prediction)?;
+        write_json(path, &Report { prediction: &prediction, rates: &rates })?;
+    }
+    if !rates.is_empty() {
+        sayln!("{}", against_rate(&rates, &planned.scheme));
     }
     say!("{}\n{}\n{}", legs(&planned.scheme), sigmas(&prediction), summary(&request, &planned, &prediction));
     sayln!("scheme: {}", arguments.out.display());
@@ -156,8 +173,19 @@ fn refuse_unobserved(prediction: &Prediction) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn search(request: &PlanRequest, name: &str) -> anyhow::Result<Planned> {
-    let bar = progress::bar(request.evaluations, "schemes");
+/// The prediction, and what schemes at other rates reach.
+#[derive(Serialize)]
+struct Report<'a> {
+    #[serde(flatten)]
+    prediction: &'a Prediction,
+    #[serde(skip_serializing_if = "<[AtRate]>::is_empty")]
+    rates: &'a [AtRate],
+}
+
+fn search(request: &PlanRequest, rates: AxisRates, name: &str) -> anyhow::Result<(Planned, Vec<AtRate>)> {
+    let AxisRates([low, high]) = rates;
+    let sweeps = low < high;
+    let bar = progress::bar(request.evaluations * if sweeps { 2 } else { 1 }, "schemes");
     let best = Mutex::new(f64::INFINITY);
     let progress = |looked_at, value: f64| {
         if let Ok(mut best) = best.lock()
@@ -168,7 +196,21 @@ fn search(request: &PlanRequest, name: &str) -> anyhow::Result<Planned> {
         }
         bar.inc(looked_at);
     };
-    Ok(plan(request, name, &progress)?)
+    if sweeps {
+        Ok(plan_over_rates(request, [low * DEG, high * DEG], name, &progress)?)
+    } else {
+        Ok((plan(request, name, &progress)?, Vec::new()))
+    }
+}
+
+/// The objective against the rate. The chosen rate is marked.
+fn against_rate(rates: &[AtRate], scheme: &Scheme) -> String {
+    let row = |at: &AtRate| {
+        let chosen = (at.rate_deg_s * DEG / scheme.rate_rad_s - 1.0).abs() < 1e-9;
+        let value = at.value.map_or_else(|| "-".into(), significant);
+        vec![format!("{:.2}", at.rate_deg_s), value, if chosen { "*".into() } else { String::new() }]
+    };
+    table::of_numbers(&["axis rate deg/s", "objective", ""], rates.iter().map(row))
 }
 
 fn legs(scheme: &Scheme) -> String {

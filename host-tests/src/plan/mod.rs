@@ -8,6 +8,7 @@
 //! - `search`: simulated annealing over the stops
 //! - `bound`: the lower bound of any scheme
 //! - `request`: the request; `planning`: the search with its result
+//! - `rates`: the same at several rates of the axes
 //! - `observability`: rank and condition number of a scheme
 //! - `prediction`: the sigmas that the core reaches with a scheme
 //! - `costs`: what each imperfection of the hardware costs
@@ -21,6 +22,7 @@ pub mod objective;
 pub mod observability;
 mod planning;
 pub mod prediction;
+pub mod rates;
 mod request;
 mod search;
 mod shared_noise;
