@@ -187,9 +187,9 @@ fn the_replication_shows_every_table_and_figure_beside_bai() {
         assert_eq!([&first[0], &third[0]], [name; 2]);
         assert_eq!(first[1..3], [fixed(bai::TABLE_1[index], 0), fixed(bai::TABLE_1_ERRORS[index], 3)]);
         assert_eq!(third[1..3], [fixed(bai::TABLE_3[index], 3), fixed(bai::TABLE_3_DIFFERENCES[index], 3)]);
-        assert_eq!([&first[4], &first[7]], [&rms("table1", "two-stage", name), &rms("table1", "joint", name)]);
-        assert_eq!(third[3], rms("table3", "two-stage", name));
-        assert_eq!(third[4..6], [rms("real", "two-stage", name), rms("real", "joint", name)]);
+        assert_eq!([&first[4], &first[7]], [&rms("table1", "bai", name), &rms("table1", "joint", name)]);
+        assert_eq!(third[3], rms("table3", "bai", name));
+        assert_eq!(third[4..6], [rms("real", "bai", name), rms("real", "joint", name)]);
     }
     assert_eq!(cells(&dom, "ignored-numbers").len(), numbers["studies"].as_object().map_or(0, |all| all.len() - 3));
     // With the rank of 9 that stays until the inner axis has moved.
@@ -211,7 +211,7 @@ fn the_commands_of_the_replication_give_its_numbers_alone() {
         assert_eq!(alone(directory.path(), command)["methods"], study["methods"], "{command}");
     }
     let one = numbers["studies"]["table1"]["command"].as_str().expect("a command").replace("--runs 2", "--runs 1");
-    let one = &alone(directory.path(), &one)["methods"]["two-stage"]["parameters"];
+    let one = &alone(directory.path(), &one)["methods"]["bai"]["parameters"];
     for (row, info) in cells(&dom, "table-1-numbers").iter().zip(&PARAMETER_INFO) {
         assert_eq!(row[3], fixed(one[info.name]["mean_error"].as_f64().expect("a number"), 3), "{}", info.name);
     }

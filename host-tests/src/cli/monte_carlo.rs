@@ -8,15 +8,15 @@ use super::output::{say, sayln};
 use super::{files, progress};
 use crate::base::bai::TABLE_1_ERRORS;
 use crate::base::quantity::{fixed, rounded, significant, states};
-use crate::calibration::{Precision, method_name};
+use crate::calibration::method::{MethodChoice, chosen};
+use crate::calibration::{HostMethod, Precision};
 use crate::files::json_file::write_json;
 use crate::files::unit_file::{SiteTable, UnitConfig};
 use crate::result::report::{Named, SOFTWARE, Software};
 use crate::result::table;
 use crate::study::monte_carlo::{CONFIDENCE, FitStatistics, LiveTable, MethodStatistics, MonteCarlo, RunResult};
 use crate::study::statistics::{ErrorStatistics, TOLERANCE};
-use clap::{Args, ValueEnum};
-use rins_selfcal::base::method::Method;
+use clap::Args;
 use rins_selfcal::model::error_model::{PARAMETERS, ParameterInfo};
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::SegmentKind;
@@ -40,9 +40,9 @@ pub struct MonteCarloArguments {
     /// Let the core turn the axes as at power-up, and repeat disturbed stops [default: open loop]
     #[arg(long)]
     pub closed_loop: bool,
-    /// Method, or both methods on the same data
-    #[arg(long, value_enum, default_value_t)]
-    pub method: MethodsArgument,
+    /// Methods on the same data: one, several with commas, or all
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "joint")]
+    pub method: Vec<MethodChoice>,
     /// Floating-point type of the core
     #[arg(long, value_enum, default_value_t)]
     pub precision: Precision,
@@ -58,28 +58,6 @@ pub struct MonteCarloArguments {
     /// Write the statistics to this file
     #[arg(long, value_name = "OUT.json")]
     pub json: Option<PathBuf>,
-}
-
-/// Methods that are run.
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-pub enum MethodsArgument {
-    /// All 28 parameters at once
-    #[default]
-    Joint,
-    /// Bai's method: the twelve installation errors
-    TwoStage,
-    /// Both methods on the same data
-    Both,
-}
-
-impl MethodsArgument {
-    pub fn methods(self) -> Vec<Method> {
-        match self {
-            Self::Joint => vec![Method::Joint],
-            Self::TwoStage => vec![Method::TwoStage],
-            Self::Both => vec![Method::Joint, Method::TwoStage],
-        }
-    }
 }
 
 /// Legend of the column with Bai's errors.
@@ -108,8 +86,8 @@ pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
     }
     let beside_bai = arguments.errors == "table1";
     methods.iter().for_each(|method| say!("\n{}", text(method, beside_bai)));
-    if let [joint, two_stage] = methods.as_slice() {
-        say!("\n{}", side_by_side(joint, two_stage));
+    if methods.len() > 1 {
+        say!("\n{}", side_by_side(&methods));
     }
     if let Some(path) = &arguments.json {
         sayln!("statistics: {}", path.display());
@@ -150,7 +128,7 @@ fn head(arguments: &MonteCarloArguments, monte_carlo: &MonteCarlo) -> anyhow::Re
         described = format!("site: another place for every unit, none is configured\n{rest}");
     }
     let periods = if scheme.periods == 1 { "1 period".into() } else { format!("{} periods", scheme.periods) };
-    let methods: Vec<_> = monte_carlo.methods.iter().map(|method| method_name(*method)).collect();
+    let methods: Vec<_> = monte_carlo.methods.iter().map(|method| method.name()).collect();
     Ok(format!(
         "{} runs of {:.1} s at {rate_hz} Hz, {}, seed {seed}\nscheme: {}, {periods}, {} stops of {}\nmethod: {}\n\
          errors: {}\n{described}",
@@ -176,10 +154,12 @@ fn stops(scheme: &Scheme) -> String {
 pub fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo> {
     let described = arguments.unit.config()?;
     let unit = if arguments.anywhere { UnitConfig { site: SiteTable::default(), ..described } } else { described };
-    let longest = if matches!(arguments.method, MethodsArgument::Joint) { Method::Joint } else { Method::TwoStage };
+    let methods = chosen(&arguments.method);
+    // The paper's method needs the longest scheme.
+    let longest = if methods.contains(&HostMethod::Bai) { HostMethod::Bai } else { HostMethod::Joint };
     Ok(MonteCarlo {
         runs: arguments.runs,
-        methods: arguments.method.methods(),
+        methods,
         precision: arguments.precision,
         scheme: arguments.scheme.scheme(longest)?,
         axes: arguments.axes.axes(),
@@ -193,7 +173,7 @@ pub fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo
 }
 
 fn text(method: &MethodStatistics, beside_bai: bool) -> String {
-    let name = method_name(method.method);
+    let name = method.method.name();
     let counts = format!(
         "{} accepted ({} of them wrong), {} rejected, {} not converged, {} diverged, {} aborted",
         method.accepted, method.accepted_wrong, method.rejected, method.unconverged, method.diverged, method.aborted
@@ -201,7 +181,7 @@ fn text(method: &MethodStatistics, beside_bai: bool) -> String {
     let mut text = format!("{name} method: {counts}\n");
     text += &listed("  wrong: ", &method.wrong, method.accepted_wrong);
     text += &listed("  - ", &method.rejections, method.rejected + method.aborted);
-    let beside_bai = beside_bai && method.method == Method::TwoStage;
+    let beside_bai = beside_bai && method.method == HostMethod::Bai;
     let note = if beside_bai { BAI_TABLE_1_NOTE } else { "" };
     text + "\n" + &errors(method, beside_bai) + note + &summary(method) + &live(&method.live)
 }
@@ -297,15 +277,19 @@ fn summary(method: &MethodStatistics) -> String {
     )
 }
 
-/// RMS errors of both methods on the same data.
-fn side_by_side(joint: &MethodStatistics, two_stage: &MethodStatistics) -> String {
-    let columns = ["two-stage RMS", "sigma", "joint RMS", "sigma", "factor gained"];
-    let table = table::by_parameter(&columns, |index| {
-        let (ours, theirs) = (joint.states[index]?, two_stage.states[index]?);
-        let numbers = [theirs.rms_error, theirs.bound, ours.rms_error, ours.bound].map(significant);
-        Some(numbers.into_iter().chain([fixed(theirs.rms_error / ours.rms_error, 1)]).collect())
+/// RMS errors and sigmas of the methods on the same data, for the parameters that all of them estimate.
+fn side_by_side(methods: &[MethodStatistics]) -> String {
+    let heads: Vec<_> =
+        methods.iter().flat_map(|method| [format!("{} RMS", method.method.name()), "sigma".into()]).collect();
+    let heads: Vec<_> = heads.iter().map(String::as_str).collect();
+    let table = table::by_parameter(&heads, |index| {
+        let cells = methods.iter().map(|method| {
+            let errors = method.states[index]?;
+            Some([errors.rms_error, errors.bound].map(significant))
+        });
+        Some(cells.collect::<Option<Vec<_>>>()?.into_iter().flatten().collect())
     });
-    format!("both methods on the same data\n\n{table}")
+    format!("all methods on the same data\n\n{table}")
 }
 
 /// Contents of the JSON file.
@@ -367,7 +351,7 @@ impl<'a> Report<'a> {
             precision: monte_carlo.precision,
             seed: monte_carlo.seed,
             confidence: CONFIDENCE,
-            methods: Named(methods.iter().map(|method| (method_name(method.method), method.into())).collect()),
+            methods: Named(methods.iter().map(|method| (method.method.name(), method.into())).collect()),
             software: SOFTWARE,
         }
     }

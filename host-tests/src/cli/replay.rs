@@ -80,9 +80,9 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
     let previous = arguments.previous.as_deref().map(Saved::read).transpose()?;
     let (unit, origin) = unit(arguments)?;
     let unit = arguments.hardware.apply(unit)?;
-    let method = arguments.method.method();
-    if method == Method::TwoStage && unit.site.latitude_deg.is_none() {
-        bail!("--method two-stage needs the latitude: give latitude_deg in the table [site] of --config");
+    let method = arguments.method.method;
+    if method == Method::Bai && unit.site.latitude_deg.is_none() {
+        bail!("--method bai needs the latitude: give latitude_deg in the table [site] of --config");
     }
     let replay = Replay {
         path: log.into(),

@@ -24,6 +24,9 @@
 //! [initial]
 //! heading_deg = 137.0                    # known heading; default: unknown
 //! heading_sigma_deg = 1.0                # its sigma; default 1
+//! [bai]                                  # P0 and Q of the method bai; R is that of [noise]
+//! initial_sigma_arcsec = 10800.0         # sigma of each state before any data; default 10800
+//! walk_arcsec_sqrt_s = 0.0               # random walk of each state; default 0: constants
 //! ```
 //! A file may have the tables that only an instrument needs too: `commissioning`.
 
@@ -37,6 +40,7 @@ use rins_selfcal::base::site::{
     SITE_BOUNDS, Site, UNKNOWN_HEIGHT_SIGMA_M, UNKNOWN_LATITUDE_SIGMA_DEG,
 };
 use rins_selfcal::base::units::{ARCSEC, DEG, DEG_SQRT_H, MGAL, MICRO_G};
+use rins_selfcal::estimator::{BaiTuning, TUNING_BOUNDS};
 use rins_selfcal::model::effects::{SITE_SIGMA_BOUNDS, SiteSigmas};
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
@@ -269,6 +273,33 @@ impl Default for InitialTable {
     }
 }
 
+/// `[bai]`: P0 and Q of the paper's method.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BaiTable {
+    /// Sigma of each of the twelve states before any data, arcsec.
+    pub initial_sigma_arcsec: f64,
+    /// Random walk of each of the twelve states, arcsec/sqrt(s).
+    pub walk_arcsec_sqrt_s: f64,
+}
+
+impl BaiTable {
+    /// SI.
+    pub fn tuning(&self) -> BaiTuning {
+        BaiTuning {
+            initial_sigma_rad: self.initial_sigma_arcsec * ARCSEC,
+            walk_rad_sqrt_s: self.walk_arcsec_sqrt_s * ARCSEC,
+        }
+    }
+}
+
+impl Default for BaiTable {
+    fn default() -> Self {
+        let BaiTuning { initial_sigma_rad, walk_rad_sqrt_s } = BaiTuning::STATED;
+        Self { initial_sigma_arcsec: initial_sigma_rad / ARCSEC, walk_arcsec_sqrt_s: walk_rad_sqrt_s / ARCSEC }
+    }
+}
+
 /// Contents of UNIT.toml.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -283,6 +314,8 @@ pub struct UnitConfig {
     pub initial: InitialTable,
     /// Imperfections of its hardware.
     pub hardware: HardwareTable,
+    /// P0 and Q of the paper's method.
+    pub bai: BaiTable,
 }
 
 /// UNIT.toml with the tables that only an instrument needs, whose contents do not matter here.
@@ -294,6 +327,7 @@ struct UnitFile {
     sampling: SamplingTable,
     initial: InitialTable,
     hardware: HardwareTable,
+    bai: BaiTable,
     #[serde(rename = "unit")]
     _unit: Option<IgnoredAny>,
     #[serde(rename = "outer")]
@@ -308,8 +342,8 @@ struct UnitFile {
 
 impl UnitFile {
     fn config(self) -> UnitConfig {
-        let Self { site, noise, sampling, initial, hardware, .. } = self;
-        UnitConfig { site, noise, sampling, initial, hardware }
+        let Self { site, noise, sampling, initial, hardware, bai, .. } = self;
+        UnitConfig { site, noise, sampling, initial, hardware, bai }
     }
 }
 
@@ -491,6 +525,11 @@ impl UnitConfig {
         }
         if !(self.initial.heading_sigma_deg.is_finite() && self.initial.heading_sigma_deg > 0.0) {
             return Err(("initial", "heading_sigma_deg", "must be finite and positive".into()));
+        }
+        for (key, row) in ["initial_sigma_arcsec", "walk_arcsec_sqrt_s"].into_iter().zip(&TUNING_BOUNDS) {
+            if !row.bound.permits((row.value)(&self.bai.tuning())) {
+                return Err(("bai", key, format!("must be {}", row.bound)));
+            }
         }
         Ok(())
     }

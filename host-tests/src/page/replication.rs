@@ -36,7 +36,7 @@ fn page(found: &Replication) -> anyhow::Result<Markup> {
             "Laboratory unit: Figures 16 to 18",
             estimates(found, &found.laboratory, "laboratory")?,
         ),
-        Section::new("ignored", "What the two-stage method takes as zero", ignored(found)),
+        Section::new("ignored", "What Bai's method takes as zero", ignored(found)),
         Section::new("joint", "The joint method on the same data", joint(found)),
         Section::new("schemes", "The joint method in less time", schemes(found)),
     ];
@@ -44,7 +44,7 @@ fn page(found: &Replication) -> anyhow::Result<Markup> {
 }
 
 fn head(found: &Replication) -> Markup {
-    let runs = found.table_1.of(Method::TwoStage).runs;
+    let runs = found.table_1.of(Method::Bai).runs;
     html! {
         header.verdict {
             h1 { "Bai et al. beside rins-selfcal" }
@@ -224,18 +224,18 @@ fn in_ours<'a>(published: &'a Twelve, study: &'a Study, method: Method) -> impl 
 
 /// Range of the published errors of a group divided by ours, in words.
 fn group_in_ours(group: &Group, published: &Twelve, study: &Study) -> String {
-    let ratios = in_ours(published, study, Method::TwoStage).enumerate();
+    let ratios = in_ours(published, study, Method::Bai).enumerate();
     let of_group = ratios.filter(|(index, _)| group.states.contains(index)).map(|(_, ratio)| ratio);
     let [low, high] = range(of_group);
     format!("{} {} to {}", group.title, fixed(low, 1), fixed(high, 1))
 }
 
 fn of_table_1(found: &Replication) -> String {
-    let [low, high] = range(rms(&found.table_1, Method::TwoStage));
+    let [low, high] = range(rms(&found.table_1, Method::Bai));
     let groups = GROUPS.iter().filter(|group| group.states.end <= INSTALLATION_STATES);
     let groups: Vec<_> = groups.map(|group| group_in_ours(group, &TABLE_1_ERRORS, &found.table_1)).collect();
     format!(
-        "In the simulation of Table 1 the RMS errors of the two-stage method are {} to {} arcsec here. Ratios of \
+        "In the simulation of Table 1 the RMS errors of Bai's method are {} to {} arcsec here. Ratios of \
          the paper's errors, from one run, to ours: {}.",
         significant(low),
         significant(high),
@@ -246,10 +246,10 @@ fn of_table_1(found: &Replication) -> String {
 fn table_1(found: &Replication) -> Markup {
     let study = &found.table_1;
     let columns =
-        ["true", "Bai: error", "ours: error of run 1", "RMS of all runs", "bound", "Bai / our RMS", "joint RMS"];
+        ["true", "Bai: error", "ours: error of run 1", "RMS of all runs", "stated sigma", "Bai / our RMS", "joint RMS"];
     html! {
         (of_twelve("table-1-numbers", &columns, |index| {
-            let ours = study.installation(Method::TwoStage, index);
+            let ours = study.installation(Method::Bai, index);
             let of = |number: Option<f64>| number_or_none(number, significant);
             vec![
                 fixed(TABLE_1[index], 0),
@@ -263,37 +263,31 @@ fn table_1(found: &Replication) -> Markup {
         }))
         p { "The paper's column is the error of one run. By chance, such a number is below a third of the root mean "
             "square for one parameter in four, and above twice the root mean square for one in twenty. Larger "
-            "differences are not explained: stage 2 here takes each move as one rotation, with the encoder errors at "
-            "both ends as states, and the paper does not say how its filter weighs the samples and with which noise "
-            "of the gyros. The bound is the smallest error that an estimator of the twelve can have with our model of "
-            "the noise." }
+            "differences are not explained: P0, Q and R of the paper's filters are not in its text. Ours are in "
+            code { "rins guide theory" } ". The stated sigma is that of the filter, which takes the noise of all "
+            "measurements as independent." }
         @for line in &found.simulation.commands { (command(line)) }
         (command(&study.command))
     }
 }
 
 fn table_3(found: &Replication) -> Markup {
-    let columns = [
-        "Bai: reference",
-        "Bai: difference",
-        "only the twelve: two-stage RMS",
-        "real unit: two-stage RMS",
-        "real unit: joint RMS",
-    ];
+    let columns =
+        ["Bai: reference", "Bai: difference", "only the twelve: our RMS", "real unit: our RMS", "real unit: joint RMS"];
     html! {
         (of_twelve("table-3-numbers", &columns, |index| {
             let of = |study: &Study, method| number_or_none(study.installation(method, index).map(|ours| ours.rms_error), significant);
             vec![
                 fixed(TABLE_3[index], 3),
                 fixed(TABLE_3_DIFFERENCES[index], 3),
-                of(&found.table_3, Method::TwoStage),
-                of(&found.real, Method::TwoStage),
+                of(&found.table_3, Method::Bai),
+                of(&found.real, Method::Bai),
                 of(&found.real, Method::Joint),
             ]
         }))
         p { "The paper's unit was in a laboratory. Its difference is the one to another calibration, and includes the "
             "error of that calibration. Ours are virtual units with the paper's reference as the truth: the first with "
-            "all other errors zero, as the two-stage method assumes, and the second with biases of 30 ug and 0.005 "
+            "all other errors zero, as the paper assumes, and the second with biases of 30 ug and 0.005 "
             "deg/h, scale factors off by 100 and 20 ppm, axes 4 arcsec off perpendicular and a base out of level. The "
             "paper's differences lie " (between(found)) "." }
         (command(&found.table_3.command))
@@ -303,7 +297,7 @@ fn table_3(found: &Replication) -> Markup {
 
 /// Comparison of the published differences with both virtual units, in words.
 fn between(found: &Replication) -> String {
-    let study = |study| rms(study, Method::TwoStage).collect::<Vec<_>>();
+    let study = |study| rms(study, Method::Bai).collect::<Vec<_>>();
     let (twelve, real) = (study(&found.table_3), study(&found.real));
     let count =
         |beyond: &dyn Fn(usize) -> bool| (0..twelve.len().min(real.len())).filter(|index| beyond(*index)).count();
@@ -319,7 +313,7 @@ fn estimates(found: &Replication, series: &ShownRun, which: &str) -> anyhow::Res
         block::MOUNTING..block::ACCEL_BIAS,
     ];
     Ok(html! {
-        p { "Estimates of one run by the two-stage method: after every stop and move, the final estimate from all "
+        p { "Estimates of one run by Bai's method: after every stop and move, the final estimate from all "
             "segments up to then, against time in seconds, with a band of three sigmas. The dashed line is the true "
             "value. The errors of the accelerometers and the mounting angles are found in period one, the errors of "
             "the gyros in period two." }
@@ -336,12 +330,12 @@ fn estimates(found: &Replication, series: &ShownRun, which: &str) -> anyhow::Res
 // ----------------------------------------------------------------------------------------------------- what is ignored
 
 fn of_real(found: &Replication) -> String {
-    let (two_stage, joint) = (found.real.worst_rms(Method::TwoStage), found.real.worst_rms(Method::Joint));
+    let (bai, joint) = (found.real.worst_rms(Method::Bai), found.real.worst_rms(Method::Joint));
     format!(
-        "On a unit with all errors of a real one, the largest RMS error of the two-stage method is {}; that of the joint \
+        "On a unit with all errors of a real one, the largest RMS error of Bai's method is {}; that of the joint \
          method, on the same data, is \
          {}.",
-        worst_in_words(two_stage),
+        worst_in_words(bai),
         worst_in_words(joint)
     )
 }
@@ -349,26 +343,26 @@ fn of_real(found: &Replication) -> String {
 /// Titles of the effects whose worst error is below twice the worst error from noise alone, and the effect with the
 /// largest error.
 fn effects(found: &Replication) -> (Vec<&'static str>, String) {
-    let size = |study: &Study| study.worst_mean(Method::TwoStage).map_or(f64::INFINITY, |(_, arcsec)| arcsec);
+    let size = |study: &Study| study.worst_mean(Method::Bai).map_or(f64::INFINITY, |(_, arcsec)| arcsec);
     let noise = found.ignored.first().map_or(0.0, size);
     let effects = || found.ignored.iter().skip(1);
     let small = effects().filter(|study| size(study) < 2.0 * noise).map(|study| study.title).collect();
     let largest = effects().max_by(|a, b| size(a).total_cmp(&size(b)));
     let largest = largest.map_or_else(String::new, |study| {
-        format!("{}, {}", study.title, worst_in_words(study.worst_mean(Method::TwoStage)))
+        format!("{}, {}", study.title, worst_in_words(study.worst_mean(Method::Bai)))
     });
     (small, largest)
 }
 
 fn ignored(found: &Replication) -> Markup {
     let row = |study: &Study| {
-        let (two_stage, joint) = (study.of(Method::TwoStage), study.of(Method::Joint));
+        let (bai, joint) = (study.of(Method::Bai), study.of(Method::Joint));
         html! {
             tr id={ "ignored-" (study.name) } {
                 td { (study.title) }
-                td { (worst(study.worst_mean(Method::TwoStage))) }
-                td { (fixed(two_stage.fit.mean_chi_square, 0)) " / " (fixed(two_stage.fit.mean_degrees_of_freedom, 0)) }
-                td { (two_stage.accepted) " of " (two_stage.runs) }
+                td { (worst(study.worst_mean(Method::Bai))) }
+                td { (fixed(bai.fit.mean_chi_square, 0)) " / " (fixed(bai.fit.mean_degrees_of_freedom, 0)) }
+                td { (bai.accepted) " of " (bai.runs) }
                 td { (worst(study.worst_mean(Method::Joint))) }
                 td { (joint.accepted) " of " (joint.runs) }
             }
@@ -379,10 +373,10 @@ fn ignored(found: &Replication) -> Markup {
         p { "Each effect alone, on a unit without any other error: the mean error over the runs of the installation "
             "error that is worst, arcsec. The first row is with noise only." }
         div.scroll { table id="ignored-numbers" {
-            thead { tr { th {} th { "two-stage" } th { "chi-square" } th { "accepted" } th { "joint" } th { "accepted" } } }
+            thead { tr { th {} th { "Bai's method" } th { "chi-square" } th { "accepted" } th { "joint" } th { "accepted" } } }
             tbody { @for study in &found.ignored { (row(study)) } }
         } }
-        p { "The two-stage method has no state for such an effect. The largest error is from: " (largest) ". "
+        p { "Bai's method has no state for such an effect. The largest error is from: " (largest) ". "
             @if !small.is_empty() { "Effects with an error of the size of that from noise: " (small.join("; ")) ". " }
             "An effect without a state increases the chi-square, and such a run is rejected. The joint method has a "
             "state or a noise for each effect, as large as " code { "--hardware" } " says." }
@@ -394,10 +388,10 @@ fn ignored(found: &Replication) -> Markup {
 
 fn joint(found: &Replication) -> Markup {
     let columns = [
-        "Table 1: two-stage RMS",
+        "Table 1: Bai's method, RMS",
         "joint RMS",
         "(error/sigma)²",
-        "real unit: two-stage RMS",
+        "real unit: Bai's method, RMS",
         "joint RMS",
         "(error/sigma)²",
         "factor gained",
@@ -405,16 +399,16 @@ fn joint(found: &Replication) -> Markup {
     let [low, high] = found.real.of(Method::Joint).normalized_bounds;
     let accepted = |study: &Study| {
         let of = |method| format!("{} of {}", study.of(method).accepted, study.of(method).runs);
-        format!("{} two-stage, {} joint", of(Method::TwoStage), of(Method::Joint))
+        format!("{} with Bai's method, {} joint", of(Method::Bai), of(Method::Joint))
     };
     html! {
         (of_twelve("joint-numbers", &columns, |index| {
             let of = |study: &Study| {
-                let [two_stage, joint] = [Method::TwoStage, Method::Joint].map(|method| study.installation(method, index).copied());
+                let [bai, joint] = [Method::Bai, Method::Joint].map(|method| study.installation(method, index).copied());
                 let number = |number: Option<f64>| number_or_none(number, significant);
                 let honest = number_or_none(joint.map(|joint| joint.mean_normalized_squared), |honest| fixed(honest, 2));
-                let gained = two_stage.zip(joint).map(|(two_stage, joint)| two_stage.rms_error / joint.rms_error);
-                (vec![number(two_stage.map(|found| found.rms_error)), number(joint.map(|found| found.rms_error)), honest], gained)
+                let gained = bai.zip(joint).map(|(bai, joint)| bai.rms_error / joint.rms_error);
+                (vec![number(bai.map(|found| found.rms_error)), number(joint.map(|found| found.rms_error)), honest], gained)
             };
             let (mut cells, (real, gained)) = (of(&found.table_1).0, of(&found.real));
             cells.extend(real);
@@ -437,11 +431,11 @@ fn schemes(found: &Replication) -> Markup {
                 td.wide { code { (line) } } }
         }
     };
-    let two_stage = found.table_1.worst_rms(Method::TwoStage);
+    let bai = found.table_1.worst_rms(Method::Bai);
     html! {
         p { "Predictions with the noise of the simulation (" code { "--noise bai" } "), for all 28 states. Both "
             "periods of the paper's scheme take "
-            (fixed(duration_s(&found.setup, &found.scheme), 0)) " s, and the largest RMS error of the two-stage method is then " (worst_in_words(two_stage)) "." }
+            (fixed(duration_s(&found.setup, &found.scheme), 0)) " s, and the largest RMS error of Bai's method is then " (worst_in_words(bai)) "." }
         div.scroll { table id="scheme-numbers" {
             thead { tr { th { "scheme" } th { "time, s" } th { "worst sigma, arcsec" } th { "rank" } th { "condition number" } th.text { "command" } } }
             tbody { @for foresight in &found.schemes { (row(foresight)) } }

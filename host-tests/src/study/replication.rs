@@ -25,14 +25,14 @@ pub struct Study {
     pub title: &'static str,
     /// The command that repeats the study alone.
     pub command: String,
-    /// Statistics of the joint method, then of the two-stage method.
+    /// Statistics of the joint method, then of the paper's method.
     pub methods: [MethodStatistics; 2],
 }
 
 impl Study {
     /// Statistics of one method.
     pub fn of(&self, method: Method) -> &MethodStatistics {
-        &self.methods[usize::from(method == Method::TwoStage)]
+        &self.methods[usize::from(method == Method::Bai)]
     }
 
     /// Statistics of one of the twelve installation errors with one method, arcsec; `None` if all runs failed.
@@ -55,7 +55,7 @@ impl Study {
     }
 }
 
-/// One calibration with the two-stage method, with signals and truth for figures.
+/// One calibration with the paper's method, with signals and truth for figures.
 #[derive(Clone, Debug)]
 pub struct ShownRun {
     /// The commands that repeat signals and final estimates alone.
@@ -89,9 +89,7 @@ impl ShownRun {
     }
 }
 
-/// The final estimate after every segment: all segments up to then are processed until the estimate has converged. The
-/// live estimate is linearized about the estimate at each segment, which is inaccurate in stage 1 of the two-stage
-/// method.
+/// The final estimate after every segment: all segments up to then are processed until the estimate has converged.
 fn finals(setup: &Setup, segments: &[Segment<f64>]) -> Vec<Progress> {
     let up_to = |count: usize| {
         let mut estimator = Box::new(Estimator::<f64, HOST_SEGMENTS>::new());
@@ -122,7 +120,7 @@ pub struct Replication {
     pub command: String,
     /// Both periods of the paper's scheme.
     pub scheme: Scheme,
-    /// Setup of the two-stage method.
+    /// Setup of the paper's method.
     pub setup: Setup,
     /// Observability on the paper's scheme.
     pub observability: Foresight,
@@ -136,7 +134,7 @@ pub struct Replication {
     pub table_3: Study,
     /// Many runs of the twelve errors of Table 3 with all other errors of a real unit.
     pub real: Study,
-    /// One study for each effect that the two-stage method takes as zero.
+    /// One study for each effect that the paper's method takes as zero.
     pub ignored: Vec<Study>,
     /// Predictions for schemes with the joint method.
     pub schemes: Vec<Foresight>,
