@@ -7,6 +7,7 @@ pub mod fault_campaign;
 pub mod fault_table;
 pub mod faults;
 pub mod hostile_line;
+pub mod methods_table;
 pub mod monte_carlo;
 pub mod power_ups;
 pub mod promises;
