@@ -36,7 +36,8 @@
 //! encoder errors of the stops at its two ends.
 //!
 //! As in the paper, the noise counts as white from measurement to measurement. In truth all (B11) share the first stop,
-//! two successive (B13) share a stop, and theta is not exact. So the sigmas of this method are not those of its errors.
+//! whose encoder error tilts f_a0 where a servo holds the reading at zero. Two successive (B13) share a stop, and theta is
+//! not exact. So the sigmas of this method are not those of its errors.
 //! The paper also takes biases, scale factors and the non-perpendicularity of the axes as zero.
 
 use super::configuration::{BEFORE_PARAMETERS, STATES};

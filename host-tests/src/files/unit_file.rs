@@ -284,8 +284,11 @@ pub struct BaiTable {
 }
 
 impl BaiTable {
-    /// SI.
+    /// SI. The default is that of the core to the last bit.
     pub fn tuning(&self) -> BaiTuning {
+        if *self == Self::default() {
+            return BaiTuning::STATED;
+        }
         BaiTuning {
             initial_sigma_rad: self.initial_sigma_arcsec * ARCSEC,
             walk_rad_sqrt_s: self.walk_arcsec_sqrt_s * ARCSEC,
@@ -295,8 +298,7 @@ impl BaiTable {
 
 impl Default for BaiTable {
     fn default() -> Self {
-        let BaiTuning { initial_sigma_rad, walk_rad_sqrt_s } = BaiTuning::STATED;
-        Self { initial_sigma_arcsec: initial_sigma_rad / ARCSEC, walk_arcsec_sqrt_s: walk_rad_sqrt_s / ARCSEC }
+        Self { initial_sigma_arcsec: 10_800.0, walk_arcsec_sqrt_s: 0.0 }
     }
 }
 
@@ -558,6 +560,18 @@ mod tests {
         assert!(near(sigmas(measured), DEG, MGAL), "the height does not matter: {:?}", sigmas(measured));
         let high = "site = { latitude_deg = 48.0, height_m = 500.0, height_sigma_m = 900.0, gravity_sigma_mgal = 0.0 }";
         assert!(near(sigmas(high), 0.02 * DEG, 277.7 * MGAL), "{:?}", sigmas(high));
+    }
+
+    #[test]
+    fn the_default_of_the_papers_filter_is_what_the_core_states() {
+        let BaiTable { initial_sigma_arcsec, walk_arcsec_sqrt_s } = BaiTable::default();
+        assert!((initial_sigma_arcsec * ARCSEC / BaiTuning::STATED.initial_sigma_rad - 1.0).abs() < 1e-15);
+        assert_eq!(walk_arcsec_sqrt_s, BaiTuning::STATED.walk_rad_sqrt_s);
+        let described = |bai: &str| -> UnitConfig { toml::from_str(bai).expect("a unit description") };
+        let walking = described("bai = { walk_arcsec_sqrt_s = 0.5 }");
+        assert_eq!((walking.check(), walking.bai.tuning().walk_rad_sqrt_s), (Ok(()), 0.5 * ARCSEC));
+        let negative = described("bai = { walk_arcsec_sqrt_s = -0.5 }").check();
+        assert_eq!(negative.map_err(|(table, key, _)| (table, key)), Err(("bai", "walk_arcsec_sqrt_s")));
     }
 
     #[test]
