@@ -28,7 +28,9 @@ pub mod virtual_unit;
 pub mod log;
 
 pub mod calibration;
+
 pub mod separating;
+
 pub mod result;
 
 pub mod plan;

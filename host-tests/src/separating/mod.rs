@@ -11,6 +11,7 @@
 //! list of references (Bai et al., Sensors 2019, 19(18), 4005). The paper states only the principle of each method in
 //! its introduction. The details that it leaves open are choices of this project; each file states its own.
 
+mod error;
 mod imu_correction;
 mod navigation;
 mod run;
@@ -18,9 +19,10 @@ mod separate;
 mod singular_values;
 mod thin_shell;
 
+pub use error::SeparatingError;
 pub use imu_correction::ImuCorrection;
 pub use navigation::{Navigated, PASSES, SensorNoise, navigate};
 pub use run::{GimballedRun, Interval, RunBuilder};
-pub use separate::{MountingMethod, Separated, SeparatingError, separate};
+pub use separate::{Separated, SeparatingMethod, separate, with_mounting};
 pub use singular_values::mounting_by_singular_values;
 pub use thin_shell::mounting_by_thin_shell;

@@ -24,9 +24,10 @@
 //! wrong heading: on a unit of Table 3 that costs up to 1 arcsec. The paper's list of references has only the principle;
 //! states, measurements and noise are choices of this project.
 
+use super::error::SeparatingError;
 use super::imu_correction::ImuCorrection;
 use super::run::{GimballedRun, Interval};
-use super::separate::SeparatingError;
+use crate::files::unit_file::Noise;
 use rins_selfcal::base::linear::{Matrix, Matrix3, Vector, Vector3, exp_so3, skew};
 use rins_selfcal::base::site::Site;
 use rins_selfcal::base::units::{DEG, DEG_H, DEG_SQRT_H, MICRO_G};
@@ -97,6 +98,13 @@ pub struct SensorNoise {
     pub accel_psd_sqrt: f64,
     /// Square root of the spectral density of the rate noise, rad/s/sqrt(Hz).
     pub gyro_psd_sqrt: f64,
+}
+
+impl From<&Noise> for SensorNoise {
+    fn from(noise: &Noise) -> Self {
+        let psd = noise.psd();
+        Self { accel_psd_sqrt: psd.accel_psd_sqrt, gyro_psd_sqrt: psd.gyro_psd_sqrt }
+    }
 }
 
 /// Result of [11].
@@ -219,7 +227,8 @@ impl<'a> Pass<'a> {
         prior.fixed_rows_mut::<NAVIGATION>(0).fill(0.0);
         prior.fixed_rows_mut::<3>(state::GYRO_BIAS).fill(PRIOR_GYRO_BIAS);
         prior.fixed_rows_mut::<3>(state::ACCEL_BIAS).fill(PRIOR_ACCEL_BIAS);
-        let mut covariance = by_sensors * Matrix::from_diagonal(&prior.map(|sigma| sigma * sigma)) * by_sensors.transpose();
+        let mut covariance =
+            by_sensors * Matrix::from_diagonal(&prior.map(|sigma| sigma * sigma)) * by_sensors.transpose();
         let level = (noise.accel_psd_sqrt / earth.gravity_m_s2).powi(2) / first.duration_s;
         let heading = (noise.gyro_psd_sqrt / earth.rate_n.y).powi(2) / first.duration_s;
         let velocity = SIGMA_VELOCITY_M_S.powi(2);

@@ -1,7 +1,7 @@
 //! A run of the gimballed IMU as the separating methods need it: single samples while an axis turns, and means over
 //! about a second while both axes are at rest.
 
-use super::separate::SeparatingError;
+use super::error::SeparatingError;
 use crate::calibration::raw_sample;
 use crate::virtual_unit::plant::Reading;
 use rins_selfcal::base::linear::{Matrix3, Vector3};

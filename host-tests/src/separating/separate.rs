@@ -1,50 +1,35 @@
 //! The twelve installation errors by two methods, one after the other.
 
-use super::navigation::{SensorNoise, navigate};
+use super::error::SeparatingError;
+use super::navigation::{Navigated, SensorNoise, navigate};
 use super::run::GimballedRun;
 use super::singular_values::mounting_by_singular_values;
 use super::thin_shell::mounting_by_thin_shell;
+use crate::base::quantity;
+use clap::ValueEnum;
 use rins_selfcal::base::site::Site;
+use rins_selfcal::base::units::ARCSEC;
 use rins_selfcal::model::error_model::{INSTALLATION_STATES, InstrumentErrors};
 
-/// Reasons why the separating methods give no result.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum SeparatingError {
-    /// There is no move between two stops.
-    #[error("{stops} stops; the separating methods need at least two, and moves between them")]
-    Stops {
-        /// Number of stops.
-        stops: usize,
-    },
-    /// Samples are missing, so the navigation loses the attitude.
-    #[error("no sample for {duration_s:.3} s after {time_s:.3} s; the separating methods need every sample")]
-    Gap {
-        /// Time of the last sample before the gap, s.
-        time_s: f64,
-        /// Duration of the gap, s.
-        duration_s: f64,
-    },
-    /// The Earth rate shows no heading near a pole.
-    #[error("within 5 deg of a pole there is no heading; the separating methods need one")]
-    Heading,
-    /// The motion does not show all angles.
-    #[error("the motion does not show all twelve installation errors")]
-    Unobserved,
-    /// The passes of the Kalman filter do not converge.
-    #[error("the Kalman filter has not converged: the last pass still changes an angle by {sigmas:.2} sigma")]
-    NotConverged {
-        /// Largest step of the last pass, in sigmas.
-        sigmas: f64,
-    },
+/// The separating methods by name. [11] estimates nine angles in both.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SeparatingMethod {
+    /// The reference of the paper's Table 3: [11] for nine angles, [13] for the mounting angles from the turning gyros
+    #[value(name = "separating")]
+    ThinShell,
+    /// [11] for nine angles, [14] for the mounting angles from the forces at the stops
+    #[value(name = "svd")]
+    SingularValues,
 }
 
-/// The method that estimates the mounting angles, after [11] has estimated the nine other angles.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum MountingMethod {
-    /// [13], from the gyros while the axes turn. With [11] it is the reference of the paper's Table 3.
-    ThinShell,
-    /// [14], from the accelerometers at the stops.
-    SingularValues,
+impl SeparatingMethod {
+    /// Name on the command line and in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::ThinShell => "separating",
+            Self::SingularValues => "svd",
+        }
+    }
 }
 
 /// Result of the separating methods.
@@ -57,6 +42,14 @@ pub struct Separated {
     pub sigmas: [Option<f64>; INSTALLATION_STATES],
 }
 
+impl Separated {
+    /// Estimates and sigmas of the installation errors, arcsec.
+    pub fn installation_arcsec(&self) -> [(f64, Option<f64>); INSTALLATION_STATES] {
+        let values = quantity::values(&self.errors);
+        std::array::from_fn(|index| (values[index], self.sigmas[index].map(|sigma| sigma / ARCSEC)))
+    }
+}
+
 /// Estimates the twelve installation errors of a run.
 ///
 /// # Errors
@@ -65,12 +58,24 @@ pub fn separate(
     run: &GimballedRun,
     site: &Site,
     noise: &SensorNoise,
-    method: MountingMethod,
+    method: SeparatingMethod,
 ) -> Result<Separated, SeparatingError> {
-    let navigated = navigate(run, site, noise)?;
+    with_mounting(run, site, &navigate(run, site, noise)?, method)
+}
+
+/// Adds the mounting angles to the nine angles that [11] has found on the same run.
+///
+/// # Errors
+/// The method does not find the mounting angles; the error has the reason.
+pub fn with_mounting(
+    run: &GimballedRun,
+    site: &Site,
+    navigated: &Navigated,
+    method: SeparatingMethod,
+) -> Result<Separated, SeparatingError> {
     let mounting = match method {
-        MountingMethod::ThinShell => mounting_by_thin_shell(run, &navigated.correction, site),
-        MountingMethod::SingularValues => mounting_by_singular_values(run, &navigated.correction)?,
+        SeparatingMethod::ThinShell => mounting_by_thin_shell(run, &navigated.correction, site),
+        SeparatingMethod::SingularValues => mounting_by_singular_values(run, &navigated.correction)?,
     };
     let mut sigmas = [None; INSTALLATION_STATES];
     sigmas.iter_mut().zip(navigated.sigmas).for_each(|(sigma, found)| *sigma = Some(found));

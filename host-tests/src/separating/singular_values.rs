@@ -8,9 +8,9 @@
 //! value decomposition `U S V^T` of the sum of `f_s,k (R_k f_b)^T` (Wahba's problem). For a given C, f_b is the mean of
 //! `R_k^T C^T f_s,k`. Both are computed in turn until the angles no longer change.
 
+use super::error::SeparatingError;
 use super::imu_correction::ImuCorrection;
 use super::run::GimballedRun;
-use super::separate::SeparatingError;
 use rins_selfcal::base::linear::{Matrix3, Vector3};
 use rins_selfcal::base::units::ARCSEC;
 
@@ -54,8 +54,7 @@ fn nearest_rotation(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
 
 /// The vector v of less than a quarter turn with `exp([v x]) = rot`, rad.
 fn rotation_vector(rot: &Matrix3<f64>) -> Vector3<f64> {
-    let sine =
-        Vector3::new(rot[(2, 1)] - rot[(1, 2)], rot[(0, 2)] - rot[(2, 0)], rot[(1, 0)] - rot[(0, 1)]) * 0.5;
+    let sine = Vector3::new(rot[(2, 1)] - rot[(1, 2)], rot[(0, 2)] - rot[(2, 0)], rot[(1, 0)] - rot[(0, 1)]) * 0.5;
     let size = sine.norm();
     if size > 0.0 { sine * (size.min(1.0).asin() / size) } else { sine }
 }

@@ -49,9 +49,8 @@ pub fn mounting_by_thin_shell(run: &GimballedRun, correction: &ImuCorrection, si
     let spread = |theta: &Vector3<f64>| {
         let rot_sr = exp_so3(&-theta);
         let earth_rate_r0 = rot_first.transpose() * (rot_sr.transpose() * earth_rate_s);
-        let sizes = turning.iter().map(|mean| {
-            (mean.omega_is_s - rot_sr * (mean.rot_rr0 * earth_rate_r0 + mean.rate_r)).norm()
-        });
+        let sizes =
+            turning.iter().map(|mean| (mean.omega_is_s - rot_sr * (mean.rot_rr0 * earth_rate_r0 + mean.rate_r)).norm());
         variance(sizes)
     };
     smallest(spread).into()
@@ -96,7 +95,8 @@ fn turning(run: &GimballedRun, correction: &ImuCorrection) -> Vec<Turning> {
         rate_r: Vector3::zeros(),
         rot_rr0: interval.rot_rr0(),
     };
-    let mut means: Vec<Turning> = run.intervals.iter().filter(|interval| interval.stop.is_some()).map(at_rest).collect();
+    let mut means: Vec<Turning> =
+        run.intervals.iter().filter(|interval| interval.stop.is_some()).map(at_rest).collect();
     for intervals in run.intervals.chunk_by(|a, b| a.stop.is_none() && b.stop.is_none()) {
         let blocks: Vec<Turning> = blocks(intervals, correction);
         for neighbours in blocks.windows(3) {
@@ -145,9 +145,5 @@ fn block(intervals: &[Interval], duration_s: f64, correction: &ImuCorrection) ->
         }
     }
     let middle = &intervals[intervals.len() / 2];
-    Turning {
-        omega_is_s: correction.omega_is_s(&omega_g),
-        rate_r: turned_r / duration_s,
-        rot_rr0: middle.rot_rr0(),
-    }
+    Turning { omega_is_s: correction.omega_is_s(&omega_g), rate_r: turned_r / duration_s, rot_rr0: middle.rot_rr0() }
 }
