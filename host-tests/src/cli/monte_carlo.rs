@@ -1,21 +1,25 @@
 //! `rins montecarlo`
 
 use super::arguments::axes::AxisArguments;
+use super::arguments::method::{self, StudyMethod};
 use super::arguments::scheme::{SchemeArguments, UnobservedArguments};
 use super::arguments::unit::{VirtualArguments, errors_named, rate_hz};
 use super::ending::Ending;
 use super::output::{say, sayln};
+use super::separating::{self, SeparatingReport};
 use super::{files, progress};
 use crate::base::bai::TABLE_1_ERRORS;
 use crate::base::quantity::{fixed, rounded, significant, states};
-use crate::calibration::method::{MethodChoice, chosen};
 use crate::calibration::{HostMethod, Precision};
 use crate::files::json_file::write_json;
 use crate::files::unit_file::{SiteTable, UnitConfig};
 use crate::result::report::{Named, SOFTWARE, Software};
 use crate::result::table;
 use crate::study::monte_carlo::{CONFIDENCE, FitStatistics, LiveTable, MethodStatistics, MonteCarlo, RunResult};
+use crate::separating::SeparatingMethod;
+use crate::study::separating::{SeparatingStudy, separating_studies};
 use crate::study::statistics::{ErrorStatistics, TOLERANCE};
+use anyhow::bail;
 use clap::Args;
 use rins_selfcal::model::error_model::{PARAMETERS, ParameterInfo};
 use rins_selfcal::scheme::Scheme;
@@ -42,7 +46,7 @@ pub struct MonteCarloArguments {
     pub closed_loop: bool,
     /// Methods on the same data: one, several with commas, or all
     #[arg(long, value_enum, value_delimiter = ',', default_value = "joint")]
-    pub method: Vec<MethodChoice>,
+    pub method: Vec<StudyMethod>,
     /// Floating-point type of the core
     #[arg(long, value_enum, default_value_t)]
     pub precision: Precision,
@@ -68,24 +72,28 @@ pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
     let inputs = [arguments.scheme.input(), errors, noise, config, hardware];
     files::check(&inputs, &[("--json", arguments.json.as_deref())])?;
     let monte_carlo = monte_carlo(arguments)?;
+    let separating = separating_methods(arguments)?;
     say!("{}", head(arguments, &monte_carlo)?);
     let bar = progress::bar(arguments.runs, "runs");
     let start = Instant::now();
     let so_far = Mutex::new(SoFar::default());
-    let methods = monte_carlo.run(|results| {
+    let note = |results: &[RunResult]| {
         if let Ok(mut so_far) = so_far.lock() {
             so_far.note(results);
             bar.set_message(so_far.to_string());
         }
         bar.inc(1);
-    })?;
+    };
+    let methods = if monte_carlo.methods.is_empty() { Vec::new() } else { monte_carlo.run(note)? };
+    let separated = separating_studies(&monte_carlo, &separating, || bar.inc(u64::from(methods.is_empty())));
     drop(bar);
     let wall = start.elapsed();
     if let Some(path) = &arguments.json {
-        write_json(path, &Report::new(arguments, &monte_carlo, &methods))?;
+        write_json(path, &Report::new(arguments, &monte_carlo, &methods).with_separated(&separated))?;
     }
     let beside_bai = arguments.errors == "table1";
     methods.iter().for_each(|method| say!("\n{}", text(method, beside_bai)));
+    separated.iter().for_each(|study| say!("\n{}", separating::study_text(study)));
     if methods.len() > 1 {
         say!("\n{}", side_by_side(&methods));
     }
@@ -94,6 +102,17 @@ pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
     }
     progress::wall_time(wall);
     Ok(Ending::Done)
+}
+
+/// The separating methods that are chosen. They need open loop and a known latitude; `all` leaves them out elsewhere.
+fn separating_methods(arguments: &MonteCarloArguments) -> anyhow::Result<Vec<SeparatingMethod>> {
+    if !arguments.closed_loop && !arguments.anywhere {
+        return Ok(method::separating(&arguments.method));
+    }
+    if arguments.method.iter().any(|method| matches!(method, StudyMethod::Separating(_))) {
+        bail!("the separating methods run in open loop and need a known latitude: no --closed-loop, no --anywhere");
+    }
+    Ok(Vec::new())
 }
 
 /// Summary of the runs so far, over all methods.
@@ -128,7 +147,9 @@ fn head(arguments: &MonteCarloArguments, monte_carlo: &MonteCarlo) -> anyhow::Re
         described = format!("site: another place for every unit, none is configured\n{rest}");
     }
     let periods = if scheme.periods == 1 { "1 period".into() } else { format!("{} periods", scheme.periods) };
-    let methods: Vec<_> = monte_carlo.methods.iter().map(|method| method.name()).collect();
+    let separating = separating_methods(arguments)?;
+    let of_chain = monte_carlo.methods.iter().map(|method| method.name());
+    let methods: Vec<_> = of_chain.chain(separating.iter().map(|method| method.name())).collect();
     Ok(format!(
         "{} runs of {:.1} s at {rate_hz} Hz, {}, seed {seed}\nscheme: {}, {periods}, {} stops of {}\nmethod: {}\n\
          errors: {}\n{described}",
@@ -154,9 +175,10 @@ fn stops(scheme: &Scheme) -> String {
 pub fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo> {
     let described = arguments.unit.config()?;
     let unit = if arguments.anywhere { UnitConfig { site: SiteTable::default(), ..described } } else { described };
-    let methods = chosen(&arguments.method);
-    // The paper's method needs the longest scheme.
-    let longest = if methods.contains(&HostMethod::Bai) { HostMethod::Bai } else { HostMethod::Joint };
+    let methods = method::of_chain(&arguments.method);
+    // The paper's method needs the longest scheme, and the separating methods are compared with it.
+    let only_joint = methods == [HostMethod::Joint] && method::separating(&arguments.method).is_empty();
+    let longest = if only_joint { HostMethod::Joint } else { HostMethod::Bai };
     Ok(MonteCarlo {
         runs: arguments.runs,
         methods,
@@ -305,6 +327,8 @@ pub struct Report<'a> {
     seed: u64,
     confidence: f64,
     methods: Named<MethodReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    separating: Option<Named<SeparatingReport>>,
     software: Software,
 }
 
@@ -352,8 +376,14 @@ impl<'a> Report<'a> {
             seed: monte_carlo.seed,
             confidence: CONFIDENCE,
             methods: Named(methods.iter().map(|method| (method.method.name(), method.into())).collect()),
+            separating: None,
             software: SOFTWARE,
         }
+    }
+
+    fn with_separated(self, studies: &[SeparatingStudy]) -> Self {
+        let reports = studies.iter().map(|study| (study.method.name(), study.into())).collect();
+        Self { separating: (!studies.is_empty()).then_some(Named(reports)), ..self }
     }
 }
 

@@ -2,11 +2,12 @@
 
 use super::arguments::hardware::HardwareArguments;
 use super::arguments::log::LogArguments;
-use super::arguments::method::MethodArguments;
+use super::arguments::method::ReplayMethod;
 use super::ending::Ending;
 use super::output::{is_quiet, must_sayln, note, say, sayln};
-use super::{files, progress};
+use super::{files, progress, separating};
 use crate::base::quantity;
+use crate::calibration::Precision;
 use crate::calibration::replay::{Replay, config_beside};
 use crate::files::json_file::write_json;
 use crate::files::truth::Truth;
@@ -34,8 +35,12 @@ pub struct ReplayArguments {
     /// Unit description: site, noise, rate and known heading [default: unknown site, noise and hardware "navigation"]
     #[arg(long, value_name = "UNIT.toml")]
     pub config: Option<PathBuf>,
-    #[command(flatten)]
-    pub method: MethodArguments,
+    /// Estimation method
+    #[arg(long, value_enum, default_value_t)]
+    pub method: ReplayMethod,
+    /// Floating-point type of the core
+    #[arg(long, value_enum, default_value_t)]
+    pub precision: Precision,
     #[command(flatten)]
     pub hardware: HardwareArguments,
     /// If the verdict names an effect of the hardware that is larger than configured, solve once more with its size;
@@ -80,7 +85,10 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
     let previous = arguments.previous.as_deref().map(Saved::read).transpose()?;
     let (unit, origin) = unit(arguments)?;
     let unit = arguments.hardware.apply(unit)?;
-    let method = arguments.method.method;
+    let method = match arguments.method {
+        ReplayMethod::Separating(method) => return separating::replay(arguments, &unit, method),
+        ReplayMethod::Chain(method) => method,
+    };
     if method == Method::Bai && unit.site.latitude_deg.is_none() {
         bail!("--method bai needs the latitude: give latitude_deg in the table [site] of --config");
     }
@@ -89,7 +97,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
         layout: arguments.source.layout()?,
         unit,
         method,
-        precision: arguments.method.precision,
+        precision: arguments.precision,
         adapt: arguments.adapt,
     };
     if let (Some(config), Some([configured, measured])) = (&arguments.config, replay.other_rate_hz()?) {

@@ -12,4 +12,5 @@ pub mod monte_carlo;
 pub mod power_ups;
 pub mod promises;
 pub mod replication;
+pub mod separating;
 pub mod statistics;
