@@ -17,6 +17,7 @@ use crate::result::report::CalibrationReport;
 use crate::result::saved::Saved;
 use crate::result::signals::Signals;
 use crate::result::table;
+use crate::separating::SeparatingMethod;
 use anyhow::{Context, bail};
 use clap::Args;
 use rins_selfcal::base::method::Method;
@@ -86,7 +87,7 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
     let (unit, origin) = unit(arguments)?;
     let unit = arguments.hardware.apply(unit)?;
     let method = match arguments.method {
-        ReplayMethod::Separating(method) => return separating::replay(arguments, &unit, method),
+        ReplayMethod::Separating(method) => return separated(arguments, &unit, method),
         ReplayMethod::Chain(method) => method,
     };
     if method == Method::Bai && unit.site.latitude_deg.is_none() {
@@ -127,6 +128,20 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
         previous: previous.as_ref(),
     };
     report(&content, arguments.json.as_deref(), arguments.report.as_deref(), &replay.unit.described(&origin))
+}
+
+/// A replay with a separating method, which gives no verdict and no live estimates.
+fn separated(arguments: &ReplayArguments, unit: &UnitConfig, method: SeparatingMethod) -> anyhow::Result<Ending> {
+    let unavailable = [
+        ("--report", arguments.report.is_some()),
+        ("--csv-estimates", arguments.csv_estimates.is_some()),
+        ("--adapt", arguments.adapt),
+    ];
+    if let Some((option, _)) = unavailable.iter().find(|(_, given)| *given) {
+        bail!("{option} is not available with --method {}: it has no verdict and no live estimates", method.name());
+    }
+    let (truth, json) = (arguments.truth.as_deref(), arguments.json.as_deref());
+    separating::replay(&separating::Files { source: &arguments.source, truth, json }, unit, method)
 }
 
 /// Name and SHA-256 hash of a log.

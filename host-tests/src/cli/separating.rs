@@ -1,9 +1,9 @@
 //! `--method separating` and `--method svd`: the methods that the paper compares itself with.
 
+use super::arguments::log::LogArguments;
 use super::ending::Ending;
 use super::output::{say, sayln};
 use super::progress;
-use super::replay::ReplayArguments;
 use crate::base::quantity::{self, fixed, rounded, significant};
 use crate::files::json_file::write_json;
 use crate::files::truth::{ParameterTable, Truth};
@@ -14,8 +14,9 @@ use crate::result::table;
 use crate::separating::{RunBuilder, SensorNoise, Separated, SeparatingMethod, separate};
 use crate::study::separating::{SeparatedStatistics, SeparatingStudy};
 use anyhow::{Context, bail};
-use rins_selfcal::model::error_model::{INSTALLATION_STATES, PARAMETER_INFO};
+use rins_selfcal::model::error_model::{INSTALLATION_STATES, PARAMETER_INFO, ParameterInfo};
 use serde::Serialize;
+use std::path::Path;
 
 /// Number of rows between two updates of the counter.
 const ROWS_PER_TICK: u64 = 10_000;
@@ -37,25 +38,24 @@ struct AngleReport {
     unit: &'static str,
 }
 
+/// Files of `rins replay` that a separating method reads and writes.
+pub struct Files<'a> {
+    pub source: &'a LogArguments,
+    pub truth: Option<&'a Path>,
+    pub json: Option<&'a Path>,
+}
+
 /// `rins replay` with a separating method.
-pub fn replay(arguments: &ReplayArguments, unit: &UnitConfig, method: SeparatingMethod) -> anyhow::Result<Ending> {
+pub fn replay(files: &Files, unit: &UnitConfig, method: SeparatingMethod) -> anyhow::Result<Ending> {
     let name = method.name();
-    let unavailable = [
-        ("--report", arguments.report.is_some()),
-        ("--csv-estimates", arguments.csv_estimates.is_some()),
-        ("--adapt", arguments.adapt),
-    ];
-    if let Some((option, _)) = unavailable.iter().find(|(_, given)| *given) {
-        bail!("{option} is not available with --method {name}, which gives no verdict and no live estimates");
-    }
     if unit.site.latitude_deg.is_none() {
         bail!("--method {name} needs the latitude: give latitude_deg in the table [site] of --config");
     }
-    let truth = arguments.truth.as_deref().map(Truth::read).transpose()?;
-    let log = arguments.source.log.as_path();
+    let truth = files.truth.map(Truth::read).transpose()?;
+    let log = files.source.log.as_path();
     let counter = progress::counter("rows");
     let mut builder = RunBuilder::default();
-    for (row, number) in LogReader::open_as(log, &arguments.source.layout()?)?.zip(1..) {
+    for (row, number) in LogReader::open_as(log, &files.source.layout()?)?.zip(1..) {
         builder.note(&row?.reading);
         if number % ROWS_PER_TICK == 0 {
             counter.set_position(number);
@@ -65,12 +65,12 @@ pub fn replay(arguments: &ReplayArguments, unit: &UnitConfig, method: Separating
     let of_log = || log.display().to_string();
     let run = builder.build().with_context(of_log)?;
     let found = separate(&run, &unit.site(), &SensorNoise::from(&unit.noise), method).with_context(of_log)?;
-    if let Some(path) = &arguments.json {
+    if let Some(path) = files.json {
         write_json(path, &SeparatedReport::new(&found, method))?;
     }
     say!("{}", angles(&found, truth.as_ref().map(|truth| &truth.parameters)));
     sayln!("\n{name} method: {}", principle(method));
-    if let Some(path) = &arguments.json {
+    if let Some(path) = files.json {
         sayln!("result: {}", path.display());
     }
     Ok(Ending::Done)
@@ -92,7 +92,7 @@ fn principle(method: SeparatingMethod) -> &'static str {
 
 impl SeparatedReport {
     fn new(found: &Separated, method: SeparatingMethod) -> Self {
-        let angle = |(info, (value, sigma)): (&'static rins_selfcal::model::error_model::ParameterInfo, _)| {
+        let angle = |(info, (value, sigma)): (&'static ParameterInfo, _)| {
             (info.name, AngleReport { value, sigma, unit: info.unit })
         };
         let angles = PARAMETER_INFO.iter().zip(found.installation_arcsec()).map(angle).collect();
