@@ -203,13 +203,16 @@ fn replicate(arguments: &ReplicateArguments, studies: &[Planned], bar: &Progress
     let mut results = results.into_iter();
     let mut next = || results.next().context("one result for each study");
     let (table_1, table_3, real) = (next()?, next()?, next()?);
-    let [of_table_1, _, of_real, ..] = studies else { bail!("no studies") };
+    let [of_table_1, of_table_3, of_real, ..] = studies else { bail!("no studies") };
     let setup = of_table_1.monte_carlo.setup(Method::Bai).on_scheme(&of_table_1.monte_carlo.scheme);
     let series = |planned: &Planned, errors| {
         let commands = series_commands(arguments, errors)?;
-        anyhow::Ok(ShownRun::new(commands, &planned.monte_carlo.virtual_run(0), &setup))
+        ShownRun::new(commands, &planned.monte_carlo.virtual_run(0), &setup).with_context(|| planned.command.clone())
     };
-    let (simulation, laboratory) = rayon::join(|| series(of_table_1, "table1"), || series(of_real, "real"));
+    let (simulation, (twelve, laboratory)) = rayon::join(
+        || series(of_table_1, "table1"),
+        || rayon::join(|| series(of_table_3, "table3"), || series(of_real, "real")),
+    );
     let stop = arguments.stop.to_string();
     Ok(Replication {
         command: own_command(arguments),
@@ -217,6 +220,7 @@ fn replicate(arguments: &ReplicateArguments, studies: &[Planned], bar: &Progress
         setup: setup.clone(),
         observability: foresight(&["--scheme", "bai", "--stop", &stop, "--method", "bai"])?,
         simulation: simulation?,
+        twelve: twelve?,
         laboratory: laboratory?,
         table_1,
         table_3,
@@ -235,16 +239,18 @@ fn study(planned: &Planned, bar: &Progress) -> anyhow::Result<Study> {
     Ok(Study { name: planned.name, title: planned.title, command: planned.command.clone(), methods })
 }
 
-/// The two commands that simulate the same readings as a log and replay the log with a report.
-fn series_commands(arguments: &ReplicateArguments, errors: &str) -> anyhow::Result<[String; 2]> {
+/// The commands that simulate the same readings as a log, replay the log with a report, and separate the angles.
+fn series_commands(arguments: &ReplicateArguments, errors: &str) -> anyhow::Result<Vec<String>> {
     let (motion, seed) = (motion(arguments), arguments.seed.to_string());
     let motion: Vec<&str> = motion.iter().map(AsRef::as_ref).collect();
     let unit =
         ["--errors", errors, "--noise", "bai", "--seed", &seed, "--out", "log.csv", "--write-config", "unit.toml"];
     let simulate = [&["simulate", "--scheme", "bai"][..], &motion, &unit].concat();
     let replay = ["replay", "log.csv", "--config", "unit.toml", "--method", "bai", "--report", "report.html"];
+    let separate = ["replay", "log.csv", "--config", "unit.toml", "--method", "separating"];
     let _: (SimulateArguments, ReplayArguments) = (parsed(&simulate)?, parsed(&replay)?);
-    Ok([command_line(&simulate), command_line(&replay)])
+    let _: ReplayArguments = parsed(&separate)?;
+    Ok(vec![command_line(&simulate), command_line(&replay), command_line(&separate)])
 }
 
 fn foresight(words: &[&str]) -> anyhow::Result<Foresight> {

@@ -7,6 +7,9 @@ use crate::calibration::{HOST_SEGMENTS, Outcome, Setup, raw_sample};
 use crate::files::truth::ParameterTable;
 use crate::plan::prediction::Prediction;
 use crate::result::signals::Signals;
+use crate::separating::{
+    GimballedRun, RunBuilder, SensorNoise, Separated, SeparatingError, SeparatingMethod, navigate, with_mounting,
+};
 use rayon::prelude::*;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::estimator::Estimator;
@@ -58,35 +61,47 @@ impl Study {
 /// One calibration with the paper's method, with signals and truth for figures.
 #[derive(Clone, Debug)]
 pub struct ShownRun {
-    /// The commands that repeat signals and final estimates alone.
-    pub commands: [String; 2],
+    /// The commands that repeat signals, final estimates and separated angles alone.
+    pub commands: Vec<String>,
     /// The calibration. Its estimate after a segment is the final estimate from all segments up to then.
     pub outcome: Outcome,
     /// The true parameters.
     pub truth: ParameterTable,
-    /// Signals of IMU and encoders in the first period.
+    /// Signals of IMU and encoders.
     pub signals: Signals,
+    /// The same readings through the separating methods: [11] with [13], which is the paper's reference, and [11] with
+    /// [14].
+    pub separated: [Separated; 2],
 }
 
 impl ShownRun {
     /// Runs a unit on its scheme.
-    pub fn new(commands: [String; 2], run: &VirtualRun, setup: &Setup) -> Self {
+    ///
+    /// # Errors
+    /// The separating methods give no result.
+    pub fn new(commands: Vec<String>, run: &VirtualRun, setup: &Setup) -> Result<Self, SeparatingError> {
         let mut signals = Signals::default();
         let mut calibrator = Box::new(Calibrator::<f64, HOST_SEGMENTS>::new(&setup.config()));
-        let period = VirtualRun { scheme: Scheme { periods: 1, ..run.scheme.clone() }, ..run.clone() };
-        let mut left = period.drive().total_samples();
+        let mut gimballed = RunBuilder::default();
         let mut outcomes = run.calibrate_noting(std::slice::from_ref(setup), |reading| {
-            if left > 0 {
-                left -= 1;
-                signals.note(reading);
-            }
+            signals.note(reading);
+            gimballed.note(reading);
             let _ = calibrator.step(&raw_sample(reading));
         });
         let _ = calibrator.finish();
         let live = finals(setup, calibrator.estimator().segments());
         let outcome = Outcome { live, ..outcomes.remove(0) };
-        Self { commands, outcome, truth: ParameterTable::from_errors(&run.unit.errors), signals }
+        let separated = separate_run_of(&gimballed.build()?, run)?;
+        Ok(Self { commands, outcome, truth: ParameterTable::from_errors(&run.unit.errors), signals, separated })
     }
+}
+
+/// [11] with [13], then [11] with [14].
+fn separate_run_of(gimballed: &GimballedRun, run: &VirtualRun) -> Result<[Separated; 2], SeparatingError> {
+    let site = &run.unit.site;
+    let navigated = navigate(gimballed, site, &SensorNoise::from(&run.unit.noise))?;
+    let of = |method| with_mounting(gimballed, site, &navigated, method);
+    Ok([of(SeparatingMethod::ThinShell)?, of(SeparatingMethod::SingularValues)?])
 }
 
 /// The final estimate after every segment: all segments up to then are processed until the estimate has converged.
@@ -124,6 +139,9 @@ pub struct Replication {
     pub setup: Setup,
     /// Observability on the paper's scheme.
     pub observability: Foresight,
+    /// The calibration of Table 3 as the paper has it: one run of a virtual unit of which only the twelve errors of Table 3
+    /// are not zero.
+    pub twelve: ShownRun,
     /// The simulated unit of Table 1.
     pub simulation: ShownRun,
     /// A virtual unit with the errors of Table 3 and all other errors of a real unit.

@@ -1,8 +1,8 @@
 //! Estimation method and its options.
 
 use super::unit::rate_hz;
-use crate::calibration::{HostMethod, Precision, Setup};
 use crate::calibration::method::{MethodChoice, chosen};
+use crate::calibration::{HostMethod, Precision, Setup};
 use crate::files::unit_file::UnitConfig;
 use crate::separating::SeparatingMethod;
 use clap::builder::PossibleValue;
