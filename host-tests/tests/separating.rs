@@ -1,5 +1,6 @@
 //! The separating methods [11], [13] and [14] of the paper's list of references, on virtual units.
 
+use host_tests::base::bai::TABLE_3;
 use host_tests::base::quantity;
 use host_tests::calibration::virtual_run::VirtualRun;
 use host_tests::calibration::{Precision, Setup};
@@ -13,9 +14,12 @@ use host_tests::virtual_unit::unit::VirtualUnit;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::site::Site;
 use rins_selfcal::base::units::{ARCSEC, DEG};
-use rins_selfcal::model::error_model::{INSTALLATION_STATES, InstrumentErrors, block};
+use rins_selfcal::model::error_model::{INSTALLATION_STATES, InstrumentErrors, PARAMETER_INFO, block};
 use rins_selfcal::scheme::Scheme;
+use serde_json::Value;
 use std::f64::consts::TAU;
+use std::path::Path;
+use std::process::{Command, Output};
 
 const BOTH: [SeparatingMethod; 2] = [SeparatingMethod::ThinShell, SeparatingMethod::SingularValues];
 
@@ -164,4 +168,64 @@ fn the_separating_methods_say_why_they_give_no_result() {
         separate(&outer, &short.unit.site, &noise, SeparatingMethod::SingularValues),
         Err(SeparatingError::Unobserved)
     );
+}
+
+fn rins(directory: &Path, arguments: &[&str]) -> Output {
+    let command = Command::new(env!("CARGO_BIN_EXE_rins")).current_dir(directory).args(arguments).output();
+    command.expect("rins runs")
+}
+
+fn read(path: &Path) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(path).expect("a file")).expect("JSON")
+}
+
+/// A log of 2 s stops. The accelerometers' noise gives sigmas of some 0.2 arcsec, the bounds are 5 of them.
+#[test]
+fn a_log_is_replayed_with_the_separating_methods() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let here = directory.path();
+    let simulate =
+        ["simulate", "--scheme", "bai", "--stop", "2", "--periods", "2", "--errors", "table3", "--noise", "bai"];
+    let files = ["--out", "log.csv", "--truth", "truth.json", "--write-config", "unit.toml"];
+    assert!(rins(here, &[&simulate[..], &files].concat()).status.success());
+    for method in ["separating", "svd"] {
+        let replay = ["replay", "log.csv", "--config", "unit.toml", "--method", method];
+        let output = rins(here, &[&replay[..], &["--truth", "truth.json", "--json", "found.json"]].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let found = read(&here.join("found.json"));
+        assert_eq!(found["method"], method);
+        for (index, info) in PARAMETER_INFO[..INSTALLATION_STATES].iter().enumerate() {
+            let angle = &found["parameters"][info.name];
+            let error = angle["value"].as_f64().expect("a number") - TABLE_3[index];
+            assert!(error.abs() < 1.0, "{method} {}: {error}", info.name);
+            assert_eq!(angle["sigma"].is_null(), index >= block::MOUNTING, "{}", info.name);
+        }
+        let refused = rins(here, &[&replay[..], &["--report", "report.html"]].concat());
+        let reason = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert!(refused.status.code() == Some(1) && reason.contains("--report is not available"), "{reason}");
+    }
+    let unknown = rins(here, &["replay", "log.csv", "--method", "separating"]);
+    assert!(String::from_utf8_lossy(&unknown.stderr).contains("needs the latitude"));
+}
+
+#[test]
+fn a_study_runs_the_separating_methods_on_the_data_of_the_others() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let study = ["montecarlo", "--runs", "2", "--scheme", "bai", "--stop", "2", "--errors", "table3", "--noise", "bai"];
+    let run = |method: &str| {
+        let output = rins(directory.path(), &[&study[..], &["--method", method, "--json", "out.json"]].concat());
+        assert!(output.status.success(), "{method}: {}", String::from_utf8_lossy(&output.stderr));
+        read(&directory.path().join("out.json"))
+    };
+    let (alone, all) = (run("separating"), run("all"));
+    assert_eq!(alone["separating"]["separating"], all["separating"]["separating"]);
+    assert_eq!(alone["methods"].as_object().map(serde_json::Map::len), Some(0));
+    let svd = &all["separating"]["svd"];
+    assert_eq!((svd["runs"].as_u64(), svd["without_result"].as_u64()), (Some(2), Some(0)));
+    // [11] is the same in both; the mounting angles are not.
+    let rms = |method: &str, name: &str| all["separating"][method]["parameters"][name]["rms_error"].clone();
+    assert_eq!(rms("svd", "Sgxy"), rms("separating", "Sgxy"));
+    assert_ne!(rms("svd", "alpha"), rms("separating", "alpha"));
+    let closed = rins(directory.path(), &[&study[..], &["--method", "svd", "--closed-loop"]].concat());
+    assert_eq!(closed.status.code(), Some(1));
 }
