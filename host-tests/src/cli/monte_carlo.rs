@@ -94,8 +94,8 @@ pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
     let beside_bai = arguments.errors == "table1";
     methods.iter().for_each(|method| say!("\n{}", text(method, beside_bai)));
     separated.iter().for_each(|study| say!("\n{}", separating::study_text(study)));
-    if methods.len() > 1 {
-        say!("\n{}", side_by_side(&methods));
+    if methods.len() + separated.len() > 1 {
+        say!("\n{}", side_by_side(&methods, &separated));
     }
     if let Some(path) = &arguments.json {
         sayln!("statistics: {}", path.display());
@@ -300,16 +300,21 @@ fn summary(method: &MethodStatistics) -> String {
 }
 
 /// RMS errors and sigmas of the methods on the same data, for the parameters that all of them estimate.
-fn side_by_side(methods: &[MethodStatistics]) -> String {
-    let heads: Vec<_> =
-        methods.iter().flat_map(|method| [format!("{} RMS", method.method.name()), "sigma".into()]).collect();
+fn side_by_side(methods: &[MethodStatistics], separated: &[SeparatingStudy]) -> String {
+    let names = methods.iter().map(|method| method.method.name());
+    let names = names.chain(separated.iter().map(|study| study.method.name()));
+    let heads: Vec<_> = names.flat_map(|name| [format!("{name} RMS"), "sigma".into()]).collect();
     let heads: Vec<_> = heads.iter().map(String::as_str).collect();
     let table = table::by_parameter(&heads, |index| {
-        let cells = methods.iter().map(|method| {
+        let of_chain = methods.iter().map(|method| {
             let errors = method.states[index]?;
             Some([errors.rms_error, errors.bound].map(significant))
         });
-        Some(cells.collect::<Option<Vec<_>>>()?.into_iter().flatten().collect())
+        let of_separating = separated.iter().map(|study| {
+            let errors = (*study.installation.get(index)?)?;
+            Some([significant(errors.rms_error), table::number_or_none(errors.sigma, significant)])
+        });
+        Some(of_chain.chain(of_separating).collect::<Option<Vec<_>>>()?.into_iter().flatten().collect())
     });
     format!("all methods on the same data\n\n{table}")
 }

@@ -46,16 +46,16 @@ const CONDITIONS: [Condition; 12] = [
     ["rate of rotation", "20 deg/s (72,000 arcsec/s)", "", "20 deg/s"],
     [
         "site",
-        "114.19659, 30.93041 (order and units lost)",
+        "114.19659, 30.93041 (units lost)",
         "longitude and latitude in degrees",
         "30.93041 deg N; the longitude has no effect",
     ],
     [
         "scheme",
         "outer axis both ways, stops at multiples of -90 deg; inner axis to -90 deg; outer axis both ways; inner axis both \
-         ways; twice; 200 s for every stop",
-        "the inner axis is z and the ways back reverse the ways out; the inner axis cannot turn by -270 deg in step 3: \
-         then three, four and five parameters are activated, as the text says",
+         ways, in which it cannot turn by -270 deg; twice; 200 s for every stop",
+        "the inner axis is z, and the ways back reverse the ways out: then three, four and five parameters are activated, \
+         as the text says",
         "18 moves and 19 stops a period",
     ],
     [
@@ -66,9 +66,9 @@ const CONDITIONS: [Condition; 12] = [
     ],
     [
         "Kalman filters",
-        "P0, Q and two R stated (numbers lost); dimension 12",
-        "no numbers can be inferred",
-        "priors and noise of this software",
+        "a covariance, a dimension of 12, and one setting more for each of the two filters (symbols and numbers lost)",
+        "P0 or Q, and R; no numbers can be inferred",
+        "P0, Q and R of `rins guide theory`",
     ],
 ];
 

@@ -409,7 +409,7 @@ fn judged() -> impl Iterator<Item = usize> {
 
 /// Bounds of means of squared normalized errors over so many runs. All of so many independent means are within them
 /// with the probability [`CONFIDENCE`] or more (Bonferroni).
-fn joint_bounds(runs: usize, means: usize) -> [f64; 2] {
+pub(super) fn joint_bounds(runs: usize, means: usize) -> [f64; 2] {
     chi_square_mean_bounds(runs, 1.0, 1.0 - (1.0 - CONFIDENCE) / means.max(1) as f64)
 }
 

@@ -1,6 +1,6 @@
 //! Many runs of the separating methods, on the units, the noise and the seeds of a Monte Carlo study.
 
-use super::monte_carlo::MonteCarlo;
+use super::monte_carlo::{MonteCarlo, joint_bounds};
 use crate::base::quantity;
 use crate::calibration::virtual_run::VirtualRun;
 use crate::separating::{
@@ -41,10 +41,7 @@ pub struct SeparatingStudy {
 type Judged = Result<(Separated, [f64; INSTALLATION_STATES]), SeparatingError>;
 
 /// The separating methods on one virtual run, all on the same readings.
-///
-/// # Errors
-/// There is no result of a method; its error has the reason.
-pub fn separate_run(run: &VirtualRun, methods: &[SeparatingMethod]) -> Vec<Result<Separated, SeparatingError>> {
+fn separate_run(run: &VirtualRun, methods: &[SeparatingMethod]) -> Vec<Result<Separated, SeparatingError>> {
     let site = &run.unit.site;
     let navigated = GimballedRun::new(run.drive()).and_then(|gimballed| {
         let navigated = navigate(&gimballed, site, &SensorNoise::from(&run.unit.noise))?;
@@ -105,10 +102,9 @@ impl SeparatingStudy {
         }
     }
 
-    /// Index and size (arcsec) of the largest root mean square error.
-    pub fn worst_rms(&self) -> Option<(usize, f64)> {
-        let sizes = self.installation.iter().enumerate();
-        let sizes = sizes.filter_map(|(index, found)| Some((index, found.as_ref()?.rms_error)));
-        sizes.max_by(|a, b| a.1.total_cmp(&b.1))
+    /// Bounds of each mean `(error / sigma)^2`, within which they all are together.
+    pub fn normalized_bounds(&self) -> [f64; 2] {
+        let with_sigma = self.installation.iter().flatten().filter(|errors| errors.sigma.is_some());
+        joint_bounds(self.runs, with_sigma.count())
     }
 }
