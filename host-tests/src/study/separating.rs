@@ -37,8 +37,15 @@ pub struct SeparatingStudy {
     pub installation: [Option<SeparatedStatistics>; INSTALLATION_STATES],
 }
 
-/// Result of a run, and the errors of its installation angles, arcsec.
-type Judged = Result<(Separated, [f64; INSTALLATION_STATES]), SeparatingError>;
+/// Result of a run.
+struct Judged {
+    separated: Separated,
+    /// Estimates minus truth, arcsec.
+    errors: [f64; INSTALLATION_STATES],
+}
+
+/// A run, or the reason why it gave no result.
+type RunResult = Result<Judged, SeparatingError>;
 
 /// The separating methods on one virtual run, all on the same readings.
 fn separate_run(run: &VirtualRun, methods: &[SeparatingMethod]) -> Vec<Result<Separated, SeparatingError>> {
@@ -63,15 +70,15 @@ pub fn separating_studies(
     let run = |number: u64| {
         let run = monte_carlo.virtual_run(number);
         let judged = |found: Result<Separated, SeparatingError>| {
-            let found = found?;
-            let errors = quantity::errors(&found.errors, &run.unit.errors);
-            Ok((found, std::array::from_fn(|index| errors[index])))
+            let separated = found?;
+            let errors = quantity::errors(&separated.errors, &run.unit.errors);
+            Ok(Judged { separated, errors: std::array::from_fn(|index| errors[index]) })
         };
-        let results: Vec<Judged> = separate_run(&run, methods).into_iter().map(judged).collect();
+        let results: Vec<RunResult> = separate_run(&run, methods).into_iter().map(judged).collect();
         on_run();
         results
     };
-    let results: Vec<Vec<Judged>> = (0..monte_carlo.runs).into_par_iter().map(run).collect();
+    let results: Vec<Vec<RunResult>> = (0..monte_carlo.runs).into_par_iter().map(run).collect();
     let study = |(place, method): (usize, &SeparatingMethod)| {
         SeparatingStudy::new(*method, results.iter().map(|run| &run[place]))
     };
@@ -79,19 +86,19 @@ pub fn separating_studies(
 }
 
 impl SeparatingStudy {
-    fn new<'a>(method: SeparatingMethod, results: impl Iterator<Item = &'a Judged> + Clone) -> Self {
+    fn new<'a>(method: SeparatingMethod, results: impl Iterator<Item = &'a RunResult> + Clone) -> Self {
         let good: Vec<_> = results.clone().filter_map(|result| result.as_ref().ok()).collect();
         let statistics = |index: usize| {
-            let mean = |of: &dyn Fn(&(Separated, [f64; INSTALLATION_STATES])) -> Option<f64>| {
+            let mean = |of: &dyn Fn(&Judged) -> Option<f64>| {
                 let sum = good.iter().map(|run| of(run)).sum::<Option<f64>>()?;
                 Some(sum / good.len() as f64)
             };
-            let sigma = |found: &Separated| found.sigmas[index].map(|sigma| sigma / ARCSEC);
+            let sigma = |run: &Judged| run.separated.sigmas[index].map(|sigma| sigma / ARCSEC);
             (!good.is_empty()).then(|| SeparatedStatistics {
-                rms_error: mean(&|(_, errors)| Some(errors[index].powi(2))).map_or(f64::NAN, f64::sqrt),
-                mean_error: mean(&|(_, errors)| Some(errors[index])).unwrap_or(f64::NAN),
-                sigma: mean(&|(found, _)| Some(sigma(found)?.powi(2))).map(f64::sqrt),
-                mean_normalized_squared: mean(&|(found, errors)| Some((errors[index] / sigma(found)?).powi(2))),
+                rms_error: mean(&|run| Some(run.errors[index].powi(2))).map_or(f64::NAN, f64::sqrt),
+                mean_error: mean(&|run| Some(run.errors[index])).unwrap_or(f64::NAN),
+                sigma: mean(&|run| Some(sigma(run)?.powi(2))).map(f64::sqrt),
+                mean_normalized_squared: mean(&|run| Some((run.errors[index] / sigma(run)?).powi(2))),
             })
         };
         Self {
