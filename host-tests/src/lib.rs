@@ -1,7 +1,7 @@
 //! Virtual RINS, bench and reports around the core of `rins-selfcal`.
 //!
 //! ```text
-//! base -> files -> virtual_unit -> log -> calibration -> result -> plan -> inspect \
+//! base -> files -> virtual_unit -> log -> calibration -> separating -> result -> plan -> inspect \
 //!                       |                      |                     |              page, monitor -> cli
 //!                       '------> bench --------'------> study -------'             /
 //! ```
@@ -11,6 +11,7 @@
 //! - `virtual_unit`: an instrument that exists in numbers only, along a scheme or with its windings driven
 //! - `log`: readings from files and into files
 //! - `calibration`: readings through the core's chain
+//! - `separating`: readings through the methods that the paper compares itself with
 //! - `result`: what came of it: JSON, tables, signals, comparison
 //! - `plan`: finds schemes, and predicts what the core makes of them
 //! - `inspect`: what a log of any columns is
@@ -27,6 +28,9 @@ pub mod virtual_unit;
 pub mod log;
 
 pub mod calibration;
+
+pub mod separating;
+
 pub mod result;
 
 pub mod plan;

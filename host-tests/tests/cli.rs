@@ -218,19 +218,23 @@ fn the_example_for_a_host_says_what_replay_says() {
 }
 
 #[test]
-fn two_stage_method_is_not_accepted_on_a_unit_with_biases() {
-    let out = scratch("two-stage.json");
+fn the_papers_method_is_not_accepted_on_a_unit_with_biases() {
+    let out = scratch("bai.json");
     let sample = ["replay", &data("sample.csv.gz"), "--config", &data("sample.toml")];
-    let stdout = run(2, &[&sample[..], &["--method", "two-stage", "--json", &out]].concat());
+    let stdout = run(2, &[&sample[..], &["--method", "bai", "--json", &out]].concat());
     assert!(stdout.contains("verdict: rejected") && stdout.contains("taken as zero"), "{stdout}");
     let result = json(&out);
-    assert_eq!((&result["verdict"], &result["method"]), (&"rejected".into(), &"two-stage".into()));
+    assert_eq!((&result["verdict"], &result["method"]), (&"rejected".into(), &"bai".into()));
     let (reasons, codes) = (result["reasons"].as_array().unwrap(), result["reason_codes"].as_array().unwrap());
     assert!(!reasons.is_empty());
     for (reason, code) in reasons.iter().zip(codes) {
         assert!(reason.as_str().unwrap().starts_with(&format!("[{}] ", code.as_str().unwrap())), "{reason} {code}");
     }
-    assert_eq!(result["parameters"].as_object().unwrap().len(), 15);
+    assert_eq!(result["parameters"].as_object().unwrap().len(), 12);
+    // The older name is that of the same method.
+    let again = scratch("two-stage.json");
+    run(2, &[&sample[..], &["--method", "two-stage", "--json", &again]].concat());
+    assert_eq!(json(&again), result);
 }
 
 const HEADER: &str =
@@ -603,20 +607,20 @@ fn monte_carlo_finds_the_joint_method_consistent() {
 }
 
 #[test]
-fn monte_carlo_puts_both_methods_side_by_side() {
-    let arguments = ["montecarlo", "--method", "both", "--runs", "7", "--stop", "5", "--errors", "real"];
+fn monte_carlo_puts_all_methods_side_by_side() {
+    let arguments = ["montecarlo", "--method", "all", "--runs", "7", "--stop", "5", "--errors", "real"];
     let stdout = run(0, &arguments);
     assert!(
-        stdout.contains("factor gained") && stdout.contains("two-stage method: 0 accepted (0 of them wrong)"),
+        stdout.contains("all methods on the same data") && stdout.contains("bai method: 0 accepted (0 of them wrong)"),
         "{stdout}"
     );
     assert!(stdout.contains("\n  - and 2 more\n"), "five of seven rejected runs are listed: {stdout}");
-    let arguments = ["montecarlo", "--method", "two-stage", "--runs", "4", "--stop", "5", "--errors", "table1"];
+    let arguments = ["montecarlo", "--method", "bai", "--runs", "4", "--stop", "5", "--errors", "table1"];
     let stdout = run(0, &[&arguments[..], &["--noise", "bai"]].concat());
     assert!(stdout.contains("\nBai Table 1: errors of Bai's own simulation as published"), "{stdout}");
     let head: Vec<_> = stdout.lines().take(7).collect();
     assert!(head[0].starts_with("4 runs of ") && head[0].ends_with(" s at 200 Hz, open loop, seed 1"), "{stdout}");
-    assert_eq!(head[1..4], ["scheme: bai, 2 periods, 37 stops of 5 s", "method: two-stage", "errors: table1"]);
+    assert_eq!(head[1..4], ["scheme: bai, 2 periods, 37 stops of 5 s", "method: bai", "errors: table1"]);
     assert!(head[4].starts_with("site: latitude 30.93041 deg, height 20 m, ") && head[4].ends_with(" (default)"));
     assert!(head[5].starts_with("noise: accelerometers 2.12 ug/sqrt(Hz), gyros 0.000236 deg/sqrt(h)"), "{stdout}");
     assert!(head[5].ends_with("(--noise bai)") && head[6] == "hardware: navigation", "{stdout}");
@@ -781,7 +785,7 @@ fn errors_name_what_was_meant() {
     assert_eq!(refused(&["calibrate", "--errors", &errors]), "unknown-error.toml:3: unknown parameter `Sgxx`");
     let semicolons = log("semicolons.csv", &HEADER.replace(',', ";"));
     assert_eq!(replay_refused(&semicolons), "semicolons.csv:1: the columns are separated by ';', not ','");
-    for option in [["--scheme", "bai"], ["--method", "two-stage"]] {
+    for option in [["--scheme", "bai"], ["--method", "bai"]] {
         assert!(refused(&[&["observability", "--all"][..], &option].concat()).contains(option[0]));
     }
 }
@@ -828,12 +832,12 @@ fn results_are_compared_in_sigmas_of_their_difference() {
         result["parameters"][name]["value"] = (value + sigmas * sigma * 2.0_f64.sqrt()).into();
         result["temperature_c"] = 40.0.into();
         result["site"]["latitude_deg"] = 48.0.into();
-        result["method"] = "two-stage".into();
+        result["method"] = "bai".into();
         fs::write(&other, result.to_string()).unwrap();
     };
     changed("Sgyz", 4.0);
     let agree = run(0, &["compare", &cal, &other]);
-    assert!(agree.contains("note: the methods differ: joint and two-stage"), "{agree}");
+    assert!(agree.contains("note: the methods differ: joint and bai"), "{agree}");
     assert!(agree.contains("note: the sites differ: 47.3769 deg, "), "{agree}");
     let row: Vec<_> = agree.lines().find(|line| line.contains("Sgyz")).unwrap().split_whitespace().collect();
     assert_eq!(row[5], "4.00", "{agree}");
@@ -844,7 +848,7 @@ fn results_are_compared_in_sigmas_of_their_difference() {
     run(0, &[&replay[..], &["--previous", &other, "--report", &page]].concat());
     let page = fs::read_to_string(&page).unwrap();
     assert!(page.contains("compare-b.json: they differ beyond 4.11 sigma: Sgyz by 4.5 sigma."));
-    assert!(page.contains("<li>the methods differ: two-stage and joint"));
+    assert!(page.contains("<li>the methods differ: bai and joint"));
     changed("heading", 50.0);
     run(0, &["compare", &cal, &other]);
     fs::write(&other, "{\"verdict\": \"accepted\",\n\"parameters\": {\"Sgxx\": {\"value\": 1, \"sigma\": 1}}}")

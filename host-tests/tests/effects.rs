@@ -26,7 +26,7 @@ const RUNS: usize = 24;
 fn campaign(errors: ErrorSource, unit: UnitConfig, scheme: &str, runs: u64, seed: u64) -> MethodStatistics {
     let campaign = MonteCarlo {
         runs,
-        methods: vec![Method::Joint],
+        methods: vec![Method::Joint.into()],
         precision: Precision::F64,
         scheme: Scheme::named(scheme).expect("a scheme of the library"),
         axes: Default::default(),

@@ -371,8 +371,8 @@ fn host_and_target_agree_to_the_last_bit() {
     for (board, method) in [
         (Board::Mps2An500, Method::Joint),
         (Board::Mps2An386, Method::Joint),
-        (Board::Mps2An500, Method::TwoStage),
-        (Board::Mps2An386, Method::TwoStage),
+        (Board::Mps2An500, Method::Bai),
+        (Board::Mps2An386, Method::Bai),
     ] {
         let target = recorded(
             |assignment, bench, digest| {

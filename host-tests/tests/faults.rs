@@ -54,7 +54,7 @@ fn near_a_pole_only_the_heading_suffers() {
     unit.site.latitude_deg = Some(89.9);
     let campaign = MonteCarlo {
         runs: 48,
-        methods: vec![Method::Joint],
+        methods: vec![Method::Joint.into()],
         precision: Precision::F64,
         scheme: Scheme::named("ideal-60").expect("a scheme of the library"),
         axes: Default::default(),

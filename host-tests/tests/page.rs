@@ -80,10 +80,13 @@ fn has_curves(dom: &str, name: &str, count: usize, least: usize) {
     assert!(found.len() == count && found.iter().all(|points| *points >= least), "{name}: curves of {found:?} points");
 }
 
-/// The figure shows an estimate of so many segments and the final one, its band, and the truth as a dashed line.
+/// The figure shows an estimate of so many segments and the final one, its band, and the truth as a dashed line. The line
+/// of the estimate is broken where it leaves the frame.
 fn has_estimate(dom: &str, name: &str, segments: usize) {
-    has_curves(dom, name, 1, segments + 1);
     let figure = figure(dom, name);
+    let pieces = figure.split("<polyline ").filter(|line| line.contains("stroke=\"#007CBE\""));
+    let shown: usize = pieces.map(|line| between(line, "points=\"", "\"").split_whitespace().count()).sum();
+    assert!((2..=segments + 1).contains(&shown), "{name}: {shown} points");
     assert_eq!(points(figure, "polygon"), [2 * (segments + 1)], "{name}: band");
     let dashes = figure.split("<polyline ").filter(|line| line.contains("stroke=\"#D55E00\"")).count();
     assert!(dashes > 10, "{name}: {dashes} dashes");
@@ -161,11 +164,14 @@ fn alone(directory: &Path, command: &str) -> Value {
 fn the_replication_shows_every_table_and_figure_beside_bai() {
     let directory = tempfile::tempdir().expect("a directory");
     let (dom, numbers) = replication(directory.path());
-    has_curves(&dom, "figure-5", 2, 1000);
-    has_curves(&dom, "figure-7", 3, 1000);
-    has_curves(&dom, "figure-8", 3, 1000);
+    let panels = ["5a", "5b", "7a", "7b", "7c", "8a", "8b", "8c", "14a", "14b", "14c", "15a", "15b", "15c"];
+    panels.iter().for_each(|panel| has_curves(&dom, &format!("figure-{panel}"), 1, 1000));
     has_curves(&dom, "figure-6", INSTALLATION_STATES, 100);
     has_curves(&dom, "figure-6-rank", 1, 100);
+    has_curves(&dom, "figure-6-relative", 1, 2 * (SEGMENTS - 1));
+    ["1", "2", "3", "4", "12", "13"]
+        .iter()
+        .for_each(|own| assert!(figure(&dom, &format!("figure-{own}")).contains("<svg")));
     for (index, info) in PARAMETER_INFO[..INSTALLATION_STATES].iter().enumerate() {
         // 36 moves and the stops around them.
         has_estimate(&dom, &format!("simulation-{}", info.name), 73);
@@ -187,14 +193,35 @@ fn the_replication_shows_every_table_and_figure_beside_bai() {
         assert_eq!([&first[0], &third[0]], [name; 2]);
         assert_eq!(first[1..3], [fixed(bai::TABLE_1[index], 0), fixed(bai::TABLE_1_ERRORS[index], 3)]);
         assert_eq!(third[1..3], [fixed(bai::TABLE_3[index], 3), fixed(bai::TABLE_3_DIFFERENCES[index], 3)]);
-        assert_eq!([&first[4], &first[7]], [&rms("table1", "two-stage", name), &rms("table1", "joint", name)]);
-        assert_eq!(third[3], rms("table3", "two-stage", name));
-        assert_eq!(third[4..6], [rms("real", "two-stage", name), rms("real", "joint", name)]);
+        assert_eq!([&first[4], &first[7]], [&rms("table1", "bai", name), &rms("table1", "joint", name)]);
+        assert_eq!(third[3], rms("table3", "bai", name));
+        assert_eq!(third[4..6], [rms("real", "bai", name), rms("real", "joint", name)]);
     }
+    for table in ["table-3-twelve", "table-3-real"] {
+        as_in_table_3(&cells(&dom, table));
+    }
+    // The largest parts of the published numbers, to the bounds of 4 % and 6 %.
+    assert!(["3.59 %", "5.98 %"].iter().all(|part| dom.contains(part)));
+    assert_eq!(cells(&dom, "table-2").len(), 5);
+    let activated = cells(&dom, "activated-numbers");
+    let combinations: Vec<_> = activated.iter().map(|row| [row[2].as_str(), row[3].as_str()]).collect();
+    assert_eq!(combinations, [["three", "3"], ["four", "4"], ["five", "5"]]);
     assert_eq!(cells(&dom, "ignored-numbers").len(), numbers["studies"].as_object().map_or(0, |all| all.len() - 3));
     // With the rank of 9 that stays until the inner axis has moved.
     let ranks = cells(&dom, "ranks");
     assert!(ranks.iter().any(|row| row[1] == "9") && ranks.last().is_some_and(|row| row[1] == "12"), "{ranks:?}");
+}
+
+/// Each difference of Table 3 is the one of its two columns, and its percent those of the reference.
+fn as_in_table_3(rows: &[Vec<String>]) {
+    assert_eq!(rows.len(), INSTALLATION_STATES);
+    for (row, (reference, difference)) in rows.iter().zip(bai::TABLE_3.iter().zip(&bai::TABLE_3_DIFFERENCES)) {
+        let number = |place: usize| row[place].trim_end_matches(" %").parse::<f64>().expect("a number");
+        assert!((number(3) - (100.0 * difference / reference).abs()).abs() < 0.006, "{row:?}");
+        // Rounded to 0.001 arcsec and 0.01 %.
+        assert!((number(4) - number(7) - number(8)).abs() < 0.002, "{row:?}");
+        assert!((number(6) - (100.0 * number(5) / number(4)).abs()).abs() < 0.006 + 0.1 / number(4).abs(), "{row:?}");
+    }
 }
 
 #[test]
@@ -211,7 +238,7 @@ fn the_commands_of_the_replication_give_its_numbers_alone() {
         assert_eq!(alone(directory.path(), command)["methods"], study["methods"], "{command}");
     }
     let one = numbers["studies"]["table1"]["command"].as_str().expect("a command").replace("--runs 2", "--runs 1");
-    let one = &alone(directory.path(), &one)["methods"]["two-stage"]["parameters"];
+    let one = &alone(directory.path(), &one)["methods"]["bai"]["parameters"];
     for (row, info) in cells(&dom, "table-1-numbers").iter().zip(&PARAMETER_INFO) {
         assert_eq!(row[3], fixed(one[info.name]["mean_error"].as_f64().expect("a number"), 3), "{}", info.name);
     }

@@ -75,7 +75,7 @@ fn record(number: u32) -> StoredCalibration {
     StoredCalibration {
         errors: InstrumentErrors { heading: f64::from(number), mounting: [1e-3; 3], ..InstrumentErrors::default() },
         sigmas: std::array::from_fn(value),
-        method: Method::TwoStage,
+        method: Method::Bai,
         scheme: "bai".parse().unwrap(),
         site: Site::default(),
         utc_s: Some(1_790_000_000 + u64::from(number)),

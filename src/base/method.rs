@@ -1,4 +1,4 @@
-//! The two calibration methods.
+//! The two calibration methods of the core.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,7 +9,7 @@ pub enum Method {
     /// Estimates all 28 parameters together, from the stops and the moves.
     #[default]
     Joint,
-    /// Bai's method with twelve parameters: the stops of period one give the accelerometer parameters, then the moves
-    /// of period two give the gyro parameters.
-    TwoStage,
+    /// The method of Bai et al. to the letter, with twelve parameters: the stops of period one give the errors of the
+    /// accelerometers and the mounting angles, then the moves of period two give the errors of the gyros.
+    Bai,
 }

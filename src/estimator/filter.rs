@@ -6,8 +6,7 @@
 //! correlated noise.
 //!
 //! Sources: Bierman, Factorization Methods for Discrete Sequential Estimation, 1977, ch. V (measurement update) and
-//! III.3 (rank-one modification, after Agee and Turner); Gelb, Applied Optimal Estimation, 1974, (4.2-12), for the
-//! covariance of any gain.
+//! III.3 (rank-one modification, after Agee and Turner).
 //!
 //! The state is the deviation from the linearization point of the caller. The memory is for `N` states, of which the
 //! first ones are in use: a state that is absent costs no time.
@@ -173,41 +172,7 @@ impl<T: Real, const N: usize, const ABOVE: usize> UdFilter<T, N, ABOVE> {
 
     /// Updates the filter with one scalar measurement, with the optimal gain. Returns the outcome and the gain, (N),
     /// which is zero if the measurement was not used.
-    pub fn update(&mut self, measurement: &Measurement<T, N>) -> (Update<T>, Vector<T, N>) {
-        self.update_factors(measurement, |_| ())
-    }
-
-    /// Updates the filter with one scalar measurement. `choose` receives the optimal gain and may change it. State and
-    /// covariance are updated with the resulting gain. Returns the outcome and the resulting gain, (N), which is zero
-    /// if the measurement was not used.
-    // Not inlined, so that the optimal gain does not need its stack.
-    #[inline(never)]
-    pub fn update_with(
-        &mut self,
-        measurement: &Measurement<T, N>,
-        choose: impl FnOnce(&mut Vector<T, N>),
-    ) -> (Update<T>, Vector<T, N>) {
-        let mut optimal = Vector::<T, N>::zeros();
-        let (update, mut gain) = self.update_factors(measurement, |gain| {
-            optimal.copy_from(gain);
-            choose(gain);
-        });
-        if let Update::Applied(innovation) = &update {
-            // A gain that differs from the optimal gain by k~ adds k~ S k~^T to the covariance.
-            optimal -= &gain;
-            self.inflate(&optimal, innovation.variance);
-        } else {
-            gain.fill(T::zero());
-        }
-        (update, gain)
-    }
-
-    /// Bierman's update of U and D, and the update of the state with the gain that `choose` leaves.
-    fn update_factors(
-        &mut self,
-        Measurement { z, h, r }: &Measurement<T, N>,
-        choose: impl FnOnce(&mut Vector<T, N>),
-    ) -> (Update<T>, Vector<T, N>) {
+    pub fn update(&mut self, Measurement { z, h, r }: &Measurement<T, N>) -> (Update<T>, Vector<T, N>) {
         // First `U^T h`, then the gain times the variance of the innovation, then the gain.
         let mut gain = self.factor_row(h);
         let variance = gain.iter().zip(self.d.iter()).fold(*r, |sum, (f, d)| sum + *f * *f * *d);
@@ -243,7 +208,6 @@ impl<T: Real, const N: usize, const ABOVE: usize> UdFilter<T, N, ABOVE> {
             *place = g;
         }
         gain /= variance;
-        choose(&mut gain);
         for (x, gain) in self.x.iter_mut().zip(gain.iter()) {
             *x += *gain * innovation.value;
         }
@@ -371,9 +335,6 @@ mod tests {
         Matrix::from_fn(|row, column| filter.covariance_row(row)[column])
     }
 
-    /// A function that changes the gain. The second argument is a random seed.
-    type Change = fn(&mut Vector<f64, N>, &mut u64);
-
     /// Reproducible pseudo-random numbers in (-1, 1).
     fn scatter(seed: &mut u64) -> f64 {
         *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -384,7 +345,7 @@ mod tests {
         Measurement { z: real(scatter(seed)), h: Vector::from_fn(|_, _| real(scatter(seed))), r: real(0.04) }
     }
 
-    /// The textbook filter in Joseph form with any gain: `P = (I - K H) P (I - K H)^T + K R K^T`.
+    /// The textbook filter in Joseph form: `P = (I - K H) P (I - K H)^T + K R K^T`.
     fn joseph(x: &mut Vector<f64, N>, p: &mut Matrix<f64, N, N>, m: &Measurement<f64, N>, k: &Vector<f64, N>) {
         *x += k * (m.z - m.h.dot(x));
         let i_kh = Matrix::<f64, N, N>::identity() - k * m.h.transpose();
@@ -396,28 +357,20 @@ mod tests {
     }
 
     #[test]
-    fn factored_updates_equal_joseph_form_for_any_gain() {
-        // Three cases: the optimal gain; some states only considered, not estimated (Schmidt 1966); an arbitrary gain.
-        let considered: Change = |gain, _| (gain[1], gain[4]) = (0.0, 0.0);
-        let other: Change =
-            |gain, seed| *gain += Vector::from_fn(|row, _| if row == 3 { 0.0 } else { 0.1 * scatter(seed) });
-        let optimal: Change = |_, _| ();
-        for change in [optimal, considered, other] {
-            let (mut seed, mut gains) = (7, 8);
-            let mut filter = Filter::<f64>::new(&sigmas(), None);
-            let (mut x, mut p) = (Vector::zeros(), covariance(&filter));
-            for _ in 0..40 {
-                let m = measurement(&mut seed);
-                let choose = |gain: &mut Vector<f64, N>| change(gain, &mut gains);
-                let (update, gain) = filter.update_with(&m, choose);
-                assert!(matches!(update, Update::Applied(_)));
-                joseph(&mut x, &mut p, &m, &gain);
-            }
-            assert!((covariance(&filter) - p).norm() < 1e-13 && (filter.state() - x).norm() < 1e-13);
-            assert!((filter.variances() - p.diagonal()).norm() < 1e-13);
-            assert!((filter.covariance_row(2) - p.row(2).transpose()).norm() < 1e-13);
-            assert_eq!(filter.variances()[3], 0.0, "a known state stays known");
+    fn factored_updates_equal_joseph_form() {
+        let mut seed = 7;
+        let mut filter = Filter::<f64>::new(&sigmas(), None);
+        let (mut x, mut p) = (Vector::zeros(), covariance(&filter));
+        for _ in 0..40 {
+            let m = measurement(&mut seed);
+            let (update, gain) = filter.update(&m);
+            assert!(matches!(update, Update::Applied(_)));
+            joseph(&mut x, &mut p, &m, &gain);
         }
+        assert!((covariance(&filter) - p).norm() < 1e-13 && (filter.state() - x).norm() < 1e-13);
+        assert!((filter.variances() - p.diagonal()).norm() < 1e-13);
+        assert!((filter.covariance_row(2) - p.row(2).transpose()).norm() < 1e-13);
+        assert_eq!(filter.variances()[3], 0.0, "a known state stays known");
     }
 
     #[test]

@@ -9,7 +9,7 @@
 //! it has the final pass over all segments.
 //!
 //! In the joint method, every stop gives specific force (M6) and angular rate (M7), and every move gives its rotation
-//! (M7). [`super::two_stage`] has the differences of the paper's method.
+//! (M7). [`super::bai`] has the paper's method, which uses the same filter with twelve of the states.
 
 use super::configuration::{
     BEFORE_EFFECTS, BEFORE_FLICKER, BEFORE_PARAMETERS, EstimatorConfig, GYRO_ENDS, HeadingSource, KNOWN_LATITUDE_RAD,
@@ -19,7 +19,6 @@ use super::constancy::{Seen, Suspects};
 use super::filter::{Innovation, Measurement, Update};
 use super::solution::{Estimate, Filter, Fit, Forces, SegmentInnovations, Solution, sigmas};
 use super::sweep::Pass;
-use super::two_stage::{STAGE_ONE, StageOneGains, Use, common_accel_scale};
 use crate::base::hardware::Hardware;
 use crate::base::linear::{Matrix, Real, Vector, Vector3, columns, exp_so3, real, zeros};
 use crate::base::method::Method;
@@ -76,8 +75,6 @@ pub struct Estimator<T: Real, const SEGMENTS: usize = MAX_SEGMENTS> {
     pub(super) coarse_latitude_rad: f64,
     /// Last step of the latitude about which the measurements are linearized, rad.
     pub(super) latitude_step_rad: f64,
-    /// Gains of stage 1 of the two-stage method.
-    pub(super) stage_one_gains: StageOneGains<T>,
     pub(super) fit: Fit,
     /// Innovations of the accelerometers at the stops.
     pub(super) forces: Forces,
@@ -122,7 +119,6 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
             latitude_sigma_rad: 0.0,
             coarse_latitude_rad: 0.0,
             latitude_step_rad: 0.0,
-            stage_one_gains: StageOneGains::NONE,
             fit: Fit::NONE,
             forces: Forces::NONE,
             reference_us: 0,
@@ -205,7 +201,7 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
             return !segment.is_broken();
         }
         let moves_before = self.moves_before(number);
-        let used = self.process(number, segment, self.use_of(segment.kind(), moves_before, self.config.period_moves));
+        let used = self.process(number, segment, moves_before, self.config.period_moves);
         self.absorb();
         used
     }
@@ -268,11 +264,6 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         let site_sigmas = SiteSigmas { latitude_rad: self.latitude_sigma_rad, ..self.config.site_sigmas };
         let prior = prior_sigmas(&EstimatorConfig { site_sigmas, ..self.config });
         self.filter.restart(&prior, BEFORE_EFFECTS + self.effects.len(), gate_sigma.map(real));
-        if self.config.method == Method::TwoStage {
-            let scale = common_accel_scale();
-            self.filter.inflate(&scale, T::one());
-            self.stage_one_gains.restart(&(prior + scale));
-        }
     }
 
     /// Moves the linearization point to the estimate.
@@ -288,20 +279,27 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
             self.latitude_step_rad = latitude_rad - core::mem::replace(&mut self.site.latitude_rad, latitude_rad);
             *deviation = T::zero();
         }
-    }
-
-    /// The measurements that are used of a segment of this kind after `moves_before` moves.
-    pub(super) fn use_of(&self, kind: SegmentKind, moves_before: u16, period_moves: Option<u16>) -> Use {
-        let is_stop = kind == SegmentKind::Stop;
-        let gyrocompass = is_stop && moves_before == 0 && self.config.heading == HeadingSource::Gyrocompass;
-        match self.config.method {
-            Method::Joint => Use { force: is_stop, rotation: true, considered: false },
-            Method::TwoStage => Use::in_two_stages(is_stop, moves_before, period_moves, gyrocompass),
+        if self.config.method == Method::Bai {
+            self.level();
         }
     }
 
-    /// Processes segment `number`, counted from 0. Returns whether the segment is used.
-    pub(super) fn process(&mut self, number: usize, segment: &Segment<T>, usage: Use) -> bool {
+    /// Processes segment `number`, counted from 0, which comes after `moves_before` moves. `period_moves` is the number
+    /// of moves in period one, for the paper's method. Returns whether the segment is used.
+    pub(super) fn process(
+        &mut self,
+        number: usize,
+        segment: &Segment<T>,
+        moves_before: u16,
+        period_moves: Option<u16>,
+    ) -> bool {
+        match self.config.method {
+            Method::Joint => self.process_jointly(number, segment),
+            Method::Bai => self.process_by_bai(number, segment, moves_before, period_moves),
+        }
+    }
+
+    fn process_jointly(&mut self, number: usize, segment: &Segment<T>) -> bool {
         if segment.kind() == SegmentKind::Move {
             let encoder = encoder_variance(&self.config);
             let variance = |readings: Readings| real(encoder + readings.mean_variance());
@@ -316,10 +314,8 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
                 *arrival = if turned > 0.0 { 1 } else { -1 };
             }
         }
-        if self.config.method == Method::Joint {
-            self.renew_gyro_ends(number);
-            self.pass_time(segment);
-        }
+        self.renew_gyro_ends(number);
+        self.pass_time(segment);
         let now = self.situation(segment, arrived);
         if let Some(standing) = segment.standing() {
             self.allowances = self.config.noise.allowances(&self.config.hardware, segment);
@@ -329,13 +325,11 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
             return false;
         }
         let model = MeasurementModel::new(&InstrumentErrors::from_vector(&self.nominal), &self.site);
-        if let Some(standing) = segment.standing().filter(|_| usage.force) {
-            self.process_force(number, (segment, standing), &model, &now, usage);
+        if let Some(standing) = segment.standing() {
+            self.process_force(number, (segment, standing), &model, &now);
         }
-        if usage.rotation {
-            self.process_rotation(number, segment, &model, &now, usage);
-        }
-        usage.force || usage.rotation
+        self.process_rotation(number, segment, &model, &now);
+        true
     }
 
     // This function and the next one are not inlined, so that they use the same stack one after the other.
@@ -346,7 +340,6 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         (segment, standing): (&Segment<T>, &Standing<T>),
         model: &MeasurementModel<T>,
         now: &Situation<T>,
-        usage: Use,
     ) {
         let psd_sqrt: T = real(self.config.noise.accel_psd_sqrt);
         let [x, y, z, ..] = self.allowances.map(real::<T>);
@@ -355,16 +348,12 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         let in_g = prediction.in_g.map(Real::widened).into();
         let duration_s = segment.duration_s().widened();
         let [x, y, z, ..] = self.pulses(segment, standing);
-        let noise = if self.config.method == Method::Joint {
-            let gravity = self.site.gravity_m_s2();
-            effects::force_noise(&self.config.hardware, &in_g, duration_s, &[x, y, z], gravity)
-        } else {
-            [0.0; 3]
-        };
+        let gravity = self.site.gravity_m_s2();
+        let noise = effects::force_noise(&self.config.hardware, &in_g, duration_s, &[x, y, z], gravity);
         let variance = white + Vector3::from(noise.map(real::<T>));
         let columns = force_columns(&prediction, now);
         let flicker = effects::by_flicker(duration_s);
-        self.take_in(&standing.force_a, (&prediction, &columns, flicker), variance, usage, (number, 0));
+        self.take_in(&standing.force_a, (&prediction, &columns, flicker), variance, (number, 0));
     }
 
     #[inline(never)]
@@ -374,7 +363,6 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         segment: &Segment<T>,
         model: &MeasurementModel<T>,
         now: &Situation<T>,
-        usage: Use,
     ) {
         let psd_sqrt: T = real(self.config.noise.gyro_psd_sqrt);
         let [.., x, y, z] = self.allowances.map(real::<T>);
@@ -387,14 +375,11 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
             prediction.by_encoder_errors.fill(T::zero());
             prediction.by_geometry.fill(T::zero());
         }
-        if self.config.method == Method::Joint {
-            let duration_s = segment.duration_s().widened();
-            let noise = effects::rotation_noise(&self.config.hardware, duration_s);
-            variance += Vector3::repeat(real(noise));
-        }
+        let noise = effects::rotation_noise(&self.config.hardware, segment.duration_s().widened());
+        variance += Vector3::repeat(real(noise));
         let columns = rotation_columns(&prediction, segment, now);
         let ends = if number.is_multiple_of(2) { [1.0, -1.0] } else { [-1.0, 1.0] };
-        self.take_in(&segment.rotation_g, (&prediction, &columns, ends), variance, usage, (number, 3));
+        self.take_in(&segment.rotation_g, (&prediction, &columns, ends), variance, (number, 3));
     }
 
     /// Variance that the encoder readings at the ends of a segment add to its rotation, for each channel. Single
@@ -495,29 +480,23 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         // The last two are the derivatives of each sensor by its own noise: its flicker, or its errors at the two ends.
         derivatives: (&Prediction<T>, &EffectColumns<T>, [f64; 2]),
         variance: Vector3<T>,
-        usage: Use,
         (segment, first_channel): (usize, u8),
     ) {
         let residual = measured - derivatives.0.value;
-        let rounding = measured.norm() * real(ROUNDING_EPSILONS * T::EPSILON);
-        let floor = measured.norm() * real(self.config.noise.encoder_sigma_rad);
+        let rounding = rounding_variance(measured.norm());
         for ((z, channel), (row, variance)) in residual.iter().zip(first_channel..).zip((0..3).zip(variance.iter())) {
-            let r = *variance + rounding * rounding;
-            self.take_in_channel((*z, r, floor), derivatives, row, usage, (segment, channel));
+            self.take_in_channel((*z, *variance + rounding), derivatives, row, (segment, channel));
         }
     }
 
     #[inline(never)]
     fn take_in_channel(
         &mut self,
-        (z, r, floor): (T, T, T),
+        (z, r): (T, T),
         (prediction, effects, by_noise): (&Prediction<T>, &EffectColumns<T>, [f64; 2]),
         row: usize,
-        usage: Use,
         (segment, channel): (usize, u8),
     ) {
-        let weighted = self.config.method == Method::TwoStage && channel < 3;
-        let zero = |gain: &mut T| *gain = T::zero();
         let mut measurement = Measurement { z, h: Vector::<T, STATES>::zeros(), r };
         let h = &mut measurement.h;
         let of_row = |column: &[T; 3]| column.get(row).copied().unwrap_or(T::zero());
@@ -532,21 +511,8 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
             self.effects.iter().map(|effect| columns(effects).get(usize::from(*effect)).map_or(T::zero(), of_row));
         let all = encoders.chain(of_ends).chain(of_flicker).chain(parameters).chain(in_use);
         h.iter_mut().zip(all).for_each(|(h, value)| *h = value);
-        let (update, gain) = match (weighted, usage.considered) {
-            (false, false) => self.filter.update(&measurement),
-            (true, _) => {
-                let chosen = self.stage_one_gains.gain(h, r + floor * floor);
-                self.filter.update_with(&measurement, |gain| gain.copy_from(&chosen))
-            }
-            (false, true) => self.filter.update_with(&measurement, |gain: &mut Vector<T, STATES>| {
-                gain.iter_mut().take(STAGE_ONE.end).skip(STAGE_ONE.start).for_each(zero);
-            }),
-        };
-        self.fit.note(&update, segment, channel);
-        if channel < 3 {
-            self.forces.note(&update, r);
-        }
-        self.note_innovation(&update, channel);
+        let (update, gain) = self.filter.update(&measurement);
+        self.note(&update, r, segment, channel);
         if let Update::Applied(Innovation { value: innovation, variance }) = update {
             self.suspects.see(&Seen {
                 h: &measurement.h,
@@ -564,7 +530,12 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         }
     }
 
-    fn note_innovation(&mut self, update: &Update<T>, channel: u8) {
+    /// Notes the outcome of a measurement with the noise variance `r` on this channel of this segment.
+    pub(super) fn note(&mut self, update: &Update<T>, r: T, segment: usize, channel: u8) {
+        self.fit.note(update, segment, channel);
+        if channel < 3 {
+            self.forces.note(update, r);
+        }
         let normalized = match update {
             Update::Applied(innovation) | Update::Gated(innovation) => innovation.normalized().widened() as f32,
             Update::Refused => return,
@@ -581,28 +552,46 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         let rot_rr0 = InstrumentErrors::<T>::default().rot_rr0(stop.outer, stop.inner);
         let force_b = rot_rr0.transpose() * force_a;
         let rotation_b = rot_rr0.transpose() * stop.rotation_g;
-        let roll = force_b.y.atan2(force_b.z);
-        let pitch = (-force_b.x).atan2(force_b.y.hypot(force_b.z));
-        let zero = T::zero();
-        let levelled =
-            exp_so3(&Vector3::new(zero, pitch, zero)) * exp_so3(&Vector3::new(roll, zero, zero)) * rotation_b;
-        let heading = match self.config.heading {
-            HeadingSource::Gyrocompass => (-levelled.x).atan2(levelled.y),
-            HeadingSource::Configured { heading_rad, .. } => real(heading_rad),
-        };
+        let (attitude, levelled) = level_attitude(&force_b, &rotation_b, &self.config.heading);
         let latitude_rad = levelled.z.atan2(levelled.x.hypot(levelled.y)).widened();
         self.coarse_latitude_rad = if latitude_rad.is_finite() { latitude_rad } else { 0.0 };
         if self.latitude_sigma_rad > KNOWN_LATITUDE_RAD {
             self.start_latitude_rad = self.coarse_latitude_rad;
         }
-        let attitude = InstrumentErrors { base_roll: roll, base_pitch: pitch, heading, ..InstrumentErrors::default() };
-        attitude.to_vector()
+        let mut start = Vector::<T, PARAMETERS>::zeros();
+        start.fixed_rows_mut::<3>(block::ATTITUDE).copy_from(&attitude);
+        start
     }
 
     fn moves_before(&self, number: usize) -> u16 {
         let is_move = |segment: &&Segment<T>| segment.kind() == SegmentKind::Move;
         self.segments.iter().take(number).filter(is_move).count() as u16
     }
+}
+
+/// Variance of the rounding error of a measured vector and its prediction, in each channel. `size` is the magnitude of
+/// the vector.
+pub(super) fn rounding_variance<T: Real>(size: T) -> T {
+    let rounding = size * real(ROUNDING_EPSILONS * T::EPSILON);
+    rounding * rounding
+}
+
+/// Roll, pitch and heading of the base from the specific force and the rotation in b: levelling, then gyrocompassing.
+/// The second value is the rotation in the level frame.
+pub(super) fn level_attitude<T: Real>(
+    force_b: &Vector3<T>,
+    rotation_b: &Vector3<T>,
+    source: &HeadingSource,
+) -> (Vector3<T>, Vector3<T>) {
+    let roll = force_b.y.atan2(force_b.z);
+    let pitch = (-force_b.x).atan2(force_b.y.hypot(force_b.z));
+    let zero = T::zero();
+    let levelled = exp_so3(&Vector3::new(zero, pitch, zero)) * exp_so3(&Vector3::new(roll, zero, zero)) * rotation_b;
+    let heading = match source {
+        HeadingSource::Gyrocompass => (-levelled.x).atan2(levelled.y),
+        HeadingSource::Configured { heading_rad, .. } => real(*heading_rad),
+    };
+    (Vector3::new(roll, pitch, heading), levelled)
 }
 
 /// A row of a matrix.

@@ -3,12 +3,12 @@
 //! ([`super::constancy`]). The pass is done in pieces of a few segments for each call, so that samples are processed
 //! between two pieces.
 
+use super::bai::find_period;
 use super::configuration::{BEFORE_EFFECTS, BEFORE_PARAMETERS, KNOWN_LATITUDE_RAD};
 use super::constancy::{SettingEvidence, Suspicion};
 use super::joint::{Estimator, SEGMENTS_PER_PIECE};
 use super::solution::{EffectEstimates, Estimate, Fit, Forces, SegmentInnovations, Solution, sigmas};
 use super::sweep::{HeadingSteps, Pass, Sweep};
-use super::two_stage::find_period;
 use crate::base::linear::{ComplexField, Real, Vector, real};
 use crate::base::method::Method;
 use crate::base::sample::CHANNELS;
@@ -162,7 +162,7 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         }
         self.solution = Some(self.solved(made, converged));
         match self.config.method {
-            Method::TwoStage => self.close(period_moves),
+            Method::Bai => self.close(period_moves),
             Method::Joint => self.test_next(0, 0),
         }
     }
@@ -238,11 +238,10 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         self.innovations.clear();
         for _ in 0..SEGMENTS_PER_PIECE {
             let Some(segment) = self.segments.get(sweep.next).copied() else { break };
-            let usage = self.use_of(segment.kind(), sweep.moves, sweep.period_moves);
             let none = SegmentInnovations { segment: sweep.next as u16, normalized: [None; CHANNELS] };
             // The vector cannot overflow: it holds the segments of one piece.
             let _ = self.innovations.push(none);
-            let _ = self.process(sweep.next, &segment, usage);
+            let _ = self.process(sweep.next, &segment, sweep.moves, sweep.period_moves);
             sweep.moves += u16::from(segment.kind() == SegmentKind::Move);
             sweep.next += 1;
         }
@@ -261,7 +260,8 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         let variances = self.filter.variances();
         let part = part + ROUNDING_NOISE_EPSILONS * T::EPSILON;
         let limit = real::<T>(part * part);
-        let moved = |(step, variance): (&T, &T)| *step * *step > limit * *variance;
+        // A parameter that the method takes as known has no variance.
+        let moved = |(step, variance): (&T, &T)| *variance > T::zero() && *step * *step > limit * *variance;
         let latitude_step = real(self.latitude_step_rad);
         let latitude = self.state_of(effect::LATITUDE).and_then(|state| variances.get(state));
         !step.iter().zip(variances.iter().skip(BEFORE_PARAMETERS)).any(moved)
@@ -303,9 +303,7 @@ impl<T: Real, const SEGMENTS: usize> Estimator<T, SEGMENTS> {
         };
         let total: f64 = estimate.sigmas.iter().zip(&self.config.prior_sigmas()).map(gained).sum();
         let latitude = if self.latitude_sigma_rad > KNOWN_LATITUDE_RAD { 1.0 } else { 0.0 };
-        // The two-stage method has only one scale error, which is common to the three accelerometers.
-        let common = if self.config.method == Method::TwoStage { 2.0 } else { 0.0 };
-        ComplexField::round(total + latitude - common) as u32
+        ComplexField::round(total + latitude) as u32
     }
 
     fn effect_estimates(&self) -> EffectEstimates {

@@ -184,8 +184,8 @@ mod tests {
             assert_eq!(found(&config(), &whole), None);
             assert!(found(&config(), &outer_only).is_some());
         }
-        let two_stage = EstimatorConfig { method: Method::TwoStage, period_moves: Some(18), ..config() };
-        assert_eq!(unobserved_by::<f64>(&two_stage, &Scheme::bai(200.0, 2)), None);
+        let bai = EstimatorConfig { method: Method::Bai, period_moves: Some(18), ..config() };
+        assert_eq!(unobserved_by::<f64>(&bai, &Scheme::bai(200.0, 2)), None);
     }
 
     #[test]

@@ -10,7 +10,7 @@ pub(super) struct Sweep {
     pub(super) next: usize,
     /// Number of moves before the next segment.
     pub(super) moves: u16,
-    /// Number of moves in period one, for the two-stage method.
+    /// Number of moves in period one, for the paper's method.
     pub(super) period_moves: Option<u16>,
 }
 

@@ -19,7 +19,8 @@ use crate::base::site::Site;
 use crate::estimator::constancy::SettingEvidence;
 use crate::estimator::constancy::{Change, Suspicion};
 use crate::estimator::{
-    EffectEstimates, Estimate, EstimatorConfig, Fit, HeadingSource, LargestInnovation, SegmentInnovations, Solution,
+    BaiTuning, EffectEstimates, Estimate, EstimatorConfig, Fit, HeadingSource, LargestInnovation, SegmentInnovations,
+    Solution,
 };
 use crate::gimbal::axis::AxisLimits;
 use crate::gimbal::servo::MotorAndLoad;
@@ -110,7 +111,7 @@ fn stored() -> StoredCalibration {
     StoredCalibration {
         errors: errors(),
         sigmas: row(),
-        method: Method::TwoStage,
+        method: Method::Bai,
         scheme: "bai".try_into().unwrap(),
         site: site(),
         utc_s: Some(1_790_000_000),
@@ -136,6 +137,7 @@ fn calibrator() -> CalibratorConfig {
             gate_sigma: Some(5.0),
             hardware: hardware(),
             site_sigmas: SiteSigmas { latitude_rad: 0.125, gravity_m_s2: 0.25 },
+            tuning: BaiTuning::STATED,
         },
     }
 }

@@ -257,7 +257,7 @@ fn rotation_z_integral<T: Real>(cos: T, sin: T, one: T) -> Matrix3<T> {
 }
 
 /// Integral of `R_z(inner) middle R_x(outer)` over time, s.
-fn attitude_integral<T: Real>(integrals: &AngleIntegrals<T>, middle: &Matrix3<T>) -> Matrix3<T> {
+pub fn attitude_integral<T: Real>(integrals: &AngleIntegrals<T>, middle: &Matrix3<T>) -> Matrix3<T> {
     let (zero, one) = (T::zero(), T::one());
     // R_z = [1, cos, sin](inner) . inner_parts,  R_x = [1, cos, sin](outer) . outer_parts
     let inner_parts = [

@@ -5,7 +5,7 @@ use crate::base::hardware::Hardware;
 use crate::base::method::Method;
 use crate::base::site::Site;
 use crate::base::units::{ARCSEC, DEG_SQRT_H, MICRO_G};
-use crate::estimator::{EstimatorConfig, HeadingSource};
+use crate::estimator::{BaiTuning, EstimatorConfig, HeadingSource};
 use crate::gimbal::axis::AxisLimits;
 use crate::gimbal::servo::MotorAndLoad;
 use crate::model::effects::SiteSigmas;
@@ -63,6 +63,7 @@ impl CalibratorConfig {
             gate_sigma: None,
             hardware: Hardware::NAVIGATION,
             site_sigmas: SiteSigmas::GIVEN,
+            tuning: BaiTuning::STATED,
         };
         Self { rate_hz, stillness: Stillness::default(), estimator }
     }

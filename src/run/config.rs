@@ -6,7 +6,7 @@ use crate::base::method::Method;
 use crate::base::site::SITE_BOUNDS;
 use crate::estimator::EstimatorConfig;
 use crate::estimator::rehearsal::SHORTEST_STOP_S;
-use crate::estimator::{HEADING_BOUNDS, KNOWN_LATITUDE_RAD, MAX_SEGMENTS};
+use crate::estimator::{HEADING_BOUNDS, KNOWN_LATITUDE_RAD, MAX_SEGMENTS, TUNING_BOUNDS};
 use crate::gimbal::axis::{AXIS_AND_MOTOR_BOUNDS, AXIS_BOUNDS, AxisLimits};
 use crate::gimbal::fault::AXIS_NAMES;
 use crate::gimbal::servo::{MOTOR_BOUNDS, MotorAndLoad};
@@ -87,7 +87,7 @@ impl BoundedNumber {
 pub enum ConfigError {
     /// The sample rate is outside [`RATE_BOUNDS`].
     Rate,
-    /// A noise is outside [`NOISE_BOUNDS`].
+    /// A noise is outside [`NOISE_BOUNDS`], or P0 or Q of the paper's method outside [`TUNING_BOUNDS`].
     Noise,
     /// The heading or its sigma is outside [`HEADING_BOUNDS`].
     Heading,
@@ -110,7 +110,7 @@ pub enum ConfigError {
     Hardware(u8),
     /// The scheme has more segments than fit into memory.
     Segments,
-    /// A number is outside [`SITE_BOUNDS`] or [`SITE_SIGMA_BOUNDS`], or the two-stage method does not know the latitude.
+    /// A number is outside [`SITE_BOUNDS`] or [`SITE_SIGMA_BOUNDS`], or the paper's method does not know the latitude.
     Site,
     /// The scheme is not valid.
     Scheme(SchemeError),
@@ -162,7 +162,11 @@ impl fmt::Display for ConfigError {
         let name = |axis: &u8| AXIS_NAMES.get(usize::from(*axis)).copied().unwrap_or("?");
         match self {
             Self::Rate => write_bounds(f, &RATE_BOUNDS),
-            Self::Noise => write_bounds(f, &NOISE_BOUNDS),
+            Self::Noise => {
+                write_bounds(f, &NOISE_BOUNDS)?;
+                f.write_str("; ")?;
+                write_bounds(f, &TUNING_BOUNDS)
+            }
             Self::Heading => write_bounds(f, &HEADING_BOUNDS),
             Self::Stillness => write_bounds(f, &STILLNESS_BOUNDS),
             Self::OutOfBounds { number, axis } => write_outside(f, *number, axis.as_ref().map(name)),
@@ -185,7 +189,7 @@ impl fmt::Display for ConfigError {
                 write_bounds(f, &SITE_BOUNDS)?;
                 f.write_str("; ")?;
                 write_bounds(f, &SITE_SIGMA_BOUNDS)?;
-                f.write_str("; and the two-stage method must know the latitude")
+                f.write_str("; and the method bai must know the latitude")
             }
             Self::Scheme(error) => error.fmt(f),
             Self::TooFast(axis) => {
@@ -253,13 +257,14 @@ impl SelfCalibrationConfig {
         within(&NOISE_BOUNDS, &estimator.noise, ConfigError::Noise)?;
         within(&HEADING_BOUNDS, &estimator.heading, ConfigError::Heading)?;
         within(&STILLNESS_BOUNDS, calibrator, ConfigError::Stillness)?;
+        within(&TUNING_BOUNDS, &estimator.tuning, ConfigError::Noise)?;
         let wrong = estimator.hardware.first_wrong();
         if let Some(row) = wrong.and_then(|wrong| HARDWARE.iter().position(|size| size.key == wrong.key)) {
             return Err(ConfigError::Hardware(row as u8));
         }
         within(&SITE_BOUNDS, &estimator.site, ConfigError::Site)?;
         within(&SITE_SIGMA_BOUNDS, &estimator.site_sigmas, ConfigError::Site)?;
-        if estimator.site_sigmas.latitude_rad > KNOWN_LATITUDE_RAD && estimator.method == Method::TwoStage {
+        if estimator.site_sigmas.latitude_rad > KNOWN_LATITUDE_RAD && estimator.method == Method::Bai {
             return Err(ConfigError::Site);
         }
         within(&PACE_BOUNDS, pace, ConfigError::Pace)?;
@@ -347,7 +352,7 @@ mod tests {
         let axis = |row, axis| ConfigError::OutOfBounds { number: BoundedNumber::Axis(row), axis: Some(axis) };
         let motor = |row, axis| ConfigError::OutOfBounds { number: BoundedNumber::Motor(row), axis: Some(axis) };
         let both = |row, axis| ConfigError::OutOfBounds { number: BoundedNumber::AxisAndMotor(row), axis: Some(axis) };
-        let wrong: [(Spoil, ConfigError); 41] = [
+        let wrong: [(Spoil, ConfigError); 43] = [
             (|config| config.motors[1].inertia_kg_m2 = 0.0, motor(0, 1)),
             (|config| config.motors[0].viscous_nm_s = f64::INFINITY, motor(2, 0)),
             (|config| config.motors[0].inductance_h = -1e-3, motor(5, 0)),
@@ -363,6 +368,8 @@ mod tests {
             (|config| config.calibrator.estimator.noise.accel_psd_sqrt = 0.0, ConfigError::Noise),
             (|config| config.calibrator.estimator.noise.gyro_psd_sqrt = f64::NAN, ConfigError::Noise),
             (|config| config.calibrator.estimator.noise.encoder_sigma_rad = -1e-6, ConfigError::Noise),
+            (|config| config.calibrator.estimator.tuning.initial_sigma_rad = 0.0, ConfigError::Noise),
+            (|config| config.calibrator.estimator.tuning.walk_rad_sqrt_s = -1e-6, ConfigError::Noise),
             (|config| config.calibrator.estimator.heading = heading(f64::NAN, 0.1), ConfigError::Heading),
             (|config| config.calibrator.estimator.heading = heading(1.0, 0.0), ConfigError::Heading),
             (|config| config.calibrator.stillness.still_rad = f64::NAN, ConfigError::Stillness),

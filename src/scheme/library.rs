@@ -406,12 +406,12 @@ impl Scheme {
         compiled_in().filter(|scheme| scheme.name == name).or_else(of_library)
     }
 
-    /// Default scheme of a method: three minutes for the joint method, both of Bai's periods for the two-stage method.
+    /// Default scheme of a method: three minutes for the joint method, both of Bai's periods for Bai's method.
     pub fn default_for(method: Method) -> Self {
         match method {
             // `fast-180` is in the library; a test checks every name.
             Method::Joint => Self::named("fast-180").unwrap_or_else(|| Self::bai(10.0, 1)),
-            Method::TwoStage => Self::bai(200.0, 2),
+            Method::Bai => Self::bai(200.0, 2),
         }
     }
 }

@@ -535,9 +535,9 @@ mod tests {
     #[test]
     fn a_parameter_that_only_one_method_estimates_is_not_compared() {
         let mut case = good();
-        let mut two_stage = case.solution.estimate;
-        two_stage.sigmas[block::NON_PERPENDICULARITY] = 0.0;
-        case.stored = Some(two_stage);
+        let mut bai = case.solution.estimate;
+        bai.sigmas[block::NON_PERPENDICULARITY] = 0.0;
+        case.stored = Some(bai);
         case.solution.estimate.errors.axis_non_perpendicularity = 4.0 * ARCSEC;
         assert_eq!(verdict(&case).changes, []);
         std::mem::swap(&mut case.solution.estimate, case.stored.as_mut().unwrap());

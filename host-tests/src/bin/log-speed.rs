@@ -104,7 +104,7 @@ fn measure(log: &Path) -> Result<()> {
     let read_s = start.elapsed().as_secs_f64();
     let (path, unit) = (log.into(), UnitConfig::default());
     let precision = Precision::F64;
-    let replay = Replay { path, layout, unit, method: Method::Joint, precision, adapt: false };
+    let replay = Replay { path, layout, unit, method: Method::Joint.into(), precision, adapt: false };
     let (start, cpu) = (Instant::now(), usage()?.0);
     let outcome = replay.run(|_| (), |_| ())?;
     let (wall_s, (now, peak_mb)) = (start.elapsed().as_secs_f64(), usage()?);

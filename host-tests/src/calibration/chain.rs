@@ -1,5 +1,6 @@
 //! One calibration on the host: the core's chain in single or double precision, and its outcome as `f64`.
 
+use super::method::HostMethod;
 use crate::base::quantity::{STATES, states};
 use crate::files::unit_file::{Noise, UnitConfig};
 use crate::virtual_unit::plant::Reading;
@@ -7,16 +8,15 @@ use rins_selfcal::base::angle::Angle;
 use rins_selfcal::base::hardware::{HARDWARE, Hardware};
 use rins_selfcal::base::linear::{Matrix, Real, Vector3, real};
 use rins_selfcal::base::loss::LossCounts;
-use rins_selfcal::base::method::Method;
 use rins_selfcal::base::sample::RawSample;
 use rins_selfcal::base::site::Site;
 use rins_selfcal::base::units::DEG;
 use rins_selfcal::estimator::{
-    BEFORE_EFFECTS, BEFORE_PARAMETERS, Estimate, Estimator, HeadingSource, KNOWN_LATITUDE_RAD, SegmentInnovations,
-    Solution,
+    BEFORE_EFFECTS, BEFORE_PARAMETERS, BaiTuning, Estimate, Estimator, HeadingSource, KNOWN_LATITUDE_RAD,
+    SegmentInnovations, Solution,
 };
 use rins_selfcal::model::effects::{EFFECT_INFO, SiteSigmas, effect};
-use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETERS, ParameterInfo, block};
+use rins_selfcal::model::error_model::{InstrumentErrors, PARAMETERS, ParameterInfo};
 use rins_selfcal::run::abort::Abort;
 use rins_selfcal::run::calibrator::Calibrator;
 use rins_selfcal::run::config::CalibratorConfig;
@@ -42,25 +42,11 @@ pub enum Precision {
     F32,
 }
 
-/// Name of a method on the command line and in files.
-pub fn method_name(method: Method) -> &'static str {
-    match method {
-        Method::Joint => "joint",
-        Method::TwoStage => "two-stage",
-    }
-}
-
-/// Whether a method estimates a parameter. The two-stage method takes biases, scale-factor errors and
-/// non-perpendicularity as zero.
-pub fn is_estimated(method: Method, parameter: usize) -> bool {
-    method == Method::Joint || !(block::ACCEL_BIAS..block::ATTITUDE).contains(&parameter)
-}
-
 /// Everything that a calibration needs to know.
 #[derive(Clone, Debug)]
 pub struct Setup {
-    /// Joint or two-stage.
-    pub method: Method,
+    /// Method.
+    pub method: HostMethod,
     /// Floating-point type of the core.
     pub precision: Precision,
     /// Sample rate, Hz.
@@ -75,6 +61,8 @@ pub struct Setup {
     pub site_sigmas: SiteSigmas,
     /// Imperfections of the unit's hardware.
     pub hardware: Hardware,
+    /// P0 and Q of the paper's method.
+    pub tuning: BaiTuning,
     /// Number of moves in period one, if the scheme is known and has several periods.
     pub period_moves: Option<u16>,
     /// Name of the scheme, if it is known.
@@ -85,13 +73,13 @@ pub struct Setup {
 
 impl Setup {
     /// Setup for a unit that a file describes. The scheme is unknown.
-    pub fn new(unit: &UnitConfig, rate_hz: f64, method: Method, precision: Precision) -> Self {
+    pub fn new(unit: &UnitConfig, rate_hz: f64, method: impl Into<HostMethod>, precision: Precision) -> Self {
         let configured = |heading_deg: f64| HeadingSource::Configured {
             heading_rad: heading_deg * DEG,
             sigma_rad: unit.initial.heading_sigma_deg * DEG,
         };
         Self {
-            method,
+            method: method.into(),
             precision,
             rate_hz,
             site: unit.site(),
@@ -99,6 +87,7 @@ impl Setup {
             heading: unit.initial.heading_deg.map_or(HeadingSource::Gyrocompass, configured),
             site_sigmas: unit.site_sigmas(),
             hardware: unit.hardware(),
+            tuning: unit.bai.tuning(),
             period_moves: None,
             scheme: None,
             adapt: false,
@@ -114,11 +103,12 @@ impl Setup {
 
     /// Configuration for the core.
     pub fn config(&self) -> CalibratorConfig {
-        let mut config = CalibratorConfig::new(self.method, self.site, self.noise.psd(), self.rate_hz);
+        let mut config = CalibratorConfig::new(self.method.core(), self.site, self.noise.psd(), self.rate_hz);
         config.estimator.heading = self.heading;
         config.estimator.period_moves = self.period_moves;
         config.estimator.hardware = self.hardware;
         config.estimator.site_sigmas = self.site_sigmas;
+        config.estimator.tuning = self.tuning;
         config
     }
 
@@ -404,7 +394,7 @@ impl Outcome {
 
     /// Whether the method estimates a parameter.
     pub fn is_estimated(&self, parameter: usize) -> bool {
-        is_estimated(self.setup.method, parameter)
+        self.setup.method.estimates(parameter)
     }
 
     /// Sigmas of all states, in report units.
@@ -461,6 +451,7 @@ mod tests {
     use crate::calibration::virtual_run::VirtualRun;
     use crate::result::table;
     use crate::virtual_unit::unit::VirtualUnit;
+    use rins_selfcal::base::method::Method;
 
     #[test]
     fn a_result_that_could_not_be_stored_is_not_in_use() {

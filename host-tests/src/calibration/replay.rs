@@ -1,11 +1,10 @@
 //! Runs the core's chain on a log.
 
-use super::{Outcome, Precision, Setup};
+use super::{HostMethod, Outcome, Precision, Setup};
 use crate::base::quantity::significant;
 use crate::files::unit_file::UnitConfig;
 use crate::log::{Layout, LogError, LogReader};
 use crate::virtual_unit::plant::Reading;
-use rins_selfcal::base::method::Method;
 use std::f64::consts::PI;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
@@ -106,8 +105,8 @@ pub struct Replay {
     pub layout: Layout,
     /// Unit and site.
     pub unit: UnitConfig,
-    /// Joint or two-stage.
-    pub method: Method,
+    /// Method.
+    pub method: HostMethod,
     /// Floating-point type of the core.
     pub precision: Precision,
     /// Whether to solve once more with the size of the hardware enlarged that the verdict names as too small.

@@ -112,7 +112,7 @@ mod tests {
         let config = UnitConfig::ideal();
         let unit = VirtualUnit { errors: presets::table3(), rate_hz: 50.0, ..VirtualUnit::default() };
         let run = VirtualRun { unit, scheme: Scheme::bai(2.0, 2), seed: 3 };
-        let setups = [Method::Joint, Method::TwoStage].map(|method| Setup::new(&config, 50.0, method, Precision::F64));
+        let setups = [Method::Joint, Method::Bai].map(|method| Setup::new(&config, 50.0, method, Precision::F64));
         for outcome in run.calibrate(&setups) {
             let segments: Vec<u16> = outcome.innovations.iter().map(|innovations| innovations.segment).collect();
             assert_eq!(segments, (0..outcome.solution.segments).collect::<Vec<_>>());
@@ -125,19 +125,18 @@ mod tests {
         }
     }
 
-    /// Errors that the method does not model must not be magnified: with optimal weights the worst error was 130
-    /// arcsec.
+    /// What errors the paper's method does not model become, with the sizes of the issue: a bias of 30 ug is a tilt of 6.2
+    /// arcsec, and a mounting angle takes in up to 1.5 of them.
     #[test]
-    fn the_two_stage_method_does_not_magnify_the_errors_of_a_real_unit() {
+    fn the_papers_method_is_wrong_on_a_real_unit_and_says_so() {
         let config = UnitConfig { noise: Noise::bai(), ..UnitConfig::ideal() };
         let unit =
             VirtualUnit { errors: presets::real(1), noise: config.noise, rate_hz: 50.0, ..VirtualUnit::default() };
         let run = VirtualRun { unit, scheme: Scheme::bai(200.0, 2), seed: 1 };
-        let setup = Setup::new(&config, 50.0, Method::TwoStage, Precision::F64);
-        let outcome = run.calibrate(&[setup]).remove(0);
+        let outcome = run.calibrate(&[Setup::new(&config, 50.0, Method::Bai, Precision::F64)]).remove(0);
         let errors = quantity::errors(&outcome.estimate().errors, &run.unit.errors);
-        // A bias of 30 ug acts as a tilt of 6.2 arcsec, and the other errors add to the tilt.
-        assert!(errors[..block::ACCEL_BIAS].iter().all(|error| error.abs() < 8.0), "{errors:?}");
+        let worst = errors[..block::ACCEL_BIAS].iter().fold(0.0_f64, |worst, error| worst.max(error.abs()));
+        assert!((4.0..10.0).contains(&worst), "{errors:?}");
         assert!(!outcome.verdict.accepted());
     }
 }

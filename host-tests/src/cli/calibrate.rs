@@ -18,9 +18,10 @@ use crate::files::truth::Truth;
 use crate::page::Content;
 use crate::result::saved::Saved;
 use crate::study::closed_loop::{Ended, PowerUp, Terms};
-use anyhow::Context;
+use anyhow::{Context, bail};
 use clap::{Args, ValueEnum};
 use rins_selfcal::base::units::ARCSEC;
+use rins_selfcal::estimator::BaiTuning;
 use rins_selfcal::model::error_model::block;
 use rins_selfcal::run::policy::{Decision, PowerUpPolicy};
 use rins_selfcal::run::sequencer::Pace;
@@ -147,7 +148,7 @@ pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
     ];
     files::check(&inputs, &[("--json", arguments.json.as_deref()), ("--report", Some(&arguments.report))])?;
     let config = arguments.unit.config()?;
-    let method = arguments.method.method();
+    let method = arguments.method.method;
     let scheme = arguments.scheme.scheme(method)?;
     let setup = arguments.method.setup(&config).on_scheme(&scheme);
     let run = arguments.unit.run(&config, scheme)?;
@@ -157,6 +158,9 @@ pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
     let terms = Terms { axes: arguments.axes.axes(), ..arguments.terms.terms() };
     let power_up = PowerUp::new(&run, &setup).on_terms(terms).with_imu(arguments.imu);
     if arguments.firmware {
+        if setup.tuning != BaiTuning::STATED {
+            bail!("the firmware has the P0 and Q that rins documents, not those of [bai] in --config");
+        }
         return firmware(arguments, &run, &power_up);
     }
     let live = Live::new(&run, &power_up);

@@ -73,7 +73,7 @@ pub enum Command {
     Plan(PlanArguments),
     /// Calibrate many virtual units, and compare the errors with their bounds and sigmas
     #[command(
-        after_help = "Examples:\n  rins montecarlo --runs 1000 --scheme fast-120 --closed-loop\n  rins montecarlo --method two-stage --errors table1 --noise bai"
+        after_help = "Examples:\n  rins montecarlo --runs 1000 --scheme fast-120 --closed-loop\n  rins montecarlo --method bai --errors table1 --noise bai"
     )]
     Montecarlo(MonteCarloArguments),
     /// Repeat the studies of Bai et al., and compare the results on a page; takes one to two minutes

@@ -23,6 +23,7 @@ mod progress;
 mod prose;
 mod replay;
 mod replicate;
+mod separating;
 mod simulate;
 
 pub use program::main;

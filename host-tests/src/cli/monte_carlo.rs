@@ -1,22 +1,26 @@
 //! `rins montecarlo`
 
 use super::arguments::axes::AxisArguments;
+use super::arguments::method::{self, StudyMethod};
 use super::arguments::scheme::{SchemeArguments, UnobservedArguments};
 use super::arguments::unit::{VirtualArguments, errors_named, rate_hz};
 use super::ending::Ending;
 use super::output::{say, sayln};
+use super::separating::{self, SeparatingReport};
 use super::{files, progress};
 use crate::base::bai::TABLE_1_ERRORS;
 use crate::base::quantity::{fixed, rounded, significant, states};
-use crate::calibration::{Precision, method_name};
+use crate::calibration::{HostMethod, Precision};
 use crate::files::json_file::write_json;
 use crate::files::unit_file::{SiteTable, UnitConfig};
 use crate::result::report::{Named, SOFTWARE, Software};
 use crate::result::table;
+use crate::separating::SeparatingMethod;
 use crate::study::monte_carlo::{CONFIDENCE, FitStatistics, LiveTable, MethodStatistics, MonteCarlo, RunResult};
+use crate::study::separating::{SeparatingStudy, separating_studies};
 use crate::study::statistics::{ErrorStatistics, TOLERANCE};
-use clap::{Args, ValueEnum};
-use rins_selfcal::base::method::Method;
+use anyhow::bail;
+use clap::Args;
 use rins_selfcal::model::error_model::{PARAMETERS, ParameterInfo};
 use rins_selfcal::scheme::Scheme;
 use rins_selfcal::segment::SegmentKind;
@@ -40,9 +44,9 @@ pub struct MonteCarloArguments {
     /// Let the core turn the axes as at power-up, and repeat disturbed stops [default: open loop]
     #[arg(long)]
     pub closed_loop: bool,
-    /// Method, or both methods on the same data
-    #[arg(long, value_enum, default_value_t)]
-    pub method: MethodsArgument,
+    /// Methods on the same data: one, several with commas, or all
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "joint")]
+    pub method: Vec<StudyMethod>,
     /// Floating-point type of the core
     #[arg(long, value_enum, default_value_t)]
     pub precision: Precision,
@@ -60,28 +64,6 @@ pub struct MonteCarloArguments {
     pub json: Option<PathBuf>,
 }
 
-/// Methods that are run.
-#[derive(Clone, Copy, Debug, Default, ValueEnum)]
-pub enum MethodsArgument {
-    /// All 28 parameters at once
-    #[default]
-    Joint,
-    /// Bai's method: the twelve installation errors
-    TwoStage,
-    /// Both methods on the same data
-    Both,
-}
-
-impl MethodsArgument {
-    pub fn methods(self) -> Vec<Method> {
-        match self {
-            Self::Joint => vec![Method::Joint],
-            Self::TwoStage => vec![Method::TwoStage],
-            Self::Both => vec![Method::Joint, Method::TwoStage],
-        }
-    }
-}
-
 /// Legend of the column with Bai's errors.
 const BAI_TABLE_1_NOTE: &str = "Bai Table 1: errors of Bai's own simulation as published (Sensors 2019, 19, 4005, Table 1), to compare with RMS error\n";
 
@@ -90,32 +72,47 @@ pub fn run(arguments: &MonteCarloArguments) -> anyhow::Result<Ending> {
     let inputs = [arguments.scheme.input(), errors, noise, config, hardware];
     files::check(&inputs, &[("--json", arguments.json.as_deref())])?;
     let monte_carlo = monte_carlo(arguments)?;
+    let separating = separating_methods(arguments)?;
     say!("{}", head(arguments, &monte_carlo)?);
     let bar = progress::bar(arguments.runs, "runs");
     let start = Instant::now();
     let so_far = Mutex::new(SoFar::default());
-    let methods = monte_carlo.run(|results| {
+    let note = |results: &[RunResult]| {
         if let Ok(mut so_far) = so_far.lock() {
             so_far.note(results);
             bar.set_message(so_far.to_string());
         }
         bar.inc(1);
-    })?;
+    };
+    let methods = if monte_carlo.methods.is_empty() { Vec::new() } else { monte_carlo.run(note)? };
+    let separated = separating_studies(&monte_carlo, &separating, || bar.inc(u64::from(methods.is_empty())));
     drop(bar);
     let wall = start.elapsed();
     if let Some(path) = &arguments.json {
-        write_json(path, &Report::new(arguments, &monte_carlo, &methods))?;
+        write_json(path, &Report::new(arguments, &monte_carlo, &methods).with_separated(&separated))?;
     }
     let beside_bai = arguments.errors == "table1";
     methods.iter().for_each(|method| say!("\n{}", text(method, beside_bai)));
-    if let [joint, two_stage] = methods.as_slice() {
-        say!("\n{}", side_by_side(joint, two_stage));
+    separated.iter().for_each(|study| say!("\n{}", separating::study_text(study)));
+    if methods.len() + separated.len() > 1 {
+        say!("\n{}", side_by_side(&methods, &separated));
     }
     if let Some(path) = &arguments.json {
         sayln!("statistics: {}", path.display());
     }
     progress::wall_time(wall);
     Ok(Ending::Done)
+}
+
+/// The separating methods that are chosen. They need open loop and a known latitude; `all` leaves them out elsewhere.
+fn separating_methods(arguments: &MonteCarloArguments) -> anyhow::Result<Vec<SeparatingMethod>> {
+    if !arguments.closed_loop && !arguments.anywhere {
+        return Ok(method::separating(&arguments.method));
+    }
+    if arguments.method.iter().any(|method| matches!(method, StudyMethod::Separating(_))) {
+        bail!("the separating methods run in open loop and need a known latitude: no --closed-loop, no --anywhere");
+    }
+    Ok(Vec::new())
 }
 
 /// Summary of the runs so far, over all methods.
@@ -150,7 +147,9 @@ fn head(arguments: &MonteCarloArguments, monte_carlo: &MonteCarlo) -> anyhow::Re
         described = format!("site: another place for every unit, none is configured\n{rest}");
     }
     let periods = if scheme.periods == 1 { "1 period".into() } else { format!("{} periods", scheme.periods) };
-    let methods: Vec<_> = monte_carlo.methods.iter().map(|method| method_name(*method)).collect();
+    let separating = separating_methods(arguments)?;
+    let of_chain = monte_carlo.methods.iter().map(|method| method.name());
+    let methods: Vec<_> = of_chain.chain(separating.iter().map(|method| method.name())).collect();
     Ok(format!(
         "{} runs of {:.1} s at {rate_hz} Hz, {}, seed {seed}\nscheme: {}, {periods}, {} stops of {}\nmethod: {}\n\
          errors: {}\n{described}",
@@ -176,10 +175,13 @@ fn stops(scheme: &Scheme) -> String {
 pub fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo> {
     let described = arguments.unit.config()?;
     let unit = if arguments.anywhere { UnitConfig { site: SiteTable::default(), ..described } } else { described };
-    let longest = if matches!(arguments.method, MethodsArgument::Joint) { Method::Joint } else { Method::TwoStage };
+    let methods = method::of_chain(&arguments.method);
+    // The paper's method needs the longest scheme, and the separating methods are compared with it.
+    let only_joint = methods == [HostMethod::Joint] && method::separating(&arguments.method).is_empty();
+    let longest = if only_joint { HostMethod::Joint } else { HostMethod::Bai };
     Ok(MonteCarlo {
         runs: arguments.runs,
-        methods: arguments.method.methods(),
+        methods,
         precision: arguments.precision,
         scheme: arguments.scheme.scheme(longest)?,
         axes: arguments.axes.axes(),
@@ -193,7 +195,7 @@ pub fn monte_carlo(arguments: &MonteCarloArguments) -> anyhow::Result<MonteCarlo
 }
 
 fn text(method: &MethodStatistics, beside_bai: bool) -> String {
-    let name = method_name(method.method);
+    let name = method.method.name();
     let counts = format!(
         "{} accepted ({} of them wrong), {} rejected, {} not converged, {} diverged, {} aborted",
         method.accepted, method.accepted_wrong, method.rejected, method.unconverged, method.diverged, method.aborted
@@ -201,7 +203,7 @@ fn text(method: &MethodStatistics, beside_bai: bool) -> String {
     let mut text = format!("{name} method: {counts}\n");
     text += &listed("  wrong: ", &method.wrong, method.accepted_wrong);
     text += &listed("  - ", &method.rejections, method.rejected + method.aborted);
-    let beside_bai = beside_bai && method.method == Method::TwoStage;
+    let beside_bai = beside_bai && method.method == HostMethod::Bai;
     let note = if beside_bai { BAI_TABLE_1_NOTE } else { "" };
     text + "\n" + &errors(method, beside_bai) + note + &summary(method) + &live(&method.live)
 }
@@ -297,15 +299,24 @@ fn summary(method: &MethodStatistics) -> String {
     )
 }
 
-/// RMS errors of both methods on the same data.
-fn side_by_side(joint: &MethodStatistics, two_stage: &MethodStatistics) -> String {
-    let columns = ["two-stage RMS", "sigma", "joint RMS", "sigma", "factor gained"];
-    let table = table::by_parameter(&columns, |index| {
-        let (ours, theirs) = (joint.states[index]?, two_stage.states[index]?);
-        let numbers = [theirs.rms_error, theirs.bound, ours.rms_error, ours.bound].map(significant);
-        Some(numbers.into_iter().chain([fixed(theirs.rms_error / ours.rms_error, 1)]).collect())
+/// RMS errors and sigmas of the methods on the same data, for the parameters that all of them estimate.
+fn side_by_side(methods: &[MethodStatistics], separated: &[SeparatingStudy]) -> String {
+    let names = methods.iter().map(|method| method.method.name());
+    let names = names.chain(separated.iter().map(|study| study.method.name()));
+    let heads: Vec<_> = names.flat_map(|name| [format!("{name} RMS"), "sigma".into()]).collect();
+    let heads: Vec<_> = heads.iter().map(String::as_str).collect();
+    let table = table::by_parameter(&heads, |index| {
+        let of_chain = methods.iter().map(|method| {
+            let errors = method.states[index]?;
+            Some([errors.rms_error, errors.bound].map(significant))
+        });
+        let of_separating = separated.iter().map(|study| {
+            let errors = (*study.installation.get(index)?)?;
+            Some([significant(errors.rms_error), table::number_or_none(errors.sigma, significant)])
+        });
+        Some(of_chain.chain(of_separating).collect::<Option<Vec<_>>>()?.into_iter().flatten().collect())
     });
-    format!("both methods on the same data\n\n{table}")
+    format!("all methods on the same data\n\n{table}")
 }
 
 /// Contents of the JSON file.
@@ -321,6 +332,8 @@ pub struct Report<'a> {
     seed: u64,
     confidence: f64,
     methods: Named<MethodReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    separating: Option<Named<SeparatingReport>>,
     software: Software,
 }
 
@@ -367,9 +380,15 @@ impl<'a> Report<'a> {
             precision: monte_carlo.precision,
             seed: monte_carlo.seed,
             confidence: CONFIDENCE,
-            methods: Named(methods.iter().map(|method| (method_name(method.method), method.into())).collect()),
+            methods: Named(methods.iter().map(|method| (method.method.name(), method.into())).collect()),
+            separating: None,
             software: SOFTWARE,
         }
+    }
+
+    fn with_separated(self, studies: &[SeparatingStudy]) -> Self {
+        let reports = studies.iter().map(|study| (study.method.name(), study.into())).collect();
+        Self { separating: (!studies.is_empty()).then_some(Named(reports)), ..self }
     }
 }
 

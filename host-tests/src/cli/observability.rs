@@ -90,7 +90,7 @@ pub fn run(arguments: &ObservabilityArguments) -> anyhow::Result<Ending> {
 
 /// Setup of the unit, and the scheme.
 pub fn inputs(arguments: &ObservabilityArguments) -> anyhow::Result<(Setup, Scheme)> {
-    Ok((setup(arguments)?, arguments.scheme.scheme(arguments.method.method())?))
+    Ok((setup(arguments)?, arguments.scheme.scheme(arguments.method.method)?))
 }
 
 fn setup(arguments: &ObservabilityArguments) -> anyhow::Result<Setup> {
@@ -99,7 +99,7 @@ fn setup(arguments: &ObservabilityArguments) -> anyhow::Result<Setup> {
 
 /// Predictions of all schemes of the library with the joint method.
 fn library(setup: &Setup) -> Vec<Prediction> {
-    let setup = Setup { method: Method::Joint, ..setup.clone() };
+    let setup = Setup { method: Method::Joint.into(), ..setup.clone() };
     LIBRARY.par_iter().map(|entry| predicted(&setup, &entry.scheme())).collect()
 }
 

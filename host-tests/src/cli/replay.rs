@@ -2,11 +2,12 @@
 
 use super::arguments::hardware::HardwareArguments;
 use super::arguments::log::LogArguments;
-use super::arguments::method::MethodArguments;
+use super::arguments::method::ReplayMethod;
 use super::ending::Ending;
 use super::output::{is_quiet, must_sayln, note, say, sayln};
-use super::{files, progress};
+use super::{files, progress, separating};
 use crate::base::quantity;
+use crate::calibration::Precision;
 use crate::calibration::replay::{Replay, config_beside};
 use crate::files::json_file::write_json;
 use crate::files::truth::Truth;
@@ -16,6 +17,7 @@ use crate::result::report::CalibrationReport;
 use crate::result::saved::Saved;
 use crate::result::signals::Signals;
 use crate::result::table;
+use crate::separating::SeparatingMethod;
 use anyhow::{Context, bail};
 use clap::Args;
 use rins_selfcal::base::method::Method;
@@ -34,8 +36,12 @@ pub struct ReplayArguments {
     /// Unit description: site, noise, rate and known heading [default: unknown site, noise and hardware "navigation"]
     #[arg(long, value_name = "UNIT.toml")]
     pub config: Option<PathBuf>,
-    #[command(flatten)]
-    pub method: MethodArguments,
+    /// Estimation method
+    #[arg(long, value_enum, default_value_t)]
+    pub method: ReplayMethod,
+    /// Floating-point type of the core
+    #[arg(long, value_enum, default_value_t)]
+    pub precision: Precision,
     #[command(flatten)]
     pub hardware: HardwareArguments,
     /// If the verdict names an effect of the hardware that is larger than configured, solve once more with its size;
@@ -80,16 +86,19 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
     let previous = arguments.previous.as_deref().map(Saved::read).transpose()?;
     let (unit, origin) = unit(arguments)?;
     let unit = arguments.hardware.apply(unit)?;
-    let method = arguments.method.method();
-    if method == Method::TwoStage && unit.site.latitude_deg.is_none() {
-        bail!("--method two-stage needs the latitude: give latitude_deg in the table [site] of --config");
+    let method = match arguments.method {
+        ReplayMethod::Separating(method) => return separated(arguments, &unit, method),
+        ReplayMethod::Chain(method) => method,
+    };
+    if method == Method::Bai && unit.site.latitude_deg.is_none() {
+        bail!("--method bai needs the latitude: give latitude_deg in the table [site] of --config");
     }
     let replay = Replay {
         path: log.into(),
         layout: arguments.source.layout()?,
         unit,
         method,
-        precision: arguments.method.precision,
+        precision: arguments.precision,
         adapt: arguments.adapt,
     };
     if let (Some(config), Some([configured, measured])) = (&arguments.config, replay.other_rate_hz()?) {
@@ -119,6 +128,20 @@ pub fn run(arguments: &ReplayArguments) -> anyhow::Result<Ending> {
         previous: previous.as_ref(),
     };
     report(&content, arguments.json.as_deref(), arguments.report.as_deref(), &replay.unit.described(&origin))
+}
+
+/// A replay with a separating method, which gives no verdict and no live estimates.
+fn separated(arguments: &ReplayArguments, unit: &UnitConfig, method: SeparatingMethod) -> anyhow::Result<Ending> {
+    let unavailable = [
+        ("--report", arguments.report.is_some()),
+        ("--csv-estimates", arguments.csv_estimates.is_some()),
+        ("--adapt", arguments.adapt),
+    ];
+    if let Some((option, _)) = unavailable.iter().find(|(_, given)| *given) {
+        bail!("{option} is not available with --method {}: it has no verdict and no live estimates", method.name());
+    }
+    let (truth, json) = (arguments.truth.as_deref(), arguments.json.as_deref());
+    separating::replay(&separating::Files { source: &arguments.source, truth, json }, unit, method)
 }
 
 /// Name and SHA-256 hash of a log.

@@ -162,7 +162,7 @@ fn studies(arguments: &ReplicateArguments) -> anyhow::Result<Vec<Planned>> {
     let planned = |(number, (name, title, errors, effects)): (usize, &(&'static str, &'static str, Errors, &str))| {
         let runs = if number < FULL_STUDIES { arguments.runs } else { arguments.runs.min(IGNORED_RUNS) };
         let (runs, motion, seed) = (runs.to_string(), motion(arguments), arguments.seed.to_string());
-        let mut words = vec!["montecarlo", "--runs", &runs, "--method", "both", "--scheme", "bai"];
+        let mut words = vec!["montecarlo", "--runs", &runs, "--method", "joint,bai", "--scheme", "bai"];
         words.extend(motion.iter().map(String::as_str));
         let errors = errors.to_string();
         words.extend(["--errors", &errors, "--noise", "bai", "--seed", &seed]);
@@ -193,7 +193,7 @@ fn parsed<A: Args + FromArgMatches>(words: &[&str]) -> anyhow::Result<A> {
 
 /// Command line with the quotes that a shell needs.
 fn command_line(words: &[&str]) -> String {
-    let plain = |word: &str| word.chars().all(|letter| letter.is_ascii_alphanumeric() || "-._/=".contains(letter));
+    let plain = |word: &str| word.chars().all(|letter| letter.is_ascii_alphanumeric() || "-._/=,".contains(letter));
     let quoted = words.iter().map(|word| if plain(word) { (*word).to_string() } else { format!("'{word}'") });
     std::iter::once("rins".to_string()).chain(quoted).collect::<Vec<_>>().join(" ")
 }
@@ -203,20 +203,24 @@ fn replicate(arguments: &ReplicateArguments, studies: &[Planned], bar: &Progress
     let mut results = results.into_iter();
     let mut next = || results.next().context("one result for each study");
     let (table_1, table_3, real) = (next()?, next()?, next()?);
-    let [of_table_1, _, of_real, ..] = studies else { bail!("no studies") };
-    let setup = of_table_1.monte_carlo.setup(Method::TwoStage).on_scheme(&of_table_1.monte_carlo.scheme);
+    let [of_table_1, of_table_3, of_real, ..] = studies else { bail!("no studies") };
+    let setup = of_table_1.monte_carlo.setup(Method::Bai).on_scheme(&of_table_1.monte_carlo.scheme);
     let series = |planned: &Planned, errors| {
         let commands = series_commands(arguments, errors)?;
-        anyhow::Ok(ShownRun::new(commands, &planned.monte_carlo.virtual_run(0), &setup))
+        ShownRun::new(commands, &planned.monte_carlo.virtual_run(0), &setup).with_context(|| planned.command.clone())
     };
-    let (simulation, laboratory) = rayon::join(|| series(of_table_1, "table1"), || series(of_real, "real"));
+    let (simulation, (twelve, laboratory)) = rayon::join(
+        || series(of_table_1, "table1"),
+        || rayon::join(|| series(of_table_3, "table3"), || series(of_real, "real")),
+    );
     let stop = arguments.stop.to_string();
     Ok(Replication {
         command: own_command(arguments),
         scheme: of_table_1.monte_carlo.scheme.clone(),
         setup: setup.clone(),
-        observability: foresight(&["--scheme", "bai", "--stop", &stop, "--method", "two-stage"])?,
+        observability: foresight(&["--scheme", "bai", "--stop", &stop, "--method", "bai"])?,
         simulation: simulation?,
+        twelve: twelve?,
         laboratory: laboratory?,
         table_1,
         table_3,
@@ -235,16 +239,18 @@ fn study(planned: &Planned, bar: &Progress) -> anyhow::Result<Study> {
     Ok(Study { name: planned.name, title: planned.title, command: planned.command.clone(), methods })
 }
 
-/// The two commands that simulate the same readings as a log and replay the log with a report.
-fn series_commands(arguments: &ReplicateArguments, errors: &str) -> anyhow::Result<[String; 2]> {
+/// The commands that simulate the same readings as a log, replay the log with a report, and separate the angles.
+fn series_commands(arguments: &ReplicateArguments, errors: &str) -> anyhow::Result<Vec<String>> {
     let (motion, seed) = (motion(arguments), arguments.seed.to_string());
     let motion: Vec<&str> = motion.iter().map(AsRef::as_ref).collect();
     let unit =
         ["--errors", errors, "--noise", "bai", "--seed", &seed, "--out", "log.csv", "--write-config", "unit.toml"];
     let simulate = [&["simulate", "--scheme", "bai"][..], &motion, &unit].concat();
-    let replay = ["replay", "log.csv", "--config", "unit.toml", "--method", "two-stage", "--report", "report.html"];
+    let replay = ["replay", "log.csv", "--config", "unit.toml", "--method", "bai", "--report", "report.html"];
+    let separate = ["replay", "log.csv", "--config", "unit.toml", "--method", "separating"];
     let _: (SimulateArguments, ReplayArguments) = (parsed(&simulate)?, parsed(&replay)?);
-    Ok([command_line(&simulate), command_line(&replay)])
+    let _: ReplayArguments = parsed(&separate)?;
+    Ok(vec![command_line(&simulate), command_line(&replay), command_line(&separate)])
 }
 
 fn foresight(words: &[&str]) -> anyhow::Result<Foresight> {
@@ -317,23 +323,14 @@ fn text(found: &Replication) -> String {
         vec![
             PARAMETER_INFO[index].name.into(),
             published(&TABLE_1_ERRORS),
-            rms(&found.table_1, Method::TwoStage),
+            rms(&found.table_1, Method::Bai),
             rms(&found.table_1, Method::Joint),
             published(&TABLE_3_DIFFERENCES),
-            rms(&found.table_3, Method::TwoStage),
-            rms(&found.real, Method::TwoStage),
+            rms(&found.table_3, Method::Bai),
+            rms(&found.real, Method::Bai),
             rms(&found.real, Method::Joint),
         ]
     };
-    let columns = [
-        "arcsec",
-        "Bai Table 1",
-        "two-stage RMS",
-        "joint RMS",
-        "Bai Table 3",
-        "two-stage RMS",
-        "real unit",
-        "joint RMS",
-    ];
+    let columns = ["arcsec", "Bai Table 1", "bai RMS", "joint RMS", "Bai Table 3", "bai RMS", "real unit", "joint RMS"];
     table::of_numbers(&columns, (0..INSTALLATION_STATES).map(row))
 }

@@ -34,7 +34,7 @@
 use super::hardware::HardwareTable;
 use super::scheme_file::scheme_named;
 use super::toml_file::{TomlFile, TomlFileError};
-use super::unit_file::{InitialTable, Noise, SamplingTable, SiteTable, UnitConfig};
+use super::unit_file::{BaiTable, InitialTable, Noise, SamplingTable, SiteTable, UnitConfig};
 use rins_selfcal::base::units::{ARCSEC, DEG};
 use rins_selfcal::estimator::HeadingSource;
 use rins_selfcal::gimbal::axis::AxisLimits;
@@ -58,6 +58,8 @@ struct UnitTables {
     _sampling: SamplingTable,
     #[serde(rename = "initial")]
     _initial: InitialTable,
+    #[serde(rename = "bai")]
+    _bai: BaiTable,
     outer: Option<AxisTable>,
     inner: Option<AxisTable>,
     power_up: Option<PowerUpTable>,

@@ -24,6 +24,9 @@
 //! [initial]
 //! heading_deg = 137.0                    # known heading; default: unknown
 //! heading_sigma_deg = 1.0                # its sigma; default 1
+//! [bai]                                  # P0 and Q of the method bai; R is that of [noise]
+//! initial_sigma_arcsec = 10800.0         # sigma of each state before any data; default 10800
+//! walk_arcsec_sqrt_s = 0.0               # random walk of each state; default 0: constants
 //! ```
 //! A file may have the tables that only an instrument needs too: `commissioning`.
 
@@ -37,6 +40,7 @@ use rins_selfcal::base::site::{
     SITE_BOUNDS, Site, UNKNOWN_HEIGHT_SIGMA_M, UNKNOWN_LATITUDE_SIGMA_DEG,
 };
 use rins_selfcal::base::units::{ARCSEC, DEG, DEG_SQRT_H, MGAL, MICRO_G};
+use rins_selfcal::estimator::{BaiTuning, TUNING_BOUNDS};
 use rins_selfcal::model::effects::{SITE_SIGMA_BOUNDS, SiteSigmas};
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
@@ -269,6 +273,35 @@ impl Default for InitialTable {
     }
 }
 
+/// `[bai]`: P0 and Q of the paper's method.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct BaiTable {
+    /// Sigma of each of the twelve states before any data, arcsec.
+    pub initial_sigma_arcsec: f64,
+    /// Random walk of each of the twelve states, arcsec/sqrt(s).
+    pub walk_arcsec_sqrt_s: f64,
+}
+
+impl BaiTable {
+    /// SI. The default is that of the core to the last bit.
+    pub fn tuning(&self) -> BaiTuning {
+        if *self == Self::default() {
+            return BaiTuning::STATED;
+        }
+        BaiTuning {
+            initial_sigma_rad: self.initial_sigma_arcsec * ARCSEC,
+            walk_rad_sqrt_s: self.walk_arcsec_sqrt_s * ARCSEC,
+        }
+    }
+}
+
+impl Default for BaiTable {
+    fn default() -> Self {
+        Self { initial_sigma_arcsec: 10_800.0, walk_arcsec_sqrt_s: 0.0 }
+    }
+}
+
 /// Contents of UNIT.toml.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -283,6 +316,8 @@ pub struct UnitConfig {
     pub initial: InitialTable,
     /// Imperfections of its hardware.
     pub hardware: HardwareTable,
+    /// P0 and Q of the paper's method.
+    pub bai: BaiTable,
 }
 
 /// UNIT.toml with the tables that only an instrument needs, whose contents do not matter here.
@@ -294,6 +329,7 @@ struct UnitFile {
     sampling: SamplingTable,
     initial: InitialTable,
     hardware: HardwareTable,
+    bai: BaiTable,
     #[serde(rename = "unit")]
     _unit: Option<IgnoredAny>,
     #[serde(rename = "outer")]
@@ -308,8 +344,8 @@ struct UnitFile {
 
 impl UnitFile {
     fn config(self) -> UnitConfig {
-        let Self { site, noise, sampling, initial, hardware, .. } = self;
-        UnitConfig { site, noise, sampling, initial, hardware }
+        let Self { site, noise, sampling, initial, hardware, bai, .. } = self;
+        UnitConfig { site, noise, sampling, initial, hardware, bai }
     }
 }
 
@@ -492,6 +528,11 @@ impl UnitConfig {
         if !(self.initial.heading_sigma_deg.is_finite() && self.initial.heading_sigma_deg > 0.0) {
             return Err(("initial", "heading_sigma_deg", "must be finite and positive".into()));
         }
+        for (key, row) in ["initial_sigma_arcsec", "walk_arcsec_sqrt_s"].into_iter().zip(&TUNING_BOUNDS) {
+            if !row.bound.permits((row.value)(&self.bai.tuning())) {
+                return Err(("bai", key, format!("must be {}", row.bound)));
+            }
+        }
         Ok(())
     }
 }
@@ -519,6 +560,18 @@ mod tests {
         assert!(near(sigmas(measured), DEG, MGAL), "the height does not matter: {:?}", sigmas(measured));
         let high = "site = { latitude_deg = 48.0, height_m = 500.0, height_sigma_m = 900.0, gravity_sigma_mgal = 0.0 }";
         assert!(near(sigmas(high), 0.02 * DEG, 277.7 * MGAL), "{:?}", sigmas(high));
+    }
+
+    #[test]
+    fn the_default_of_the_papers_filter_is_what_the_core_states() {
+        let BaiTable { initial_sigma_arcsec, walk_arcsec_sqrt_s } = BaiTable::default();
+        assert!((initial_sigma_arcsec * ARCSEC / BaiTuning::STATED.initial_sigma_rad - 1.0).abs() < 1e-15);
+        assert_eq!(walk_arcsec_sqrt_s, BaiTuning::STATED.walk_rad_sqrt_s);
+        let described = |bai: &str| -> UnitConfig { toml::from_str(bai).expect("a unit description") };
+        let walking = described("bai = { walk_arcsec_sqrt_s = 0.5 }");
+        assert_eq!((walking.check(), walking.bai.tuning().walk_rad_sqrt_s), (Ok(()), 0.5 * ARCSEC));
+        let negative = described("bai = { walk_arcsec_sqrt_s = -0.5 }").check();
+        assert_eq!(negative.map_err(|(table, key, _)| (table, key)), Err(("bai", "walk_arcsec_sqrt_s")));
     }
 
     #[test]

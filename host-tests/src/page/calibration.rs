@@ -193,7 +193,7 @@ fn facts(content: &Content) -> Vec<(&'static str, String)> {
     let latitude_deg = site.latitude_rad / rins_selfcal::base::units::DEG;
     vec![
         ("source", content.source.into()),
-        ("method", crate::calibration::method_name(outcome.setup.method).into()),
+        ("method", outcome.setup.method.name().into()),
         ("scheme", outcome.setup.scheme.clone().unwrap_or_else(|| found_scheme(content))),
         ("stops, moves", format!("{}, {}", outcome.stops, outcome.moves)),
         ("duration", format!("{:.1} s", solution.duration_s)),

@@ -30,6 +30,16 @@ fn colour(number: usize) -> RGBColor {
     COLOURS[number % COLOURS.len()]
 }
 
+/// Width of a curve, by number and number of all curves. If there are more curves than colours, the first ones are
+/// thick and the others, in the same colours, thin.
+fn width(number: usize, all: usize) -> u32 {
+    match (all > COLOURS.len(), number < COLOURS.len()) {
+        (false, _) => 2,
+        (true, true) => 3,
+        (true, false) => 1,
+    }
+}
+
 /// Draws a figure of the given width and height, SVG units.
 pub fn figure(size: (u32, u32), draw: impl FnOnce(&Area) -> DrawResult) -> Drawn {
     let mut svg = String::new();
@@ -72,12 +82,19 @@ pub struct Figure<'a> {
     title: &'a str,
     size: (u32, u32),
     scale: Scale,
+    /// Names and units of the horizontal and the vertical axis.
+    axes: Option<[&'a str; 2]>,
 }
 
 impl<'a> Figure<'a> {
     /// A chart of the given width and height, SVG units.
     pub fn new(title: &'a str, size: (u32, u32)) -> Self {
-        Self { title, size, scale: Scale::Fitted }
+        Self { title, size, scale: Scale::Fitted, axes: None }
+    }
+
+    /// The same chart with names and units of the horizontal and the vertical axis.
+    pub fn axes(self, x: &'a str, y: &'a str) -> Self {
+        Self { axes: Some([x, y]), ..self }
     }
 
     /// The same chart with another vertical axis.
@@ -98,15 +115,21 @@ impl<'a> Figure<'a> {
         })
     }
 
-    /// Draws a line with a band around it (x, [low, line, high]), and the true value.
+    /// Draws a line with a band around it (x, [low, line, high]), and the true value. Where the line leaves the range of
+    /// the vertical axis, it is broken; the band ends at the frame.
     pub fn band(self, points: &[(f64, [f64; 3])], truth: Option<f64>, y: Range<f64>) -> Drawn {
         let x = range(points.iter().map(|(x, _)| *x), 0.0);
         figure(self.size, |area| {
-            let mut chart = self.chart(area, x.clone(), y)?;
-            let at = |which: usize| points.iter().map(move |(x, values)| (*x, values[which]));
-            let outline: Vec<_> = at(0).chain(points.iter().rev().map(|(x, values)| (*x, values[2]))).collect();
+            let mut chart = self.chart(area, x.clone(), y.clone())?;
+            let edge = |which: usize| points.iter().map(move |(x, values)| (*x, values[which]));
+            let outline = edge(0).chain(points.iter().rev().map(|(x, values)| (*x, values[2])));
+            let outline: Vec<_> = outline.map(|(x, value)| (x, value.clamp(y.start, y.end))).collect();
             chart.draw_series([Polygon::new(outline, colour(0).mix(0.25))])?;
-            chart.draw_series(LineSeries::new(at(1), colour(0).stroke_width(2)))?;
+            let inside = |(_, values): &(f64, [f64; 3])| y.contains(&values[1]);
+            for piece in points.chunk_by(|a, b| inside(a) && inside(b)).filter(|piece| inside(&piece[0])) {
+                let line = piece.iter().map(|(x, values)| (*x, values[1]));
+                chart.draw_series(LineSeries::new(line, colour(0).stroke_width(2)))?;
+            }
             if let Some(truth) = truth {
                 let ends = [(x.start, truth), (x.end, truth)];
                 chart.draw_series(DashedLineSeries::new(ends, 5, 4, colour(1).stroke_width(2)))?;
@@ -160,11 +183,17 @@ impl<'a> Figure<'a> {
         Y: AsRangedCoord<Value = f64>,
         Y::CoordDescType: Ranged<ValueType = f64> + ValueFormatter<f64>,
     {
-        let mut chart = self.builder(area).x_label_area_size(26).build_cartesian_2d(x, y)?;
+        let named = self.axes.is_some();
+        let mut builder = self.builder(area);
+        builder.x_label_area_size(if named { 42 } else { 26 }).y_label_area_size(if named { 72 } else { 56 });
+        let mut chart = builder.build_cartesian_2d(x, y)?;
         let ticks = if self.size.0 > 500 { 12 } else { 4 };
         let mut mesh = chart.configure_mesh();
         mesh.x_labels(ticks).y_labels(if self.size.1 > 250 { 8 } else { 5 });
         mesh.label_style(ink_text()).axis_style(BLACK.mix(0.5));
+        if let Some([x, y]) = self.axes {
+            mesh.x_desc(x).y_desc(y).axis_desc_style(ink_text());
+        }
         mesh.bold_line_style(BLACK.mix(0.15))
             .light_line_style(TRANSPARENT)
             .x_label_formatter(&tick)
@@ -198,7 +227,7 @@ type Chart<'b, Y> = ChartContext<'b, SVGBackend<'b>, Cartesian2d<plotters::coord
 
 fn draw_lines<Y: Ranged<ValueType = f64>>(chart: &mut Chart<Y>, lines: &[Curve]) -> DrawResult {
     for (number, line) in lines.iter().enumerate() {
-        let style = colour(number).stroke_width(if lines.len() > 6 { 1 } else { 2 });
+        let style = colour(number).stroke_width(width(number, lines.len()));
         let drawn = chart.draw_series(LineSeries::new(line.points.iter().copied(), style))?;
         drawn.label(&line.name).legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], style));
     }

@@ -4,8 +4,8 @@ use super::canvas::{Curve, Drawn, Figure, Scale, figure, shade, shade_signed};
 use crate::base::quantity;
 use crate::calibration::Outcome;
 use crate::files::truth::ParameterTable;
-use crate::plan::observability::along_scheme;
-use crate::result::signals::Signals;
+use crate::plan::observability::{INTERVAL_S, along_scheme};
+use crate::result::signals::{Point, Signals};
 use rins_selfcal::base::site::Site;
 use rins_selfcal::base::units::DEG;
 use rins_selfcal::gimbal::fault::AXIS_NAMES;
@@ -15,6 +15,8 @@ use rins_selfcal::verdict::CHANNEL_NAMES;
 
 const WIDE: (u32, u32) = (960, 320);
 const SMALL: (u32, u32) = (330, 210);
+const PANEL: (u32, u32) = (960, 220);
+const PANELS: [(usize, &str); 3] = [(0, "(a) x axis"), (1, "(b) y axis"), (2, "(c) z axis")];
 const AXES: [&str; 3] = ["x", "y", "z"];
 /// Information of a segment that has the darkest cell, bits.
 const DARKEST_BITS: f64 = 3.0;
@@ -27,6 +29,28 @@ pub fn angles(signals: &Signals) -> Drawn {
         Curve::new(name, signals.points().iter().map(|point| (point.time_s, point.angles_rad[axis] / DEG)))
     };
     Figure::new("gimbal angles, deg, against time, s", WIDE).lines(&[line(0, AXIS_NAMES[0]), line(1, AXIS_NAMES[1])])
+}
+
+/// A signal against time in a panel of its own.
+fn panel(signals: &Signals, title: &str, unit: &str, value: impl Fn(&Point) -> f64) -> Drawn {
+    let points = signals.points().iter().map(|point| (point.time_s, value(point)));
+    Figure::new(title, PANEL).axes("time, s", unit).lines(&[Curve::new(title, points)])
+}
+
+/// The inner and the outer angle against time, each in a panel. (Bai et al., Figure 5)
+pub fn angle_panels(signals: &Signals) -> [Drawn; 2] {
+    [(1, "(a) inner axis"), (0, "(b) outer axis")]
+        .map(|(axis, title)| panel(signals, title, "angle, deg", |point| point.angles_rad[axis] / DEG))
+}
+
+/// The outputs of the gyros against time, each in a panel. (Bai et al., Figures 7 and 14)
+pub fn gyro_panels(signals: &Signals) -> [Drawn; 3] {
+    PANELS.map(|(axis, title)| panel(signals, title, "rate, deg/s", |point| point.omega_g[axis] / DEG))
+}
+
+/// The outputs of the accelerometers against time, each in a panel. (Bai et al., Figures 8 and 15)
+pub fn accelerometer_panels(signals: &Signals) -> [Drawn; 3] {
+    PANELS.map(|(axis, title)| panel(signals, title, "force, m/s²", |point| point.force_a[axis]))
 }
 
 /// Gyro outputs against time. (Bai et al., Figure 7)
@@ -52,13 +76,12 @@ pub fn estimate(outcome: &Outcome, index: usize, truth: Option<&ParameterTable>)
     let near = |value: f64| last + quantity::error(index, value, last);
     let truth = truth.and_then(|truth| truth.0[index]).map(|truth| near(quantity::value(index, truth)));
     let half = truth.map_or(0.0, |truth| 1.3 * (truth - last).abs()).max(SHOWN_SIGMAS * last_sigma);
-    let shown = |value: f64| value.clamp(last - half, last + half);
     let points = values_of(outcome, index).into_iter().map(|(time_s, value, sigma)| {
         let value = near(value);
-        (time_s, [value - 3.0 * sigma, value, value + 3.0 * sigma].map(shown))
+        (time_s, [value - 3.0 * sigma, value, value + 3.0 * sigma])
     });
-    let title = format!("{}, {}", info.name, info.unit);
-    Figure::new(&title, SMALL).band(&points.collect::<Vec<_>>(), truth, last - half..last + half)
+    let points: Vec<_> = points.collect();
+    Figure::new(info.name, SMALL).axes("time, s", info.unit).band(&points, truth, last - half..last + half)
 }
 
 /// Time (s), value and sigma (report units) of a parameter after every segment.
@@ -91,13 +114,27 @@ pub fn singular_values(scheme: &Scheme, site: &Site, base: &InstrumentErrors<f64
     let steps = trace.windows(2).flat_map(|pair| [(pair[1].0, pair[0].1.rank), (pair[1].0, pair[1].1.rank)]);
     let rank = Curve::new("rank", steps.map(|(time_s, rank)| (time_s, rank as f64)));
     [
-        Figure::new("singular values of the stripped observability matrix against scheme time, s", WIDE)
+        Figure::new("singular values of the stripped observability matrix", WIDE)
+            .axes("scheme time, s", "singular value")
             .scaled(Scale::Logarithmic)
             .lines(&lines),
-        Figure::new("rank of the matrix, at most 12, against scheme time, s", (WIDE.0, 200))
+        Figure::new("rank of the matrix, at most 12", (WIDE.0, 200))
+            .axes("scheme time, s", "rank")
             .scaled(Scale::From(0.0))
             .lines(&[rank]),
     ]
+}
+
+/// Rank of the stripped observability matrix against the number of activated intervals so far, each of them with the
+/// duration of the paper, 5 ms.
+pub fn relative_rank(ranks: &[usize]) -> Drawn {
+    let time_s = |place: usize| place as f64 * INTERVAL_S;
+    let steps = ranks.iter().enumerate().flat_map(|(place, rank)| [(time_s(place), *rank), (time_s(place + 1), *rank)]);
+    let rank = Curve::new("rank", steps.map(|(time_s, rank)| (time_s, rank as f64)));
+    Figure::new("rank of the matrix in relative time", (WIDE.0, 200))
+        .axes("relative time, s", "rank")
+        .scaled(Scale::From(0.0))
+        .lines(&[rank])
 }
 
 /// A singular value; values that count as zero are drawn at the axis.

@@ -2,8 +2,10 @@
 
 mod calibration;
 mod canvas;
+mod drawings;
 mod figures;
 mod frame;
+mod paper;
 mod paste;
 pub mod plot;
 mod replication;

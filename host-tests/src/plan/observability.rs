@@ -17,11 +17,16 @@ use rins_selfcal::model::error_model::{INSTALLATION_STATES, InstrumentErrors, fr
 use rins_selfcal::model::rotation::gyro_non_orthogonality_matrix;
 use rins_selfcal::model::stop_force::accel_non_orthogonality_matrix;
 use rins_selfcal::scheme::{Leg, Scheme};
+use std::ops::Range;
 
 /// A singular value below this part of the largest counts as zero. Earth rate, 2e-4 of the scheme's rate, does not.
 const RANK_TOLERANCE: f64 = 1e-10;
 /// Time between rows while turning, s.
 const ROW_S: f64 = 0.1;
+/// Duration of an interval of the piecewise constant system in the paper, s.
+pub const INTERVAL_S: f64 = 0.005;
+/// A column with a smaller norm does not depend on its state.
+const COLUMN_TOLERANCE: f64 = 1e-9;
 /// A direction is observed if the measurements leave at most this part of its prior variance.
 const OBSERVED_VARIANCE: f64 = 0.01;
 
@@ -76,10 +81,14 @@ pub struct Observability<const N: usize> {
 
 impl<const N: usize> Observability<N> {
     fn of(matrix: &Matrix<f64, N, N>) -> Self {
-        let singular_values = singular_values(matrix);
-        let largest = singular_values.max();
-        let counts = |value: &&f64| **value > RANK_TOLERANCE * largest;
-        Self { rank: singular_values.iter().filter(counts).count(), singular_values }
+        let found = Self { rank: 0, singular_values: singular_values(matrix) };
+        Self { rank: found.rank_above(RANK_TOLERANCE), ..found }
+    }
+
+    /// Number of singular values above this part of the largest.
+    pub fn rank_above(&self, part: f64) -> usize {
+        let least = part * self.singular_values.max();
+        self.singular_values.iter().filter(|value| **value > least).count()
     }
 
     /// Largest singular value divided by the smallest that does not count as zero.
@@ -156,33 +165,126 @@ pub fn along_scheme(
     scheme: &Scheme,
     site: &Site,
     base: &InstrumentErrors<f64>,
+    report: impl FnMut(f64, &Observability<INSTALLATION_STATES>),
+) {
+    along_scheme_every(ROW_S, scheme, site, base, report);
+}
+
+/// As [`along_scheme`], with a row after every `row_s` while turning.
+pub fn along_scheme_every(
+    row_s: f64,
+    scheme: &Scheme,
+    site: &Site,
+    base: &InstrumentErrors<f64>,
     mut report: impl FnMut(f64, &Observability<INSTALLATION_STATES>),
 ) {
-    let rot_bn = base.rot_nb().transpose();
-    let up_b = rot_bn.column(2).into_owned();
-    let earth_rate_b = rot_bn * Vector3::from(site.earth_rate_n());
+    let base = BaseAxes::new(site, base);
     let mut stripped = StrippedMatrix::default();
     let mut time_s = scheme.first_stop_s;
     let mut from = Leg::default();
     for leg in &scheme.legs {
         let move_s = scheme.move_s(&from, leg);
-        let [outer, inner] = leg.ways_from(&from).map(|way_rad| scheme.turning().profile(way_rad));
-        let rows = ComplexField::ceil(move_s / ROW_S) as u32;
+        let rows = ComplexField::ceil(move_s / row_s) as u32;
         for row in 1..rows {
             let at_s = move_s * f64::from(row) / f64::from(rows);
-            let (outer, inner) = (outer.at(at_s), inner.at(at_s));
-            let rot_inner = frame_rotation_z::<f64>(Angle::from_rad(from.inner_rad + inner.angle_rad));
-            let rot_outer = frame_rotation_x::<f64>(Angle::from_rad(from.outer_rad + outer.angle_rad));
-            let omega_g = rot_inner * (Vector3::x() * outer.rate_rad_s + rot_outer * earth_rate_b)
-                + Vector3::z() * inner.rate_rad_s;
-            stripped.add(&turn_matrix(&omega_g, scheme.rate_rad_s));
+            stripped.add(&turn_matrix(&base.omega_at(scheme, &from, leg, at_s), scheme.rate_rad_s));
             report(time_s + at_s, &stripped.observability());
         }
         time_s += move_s + leg.stop_s;
-        stripped.add(&stop_matrix(Angle::from_rad(leg.outer_rad), Angle::from_rad(leg.inner_rad), &up_b));
+        stripped.add(&base.stop_matrix(leg));
         report(time_s, &stripped.observability());
         from = *leg;
     }
+}
+
+/// Directions of gravity and Earth rate in the base.
+struct BaseAxes {
+    up_b: Vector3<f64>,
+    earth_rate_b: Vector3<f64>,
+}
+
+impl BaseAxes {
+    fn new(site: &Site, base: &InstrumentErrors<f64>) -> Self {
+        let rot_bn = base.rot_nb().transpose();
+        Self { up_b: rot_bn.column(2).into_owned(), earth_rate_b: rot_bn * Vector3::from(site.earth_rate_n()) }
+    }
+
+    /// (B11) at the stop after a leg.
+    fn stop_matrix(&self, leg: &Leg) -> Matrix<f64, 3, INSTALLATION_STATES> {
+        stop_matrix(Angle::from_rad(leg.outer_rad), Angle::from_rad(leg.inner_rad), &self.up_b)
+    }
+
+    /// Angular rate in the rotation frame at a time after the start of a leg, rad/s. (B12)
+    fn omega_at(&self, scheme: &Scheme, from: &Leg, leg: &Leg, at_s: f64) -> Vector3<f64> {
+        let [outer, inner] = leg.ways_from(from).map(|way_rad| scheme.turning().profile(way_rad).at(at_s));
+        let rot_inner = frame_rotation_z::<f64>(Angle::from_rad(from.inner_rad + inner.angle_rad));
+        let rot_outer = frame_rotation_x::<f64>(Angle::from_rad(from.outer_rad + outer.angle_rad));
+        rot_inner * (Vector3::x() * outer.rate_rad_s + rot_outer * self.earth_rate_b) + Vector3::z() * inner.rate_rad_s
+    }
+}
+
+/// Stacks one interval for each move and each stop of one period, in the order of the scheme. This is the scheme in a
+/// relative time, which passes only once for each thing that is activated. The first stop is left out: (B11) is the
+/// difference to this stop.
+pub fn in_relative_time(
+    scheme: &Scheme,
+    site: &Site,
+    base: &InstrumentErrors<f64>,
+) -> Vec<Observability<INSTALLATION_STATES>> {
+    let base = BaseAxes::new(site, base);
+    let mut stripped = StrippedMatrix::default();
+    let mut from = Leg::default();
+    let mut found = Vec::new();
+    for leg in &scheme.legs {
+        let middle_s = 0.5 * scheme.move_s(&from, leg);
+        stripped.add(&turn_matrix(&base.omega_at(scheme, &from, leg, middle_s), scheme.rate_rad_s));
+        found.push(stripped.observability());
+        stripped.add(&base.stop_matrix(leg));
+        found.push(stripped.observability());
+        from = *leg;
+    }
+    found
+}
+
+/// What the stops of one step of a scheme activate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Activated {
+    /// Legs of the step.
+    pub legs: Range<usize>,
+    /// States on which (B11) depends at a stop of the step.
+    pub states: Vec<usize>,
+    /// Number of independent combinations of these states that (B11) shows, all stops of the step together.
+    pub rank: usize,
+}
+
+/// What (B11) activates on a level base in the three steps of the paper: about the outer axis at inner angle zero; one
+/// move of the inner axis and then about the outer axis; and from the next move of the inner axis on.
+pub fn activated(scheme: &Scheme) -> Vec<Activated> {
+    let legs = scheme.legs.as_slice();
+    let inner_before = |leg: usize| leg.checked_sub(1).map_or(0.0, |before| legs[before].inner_rad);
+    let inner_moves = (0..legs.len()).filter(|leg| legs[*leg].inner_rad != inner_before(*leg));
+    let bounds: Vec<usize> = std::iter::once(0).chain(inner_moves.take(2)).chain([legs.len()]).collect();
+    let step = |bounds: &[usize]| {
+        let mut stripped = StrippedMatrix::<INSTALLATION_STATES>::default();
+        for leg in &legs[bounds[0]..bounds[1]] {
+            stripped.add(&stop_matrix(Angle::from_rad(leg.outer_rad), Angle::from_rad(leg.inner_rad), &Vector3::z()));
+        }
+        let depends = |state: &usize| stripped.triangle.column(*state).norm() > COLUMN_TOLERANCE;
+        Activated {
+            legs: bounds[0]..bounds[1],
+            states: (0..INSTALLATION_STATES).filter(depends).collect(),
+            rank: stripped.observability().rank_above(COLUMN_TOLERANCE),
+        }
+    };
+    bounds.windows(2).map(step).collect()
+}
+
+/// The states on which (B13) depends while the IMU turns about x, y and z.
+pub fn activated_by_turns() -> [Vec<usize>; 3] {
+    [Vector3::x(), Vector3::y(), Vector3::z()].map(|omega_g| {
+        let rows = turn_matrix(&omega_g, 1.0);
+        (0..INSTALLATION_STATES).filter(|state| rows.column(*state).norm() > COLUMN_TOLERANCE).collect()
+    })
 }
 
 /// Number of directions of the parameter space that the measurements determine, and condition number of the estimation
@@ -236,6 +338,32 @@ mod tests {
         let before = trace.iter().filter(|(time_s, _)| *time_s <= inner_moves_s).map(|(_, rank)| *rank).max();
         assert_eq!(before, Some(9));
         assert_eq!(trace.last().map(|(_, rank)| *rank), Some(12));
+    }
+
+    /// The paper: "three", "four" and "five" parameters are activated (section 3.2.1; the names are lost in our text of it).
+    #[test]
+    fn the_three_steps_of_scheme_bai_activate_three_four_and_five_parameters() {
+        let steps = activated(&Scheme::bai(200.0, 1));
+        assert_eq!(steps.iter().map(|step| step.legs.clone()).collect::<Vec<_>>(), [0..5, 5..12, 12..18]);
+        assert_eq!(steps.iter().map(|step| step.rank).collect::<Vec<_>>(), [3, 4, 5]);
+        // Sazx, beta and gamma. The later steps depend on more states than they separate.
+        assert_eq!(steps[0].states, [7, 10, 11]);
+        assert_eq!(steps.iter().map(|step| step.states.len()).collect::<Vec<_>>(), [3, 5, 6]);
+    }
+
+    #[test]
+    fn a_turn_about_each_axis_activates_two_parameters_of_the_gyros() {
+        // Sgyz Sgzy, Sgxz Sgzx, Sgxy Sgyx: the rotation axis is the index that is missing.
+        assert_eq!(activated_by_turns(), [vec![3, 5], vec![1, 4], vec![0, 2]]);
+    }
+
+    /// The last state is seen at the stop after the seventh move, the first one about the IMU's y axis.
+    #[test]
+    fn in_relative_time_the_rank_is_full_after_70_ms() {
+        let found = in_relative_time(&Scheme::bai(200.0, 1), &Site::default(), &InstrumentErrors::default());
+        let full = found.iter().position(|seen| seen.rank == INSTALLATION_STATES).map(|place| place + 1);
+        assert_eq!(full, Some(14));
+        assert!((14.0 * INTERVAL_S - 0.07).abs() < 1e-12);
     }
 
     #[test]

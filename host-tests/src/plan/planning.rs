@@ -39,9 +39,9 @@ pub enum PlanError {
     /// The name is too long.
     #[error("the name of a scheme may have at most 32 bytes")]
     Name,
-    /// The two-stage method has no forecast.
+    /// The other methods have no forecast.
     #[error("schemes can be planned for the joint method only")]
-    TwoStage,
+    Method,
 }
 
 /// Finds a scheme. The same request gives the same scheme on any machine with any number of cores. `progress` receives
@@ -51,8 +51,8 @@ pub enum PlanError {
 /// The reason why no scheme is found.
 pub fn plan(request: &PlanRequest, name: &str, progress: &(impl Fn(u64, f64) + Sync)) -> Result<Planned, PlanError> {
     let name = name.try_into().map_err(|_| PlanError::Name)?;
-    if request.setup.method == Method::TwoStage {
-        return Err(PlanError::TwoStage);
+    if request.setup.method != Method::Joint {
+        return Err(PlanError::Method);
     }
     let stands = found(request, progress);
     let (value, stands) = stands.ok_or(PlanError::TooShort)?;

@@ -6,8 +6,8 @@
 use super::costs::HardwareCosts;
 use super::observability::{along_scheme, of_covariance};
 use crate::base::quantity::{STATES, states};
+use crate::calibration::Setup;
 use crate::calibration::virtual_run::VirtualRun;
-use crate::calibration::{Setup, is_estimated};
 use crate::files::unit_file::Noise;
 use crate::result::report::{Named, SOFTWARE, SiteReport, Software};
 use crate::virtual_unit::unit::{Effects, VirtualUnit};
@@ -67,7 +67,7 @@ impl SegmentGain {
 pub struct Prediction {
     /// Name of the scheme.
     pub scheme: String,
-    /// Joint or two-stage.
+    /// Name of the method.
     pub method: &'static str,
     /// Duration including first stop, ramps and settling, s.
     pub duration_s: f64,
@@ -157,7 +157,7 @@ impl Prediction {
         let below = |gain: &&SegmentGain| gain.worst_arcsec() <= 1.0;
         Self {
             scheme: scheme.name.as_str().into(),
-            method: crate::calibration::method_name(setup.method),
+            method: setup.method.name(),
             duration_s: run.duration_s(),
             rank: observed.rank,
             states: observed.states,
@@ -239,7 +239,7 @@ pub fn silent_run(setup: &Setup, scheme: &Scheme) -> VirtualRun {
 fn estimated_priors(setup: &Setup) -> [f64; STATES] {
     let mut sigmas = setup.prior_sigmas();
     for (state, sigma) in sigmas.iter_mut().enumerate().take(PARAMETERS) {
-        *sigma = if is_estimated(setup.method, state) { *sigma } else { 0.0 };
+        *sigma = if setup.method.estimates(state) { *sigma } else { 0.0 };
     }
     sigmas
 }

@@ -1,14 +1,13 @@
 //! The result as JSON: parameters with sigmas, the correction and how to apply it, and the quality of the fit.
 
 use crate::base::quantity;
-use crate::calibration::{Enlargement, Outcome, Precision, is_estimated, method_name};
+use crate::calibration::{Enlargement, HostMethod, Outcome, Precision};
 use crate::files::hardware::{in_unit, nearest_profile};
 use crate::files::unit_file::Noise;
 use rins_selfcal::base::hardware::{HARDWARE, Hardware};
 use rins_selfcal::base::imu_identity::ImuIdentity;
 use rins_selfcal::base::linear::{Matrix3, Vector3};
 use rins_selfcal::base::loss::LossCounts;
-use rins_selfcal::base::method::Method;
 use rins_selfcal::base::site::Site;
 use rins_selfcal::base::units::{DEG, MGAL};
 use rins_selfcal::estimator::{Estimate, LargestInnovation};
@@ -209,7 +208,7 @@ impl From<&Outcome> for CalibrationReport {
             reasons: outcome.reasons(),
             reason_codes: outcome.reason_codes(),
             stored: outcome.stored,
-            method: method_name(outcome.setup.method),
+            method: outcome.setup.method.name(),
             duration_s: solution.duration_s,
             segments: solution.segments,
             chi_square: solution.fit.chi_square,
@@ -241,14 +240,14 @@ impl From<&Outcome> for CalibrationReport {
 }
 
 /// The parameters that a method estimates.
-pub fn parameters(estimate: &Estimate, method: Method) -> Named<ParameterReport> {
+pub fn parameters(estimate: &Estimate, method: HostMethod) -> Named<ParameterReport> {
     let values = quantity::values(&estimate.errors);
     let sigmas = quantity::sigmas(&estimate.sigmas);
     let report = |index: usize| {
         let info = &PARAMETER_INFO[index];
         (info.name, ParameterReport { value: values[index], sigma: sigmas[index], unit: info.unit })
     };
-    Named((0..PARAMETER_INFO.len()).filter(|index| is_estimated(method, *index)).map(report).collect())
+    Named((0..PARAMETER_INFO.len()).filter(|index| method.estimates(*index)).map(report).collect())
 }
 
 fn effects(outcome: &Outcome) -> Named<ParameterReport> {
@@ -327,7 +326,7 @@ impl From<&StoredCalibration> for StoredReport {
             verdict: if stored.verdict.accepted() { "accepted" } else { "rejected" },
             reasons: stored.reasons().map(|reason| reason.to_string()).collect(),
             reason_codes: stored.reasons().map(|reason| reason.code()).collect(),
-            method: method_name(stored.method),
+            method: HostMethod::from(stored.method).name(),
             scheme: stored.scheme.as_str().into(),
             chi_square: stored.chi_square,
             degrees_of_freedom: stored.degrees_of_freedom,
@@ -338,7 +337,7 @@ impl From<&StoredCalibration> for StoredReport {
             convention: CONVENTION,
             site: (&stored.site).into(),
             correction: correction(&stored.errors),
-            parameters: parameters(&stored.estimate(), stored.method),
+            parameters: parameters(&stored.estimate(), stored.method.into()),
         }
     }
 }

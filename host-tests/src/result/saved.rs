@@ -2,7 +2,7 @@
 
 use super::report::SiteReport;
 use crate::base::quantity;
-use crate::calibration::{Outcome, method_name};
+use crate::calibration::Outcome;
 use crate::files::json_file::{self, JsonFileError};
 use crate::files::truth::ParameterTable;
 use rins_selfcal::model::correction::Calibration;
@@ -92,7 +92,7 @@ pub struct Saved {
     pub path: PathBuf,
     /// "accepted" or "rejected".
     pub verdict: String,
-    /// "joint" or "two-stage".
+    /// "joint" or "bai".
     pub method: Option<String>,
     /// Name of the scheme, if it is known.
     pub scheme: Option<String>,
@@ -131,7 +131,7 @@ impl Saved {
         Self {
             path: "this result".into(),
             verdict: outcome.verdict_name().into(),
-            method: Some(method_name(outcome.setup.method).into()),
+            method: Some(outcome.setup.method.name().into()),
             scheme: outcome.setup.scheme.clone(),
             temperature_c: Some(temperature_c).filter(|temperature| temperature.is_finite()),
             site: Some(SiteReport::of(outcome)),

@@ -1,7 +1,7 @@
 //! Results as text tables.
 
 use crate::base::quantity::{self, fixed, rounded, significant, states};
-use crate::calibration::{Enlargement, Outcome, method_name};
+use crate::calibration::{Enlargement, Outcome};
 use crate::files::truth::ParameterTable;
 use comfy_table::{Cell, CellAlignment, Table, presets};
 use rins_selfcal::base::loss::LossCounts;
@@ -216,7 +216,7 @@ pub fn verdict(outcome: &Outcome) -> String {
     let mut text = format!(
         "{} method: chi-square {} with {} degrees of freedom, largest innovation {} sigma (segment {}, {}), \
          {} sweeps\n",
-        method_name(outcome.setup.method),
+        outcome.setup.method.name(),
         fixed(solution.fit.chi_square, 1),
         solution.degrees_of_freedom,
         fixed(largest.normalized, 1),
@@ -224,7 +224,7 @@ pub fn verdict(outcome: &Outcome) -> String {
         CHANNEL_NAMES[usize::from(largest.channel)],
         solution.sweeps
     );
-    if outcome.setup.method == Method::TwoStage {
+    if outcome.setup.method == Method::Bai {
         text += "biases, scale-factor errors and non-perpendicularity are taken as zero by this method\n";
     }
     if solution.temperature_c.is_finite() {
@@ -253,8 +253,8 @@ pub fn verdict(outcome: &Outcome) -> String {
 
 /// What `--adapt` has changed, or why it has changed nothing; `None` without `--adapt`.
 pub fn adapted(outcome: &Outcome) -> Option<String> {
-    let because = if outcome.setup.method == Method::TwoStage {
-        "the two-stage method knows no effects of the hardware"
+    let because = if outcome.setup.method == Method::Bai {
+        "the method bai knows no effects of the hardware"
     } else if outcome.reason_codes().contains(&"hardware-effect") {
         "the effect that the verdict names is a motion of the axes or has its largest size already"
     } else {

@@ -1,12 +1,11 @@
 //! Each effect of real hardware alone, at several sizes: what the calibration says, and whether it is right.
 
 use super::monte_carlo::{ErrorSource, MonteCarlo, RunResult};
-use crate::calibration::Precision;
+use crate::calibration::{HostMethod, Precision};
 use crate::files::unit_file::UnitConfig;
 use crate::virtual_unit::unit::Effects;
 use anyhow::Result;
 use rins_selfcal::base::hardware::{HARDWARE, Hardware, HardwareSize};
-use rins_selfcal::base::method::Method;
 use rins_selfcal::model::error_model::{PARAMETER_INFO, block};
 use rins_selfcal::scheme::Scheme;
 use std::sync::Mutex;
@@ -127,7 +126,7 @@ pub static FURTHER: [Further; 6] = [
 pub fn row(errors: ErrorSource, scheme: &Scheme, runs: u64, seed: u64) -> Result<Row> {
     let campaign = MonteCarlo {
         runs,
-        methods: vec![Method::Joint],
+        methods: vec![HostMethod::Joint],
         precision: Precision::F64,
         scheme: scheme.clone(),
         axes: Default::default(),

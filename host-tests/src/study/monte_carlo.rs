@@ -6,7 +6,7 @@ use super::statistics::{
 };
 use crate::base::quantity::{self, STATES};
 use crate::calibration::virtual_run::{Stream, VirtualRun, derived_seed};
-use crate::calibration::{Outcome, Precision, Setup, is_estimated, refusal};
+use crate::calibration::{HostMethod, Outcome, Precision, Setup, refusal};
 use crate::files::toml_file::TomlFileError;
 use crate::files::unit_file::UnitConfig;
 use crate::plan::prediction::bounds;
@@ -20,7 +20,6 @@ use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::SeedableRng;
 use rayon::prelude::*;
 use rins_selfcal::base::hardware::Hardware;
-use rins_selfcal::base::method::Method;
 use rins_selfcal::base::site::Site;
 use rins_selfcal::base::units::{ARCSEC, DEG_H, HOUR_S, MICRO_G};
 use rins_selfcal::estimator::OBSERVED_RATIO;
@@ -153,7 +152,7 @@ pub struct MonteCarlo {
     /// Number of runs.
     pub runs: u64,
     /// Methods, all on the same data.
-    pub methods: Vec<Method>,
+    pub methods: Vec<HostMethod>,
     /// Floating-point type of the core.
     pub precision: Precision,
     /// The scheme.
@@ -288,7 +287,7 @@ impl MonteCarlo {
 
 impl MonteCarlo {
     /// Setup of a method.
-    pub fn setup(&self, method: Method) -> Setup {
+    pub fn setup(&self, method: impl Into<HostMethod>) -> Setup {
         Setup::new(&self.unit, self.rate_hz, method, self.precision)
     }
 }
@@ -410,7 +409,7 @@ fn judged() -> impl Iterator<Item = usize> {
 
 /// Bounds of means of squared normalized errors over so many runs. All of so many independent means are within them
 /// with the probability [`CONFIDENCE`] or more (Bonferroni).
-fn joint_bounds(runs: usize, means: usize) -> [f64; 2] {
+pub(super) fn joint_bounds(runs: usize, means: usize) -> [f64; 2] {
     chi_square_mean_bounds(runs, 1.0, 1.0 - (1.0 - CONFIDENCE) / means.max(1) as f64)
 }
 
@@ -499,7 +498,7 @@ impl LiveTable {
 #[derive(Clone, Debug)]
 pub struct MethodStatistics {
     /// The method.
-    pub method: Method,
+    pub method: HostMethod,
     /// Number of runs in the statistics.
     pub runs: usize,
     /// Runs accepted.
@@ -540,7 +539,7 @@ impl MethodStatistics {
         let of_state = |state: usize| {
             let runs: Vec<_> = good.iter().map(|result| result.states[state]).collect();
             let has_truth = runs.iter().all(|run| run.error.is_finite());
-            (is_estimated(method, state) && priors[state] > 0.0 && !runs.is_empty() && has_truth)
+            (method.estimates(state) && priors[state] > 0.0 && !runs.is_empty() && has_truth)
                 .then(|| ErrorStatistics::new(&runs))
         };
         let accepted = results.iter().filter(|result| result.accepted).count();
@@ -630,7 +629,7 @@ mod tests {
     fn live_estimates_of_typical_units_are_honest_and_end_with_the_solution() {
         let study = MonteCarlo {
             runs: 40,
-            methods: vec![Method::Joint],
+            methods: vec![HostMethod::Joint],
             precision: Precision::F64,
             scheme: Scheme::named("fast-180").unwrap(),
             axes: Default::default(),

@@ -7,6 +7,9 @@ use crate::calibration::{HOST_SEGMENTS, Outcome, Setup, raw_sample};
 use crate::files::truth::ParameterTable;
 use crate::plan::prediction::Prediction;
 use crate::result::signals::Signals;
+use crate::separating::{
+    GimballedRun, RunBuilder, SensorNoise, Separated, SeparatingError, SeparatingMethod, navigate, with_mounting,
+};
 use rayon::prelude::*;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::estimator::Estimator;
@@ -25,14 +28,14 @@ pub struct Study {
     pub title: &'static str,
     /// The command that repeats the study alone.
     pub command: String,
-    /// Statistics of the joint method, then of the two-stage method.
+    /// Statistics of the joint method, then of the paper's method.
     pub methods: [MethodStatistics; 2],
 }
 
 impl Study {
     /// Statistics of one method.
     pub fn of(&self, method: Method) -> &MethodStatistics {
-        &self.methods[usize::from(method == Method::TwoStage)]
+        &self.methods[usize::from(method == Method::Bai)]
     }
 
     /// Statistics of one of the twelve installation errors with one method, arcsec; `None` if all runs failed.
@@ -55,43 +58,53 @@ impl Study {
     }
 }
 
-/// One calibration with the two-stage method, with signals and truth for figures.
+/// One calibration with the paper's method, with signals and truth for figures.
 #[derive(Clone, Debug)]
 pub struct ShownRun {
-    /// The commands that repeat signals and final estimates alone.
-    pub commands: [String; 2],
+    /// The commands that repeat signals, final estimates and separated angles alone.
+    pub commands: Vec<String>,
     /// The calibration. Its estimate after a segment is the final estimate from all segments up to then.
     pub outcome: Outcome,
     /// The true parameters.
     pub truth: ParameterTable,
-    /// Signals of IMU and encoders in the first period.
+    /// Signals of IMU and encoders.
     pub signals: Signals,
+    /// The same readings through the separating methods: [11] with [13], which is the paper's reference, and [11] with
+    /// [14].
+    pub separated: [Separated; 2],
 }
 
 impl ShownRun {
     /// Runs a unit on its scheme.
-    pub fn new(commands: [String; 2], run: &VirtualRun, setup: &Setup) -> Self {
+    ///
+    /// # Errors
+    /// The separating methods give no result.
+    pub fn new(commands: Vec<String>, run: &VirtualRun, setup: &Setup) -> Result<Self, SeparatingError> {
         let mut signals = Signals::default();
         let mut calibrator = Box::new(Calibrator::<f64, HOST_SEGMENTS>::new(&setup.config()));
-        let period = VirtualRun { scheme: Scheme { periods: 1, ..run.scheme.clone() }, ..run.clone() };
-        let mut left = period.drive().total_samples();
+        let mut gimballed = RunBuilder::default();
         let mut outcomes = run.calibrate_noting(std::slice::from_ref(setup), |reading| {
-            if left > 0 {
-                left -= 1;
-                signals.note(reading);
-            }
+            signals.note(reading);
+            gimballed.note(reading);
             let _ = calibrator.step(&raw_sample(reading));
         });
         let _ = calibrator.finish();
         let live = finals(setup, calibrator.estimator().segments());
         let outcome = Outcome { live, ..outcomes.remove(0) };
-        Self { commands, outcome, truth: ParameterTable::from_errors(&run.unit.errors), signals }
+        let separated = separate_run_of(&gimballed.build()?, run)?;
+        Ok(Self { commands, outcome, truth: ParameterTable::from_errors(&run.unit.errors), signals, separated })
     }
 }
 
-/// The final estimate after every segment: all segments up to then are processed until the estimate has converged. The
-/// live estimate is linearized about the estimate at each segment, which is inaccurate in stage 1 of the two-stage
-/// method.
+/// [11] with [13], then [11] with [14].
+fn separate_run_of(gimballed: &GimballedRun, run: &VirtualRun) -> Result<[Separated; 2], SeparatingError> {
+    let site = &run.unit.site;
+    let navigated = navigate(gimballed, site, &SensorNoise::from(&run.unit.noise))?;
+    let of = |method| with_mounting(gimballed, site, &navigated, method);
+    Ok([of(SeparatingMethod::ThinShell)?, of(SeparatingMethod::SingularValues)?])
+}
+
+/// The final estimate after every segment: all segments up to then are processed until the estimate has converged.
 fn finals(setup: &Setup, segments: &[Segment<f64>]) -> Vec<Progress> {
     let up_to = |count: usize| {
         let mut estimator = Box::new(Estimator::<f64, HOST_SEGMENTS>::new());
@@ -122,10 +135,13 @@ pub struct Replication {
     pub command: String,
     /// Both periods of the paper's scheme.
     pub scheme: Scheme,
-    /// Setup of the two-stage method.
+    /// Setup of the paper's method.
     pub setup: Setup,
     /// Observability on the paper's scheme.
     pub observability: Foresight,
+    /// The calibration of Table 3 as the paper has it: one run of a virtual unit of which only the twelve errors of Table 3
+    /// are not zero.
+    pub twelve: ShownRun,
     /// The simulated unit of Table 1.
     pub simulation: ShownRun,
     /// A virtual unit with the errors of Table 3 and all other errors of a real unit.
@@ -136,7 +152,7 @@ pub struct Replication {
     pub table_3: Study,
     /// Many runs of the twelve errors of Table 3 with all other errors of a real unit.
     pub real: Study,
-    /// One study for each effect that the two-stage method takes as zero.
+    /// One study for each effect that the paper's method takes as zero.
     pub ignored: Vec<Study>,
     /// Predictions for schemes with the joint method.
     pub schemes: Vec<Foresight>,

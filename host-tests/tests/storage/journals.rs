@@ -542,7 +542,7 @@ fn the_largest_configuration_fits() {
     run.calibrator.estimator.site = Site { measured_gravity_m_s2: Some(9.8), ..Site::default() };
     run.calibrator.estimator.period_moves = Some(u16::MAX);
     run.calibrator.estimator.gate_sigma = Some(5.0);
-    run.calibrator.estimator.method = Method::TwoStage;
+    run.calibrator.estimator.method = Method::Bai;
     run.calibrator.estimator.heading = HeadingSource::Configured { heading_rad: 1.0, sigma_rad: 0.1 };
     run.policy = PowerUpPolicy::WhenDue { age_s: Some(u64::MAX), temperature_k: Some(5.0) };
     run.limits.required_sigmas = Some([1.0; 28]);
