@@ -72,7 +72,7 @@ pub fn frames_of_sensors() -> Markup {
         (frame(170))
         (axis(id, [170, 190], [352, 222], "y a", true))
         (axis(id, [170, 190], [222, 42], "z a", true))
-        (label([84, 296], "= x a"))
+        (label([54, 286], "= x a"))
         (label([225, 262], "Sayz, in the x s-y s plane"))
         (label([235, 80], "Sazx, Sazy"))
         (label([120, 330], "(a) accelerometers"))
@@ -155,7 +155,8 @@ pub fn structure() -> Markup {
     let content = html! {
         @for shown in &blocks { (block(shown)) }
         @for (from, to) in arrows { (arrow(id, from, to)) }
-        (label([700, 190], "mounting angles and levelled attitude, (B12)"))
+        (label([700, 192], "mounting angles and"))
+        (label([700, 209], "levelled attitude, (B12)"))
     };
     drawing(id, [960, 365], "Figure 3: structure of the paper's method.", &content)
 }

@@ -44,8 +44,8 @@ struct Judged {
     errors: [f64; INSTALLATION_STATES],
 }
 
-/// A run, or the reason why it gave no result.
-type RunResult = Result<Judged, SeparatingError>;
+/// A run with its result, or the reason why it has none.
+type Attempt = Result<Judged, SeparatingError>;
 
 /// The separating methods on one virtual run, all on the same readings.
 fn separate_run(run: &VirtualRun, methods: &[SeparatingMethod]) -> Vec<Result<Separated, SeparatingError>> {
@@ -74,11 +74,11 @@ pub fn separating_studies(
             let errors = quantity::errors(&separated.errors, &run.unit.errors);
             Ok(Judged { separated, errors: std::array::from_fn(|index| errors[index]) })
         };
-        let results: Vec<RunResult> = separate_run(&run, methods).into_iter().map(judged).collect();
+        let results: Vec<Attempt> = separate_run(&run, methods).into_iter().map(judged).collect();
         on_run();
         results
     };
-    let results: Vec<Vec<RunResult>> = (0..monte_carlo.runs).into_par_iter().map(run).collect();
+    let results: Vec<Vec<Attempt>> = (0..monte_carlo.runs).into_par_iter().map(run).collect();
     let study = |(place, method): (usize, &SeparatingMethod)| {
         SeparatingStudy::new(*method, results.iter().map(|run| &run[place]))
     };
@@ -86,7 +86,7 @@ pub fn separating_studies(
 }
 
 impl SeparatingStudy {
-    fn new<'a>(method: SeparatingMethod, results: impl Iterator<Item = &'a RunResult> + Clone) -> Self {
+    fn new<'a>(method: SeparatingMethod, results: impl Iterator<Item = &'a Attempt> + Clone) -> Self {
         let good: Vec<_> = results.clone().filter_map(|result| result.as_ref().ok()).collect();
         let statistics = |index: usize| {
             let mean = |of: &dyn Fn(&Judged) -> Option<f64>| {
