@@ -290,11 +290,13 @@ impl Imperfections {
         [force, omega]
     }
 
-    /// Error of an encoder at a true angle, rad, that follows from the angle alone.
+    /// Error of an encoder at a true angle, rad, that follows from the angle alone. It vanishes at the encoder's zero, which
+    /// defines the rotation frame.
     pub fn encoder_rad(&self, axis: usize, angle_rad: f64) -> f64 {
         let waves = self.encoder_harmonics_arcsec[axis].iter().zip([1.0, 2.0, 3.0, 4.0]);
         let harmonics: f64 = waves.map(|(wave, n)| value_and_slope(*wave, n, angle_rad)[0]).sum();
-        let fine = (4096.0 * angle_rad + self.encoder_subdivision_phase_rad[axis]).sin() * SQRT_2;
+        let phase_rad = self.encoder_subdivision_phase_rad[axis];
+        let fine = ((4096.0 * angle_rad + phase_rad).sin() - phase_rad.sin()) * SQRT_2;
         harmonics + self.encoder_subdivision_arcsec[axis] * ARCSEC * fine
     }
 
