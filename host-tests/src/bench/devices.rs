@@ -64,6 +64,10 @@ struct AxisChips {
     trouble: Option<Trouble>,
     /// Angle at the encoder, rad.
     seen_rad: f64,
+    /// How far the encoder turned in the last period, rad.
+    turned_rad: f64,
+    /// How far the encoder has turned since then until it is clocked, rad.
+    late_rad: f64,
     /// Angle at which the encoder froze, rad.
     frozen_rad: f64,
     frames: u32,
@@ -77,6 +81,8 @@ impl AxisChips {
             bridge: BridgeChip::default(),
             trouble: None,
             seen_rad: 0.0,
+            turned_rad: 0.0,
+            late_rad: 0.0,
             frozen_rad: 0.0,
             frames: 0,
             output: Output::Open,
@@ -92,11 +98,12 @@ impl AxisChips {
 
     fn clock_encoder(&mut self, frame: &mut [u8]) {
         self.frames = self.frames.wrapping_add(1);
+        let seen_rad = self.seen_rad + std::mem::take(&mut self.late_rad);
         let angle_rad = match self.trouble {
             Some(Trouble::EncoderFrozen) => self.frozen_rad,
-            Some(Trouble::EncoderSlip(slip_deg)) => self.seen_rad + slip_deg.to_radians(),
-            Some(Trouble::EncoderReversed) => -self.seen_rad,
-            _ => self.seen_rad,
+            Some(Trouble::EncoderSlip(slip_deg)) => seen_rad + slip_deg.to_radians(),
+            Some(Trouble::EncoderReversed) => -seen_rad,
+            _ => seen_rad,
         };
         self.encoder.clock(angle_rad, frame);
         if let Some(Trouble::EncoderCrc(every)) = self.trouble
@@ -241,7 +248,7 @@ impl<P: Plant> Bench<P> {
         let Some(Tick { encoders_rad, reading }) = self.plant.advance(outputs) else { return false };
         self.periods += 1;
         for (axis, seen_rad) in self.axes.iter_mut().zip(encoders_rad) {
-            axis.seen_rad = seen_rad;
+            axis.turned_rad = seen_rad - std::mem::replace(&mut axis.seen_rad, seen_rad);
         }
         self.data_ready = reading.is_some() && self.imu() == Imu::Adis16495;
         if let Some(reading) = reading {
@@ -276,6 +283,24 @@ impl<P: Plant> Bench<P> {
         if let Some(damage) = self.damage.as_mut().filter(|_| !is_spared) {
             damage(chip, frame);
         }
+    }
+
+    /// One transfer with an encoder some time after the last period: the first four bytes of `frame` are that time, ns,
+    /// low byte first. The axis is taken to turn on as in the last period.
+    pub fn clock_late(&mut self, chip: Chip, frame: &mut [u8]) {
+        let axis = &mut self.axes[usize::from(chip == Chip::InnerEncoder)];
+        let late_ns = frame.first_chunk().map_or(0, |bytes| u32::from_le_bytes(*bytes));
+        // A continuous angle that is wrapped steps by a turn.
+        let turned_rad = if axis.turned_rad.abs() < 1.0 { axis.turned_rad } else { 0.0 };
+        axis.late_rad = turned_rad * f64::from(late_ns) / (1000.0 * PERIOD_US as f64);
+        self.transfer(chip, frame);
+    }
+
+    /// Puts the word that the IMU sends with the next word into `frame`. A bus that sends and receives byte by byte needs
+    /// the answer before it has the whole word.
+    pub fn imu_answer(&self, frame: &mut [u8]) {
+        let answer = self.imu.next_answer().to_be_bytes();
+        frame.iter_mut().zip(answer).for_each(|(byte, answer)| *byte = answer);
     }
 
     fn switch_off(&mut self) {
