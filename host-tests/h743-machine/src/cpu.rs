@@ -32,9 +32,9 @@ const HANDLER_END: u32 = 0xffff_f000;
 const HANG: u32 = 0x1fff_f000;
 const UNDEFINED: u32 = HANG + 0x100;
 const WFI: [u8; 2] = [0x30, 0xbf];
-/// `cpsid i` and `cpsie i`.
+/// `cpsid i`, and the second half-word of `msr PRIMASK, Rn`. The first one is 0xf380 with the number of the register.
 const MASK: u16 = 0xb672;
-const UNMASK: u16 = 0xb662;
+const SET_MASK: u16 = 0x8810;
 /// Value that the start-up code of `cortex-m-rt` writes over the unused stack.
 const PAINT: [u8; 4] = [0xcc; 4];
 /// Registers that an exception saves, in their order.
@@ -44,10 +44,14 @@ const FRAME_BYTES: u32 = 104;
 /// Wake-ups of the processor between two looks at the log.
 const LOOKS: u64 = 64;
 
+/// Marks a loop of `subs rN, #1` and `bne`, which delays.
+const COUNTS_DOWN: u8 = 0x80;
+
 /// What the hooks use.
 struct State {
     chip: Chip,
-    /// Number of instructions of the block at each half-word of the program, zero if it is not known.
+    /// Number of instructions of the block at each half-word of the program, zero if it is not known. For a loop that only
+    /// counts down, [`COUNTS_DOWN`] and the number of its register.
     lengths: Vec<u8>,
     instructions: u64,
     /// The exception for which unicorn was stopped.
@@ -200,6 +204,9 @@ impl Machine {
             if !self.state().chip.sleep() {
                 break Ended::SleepsForEver;
             }
+            // The main loop sleeps with interrupts masked, and is woken by them all the same.
+            let state = self.state();
+            state.masked_since = state.masked_since.map(|_| state.chip.now);
             self.look(wakes.is_multiple_of(LOOKS))?;
             if !self.state().chip.powered {
                 break Ended::SwitchedOff;
@@ -448,13 +455,19 @@ fn unicorn(state: State, image: &Image) -> Result<Unicorn<'static, State>, uc_er
     )?;
     unicorn.add_block_hook(1, 0, on_block)?;
     unicorn.add_mem_hook(HookType::MEM_INVALID, 1, 0, on_bad_access)?;
-    for (value, masks) in [(MASK, true), (UNMASK, false)] {
-        for address in image.halfwords(value) {
-            let place = u64::from(address);
-            unicorn.add_code_hook(place, place, move |unicorn: &mut Unicorn<State>, pc, _| {
-                note_mask(unicorn, masks, pc)
-            })?;
-        }
+    for place in image.halfwords(MASK).map(u64::from) {
+        unicorn.add_code_hook(place, place, |unicorn: &mut Unicorn<State>, pc, _| note_mask(unicorn, true, pc))?;
+    }
+    for place in image.halfwords(SET_MASK).map(|second| u64::from(second - 2)) {
+        unicorn.add_code_hook(place, place, |unicorn: &mut Unicorn<State>, pc, _| {
+            let mut first = [0; 2];
+            let _ = unicorn.mem_read(pc, &mut first);
+            let source = i32::from(first[0] & 0xf) + Register::R0 as i32;
+            if first[1] == 0xf3 && first[0] & 0xf0 == 0x80 {
+                let masks = unicorn.reg_read(source).unwrap_or(0) & 1 == 1;
+                note_mask(unicorn, masks, pc);
+            }
+        })?;
     }
     Ok(unicorn)
 }
@@ -514,18 +527,37 @@ fn instructions(unicorn: &mut Unicorn<State>, pc: u32, size: u32) -> u64 {
     match unicorn.get_data().lengths.get(place) {
         None => return u64::from(size / 4).max(1),
         Some(0) => {}
+        Some(marked) if marked & COUNTS_DOWN != 0 => return count_down(unicorn, marked & 7),
         Some(count) => return (*count).into(),
     }
     let mut bytes = vec![0; size as usize];
     let _ = unicorn.mem_read(pc.into(), &mut bytes);
+    if let [1, subtract, 0xfd, 0xd1] = *bytes
+        && subtract & 0xf8 == 0x38
+    {
+        unicorn.get_data_mut().lengths[place] = COUNTS_DOWN | subtract & 7;
+        return count_down(unicorn, subtract & 7);
+    }
     let (mut at, mut count) = (0, 0_u8);
     while let Some([low, high]) = bytes.get(at..at + 2) {
         let is_long = u16::from_le_bytes([*low, *high]) >> 11 >= 0b11101;
         at += if is_long { 4 } else { 2 };
-        count = count.saturating_add(1);
+        count = (count + 1).min(COUNTS_DOWN - 1);
     }
     unicorn.get_data_mut().lengths[place] = count.max(1);
     count.max(1).into()
+}
+
+/// A turn of a loop that delays. Skips the turns until the next event.
+fn count_down(unicorn: &mut Unicorn<State>, register: u8) -> u64 {
+    // The Cortex-M7 runs both instructions of a turn in one cycle at best, so that no delay is shorter on silicon.
+    const TURN: u64 = 1;
+    let chip = &unicorn.get_data().chip;
+    let register = Register::R0 as i32 + i32::from(register);
+    let left = unicorn.reg_read(register).unwrap_or(0);
+    let turns = (chip.next.saturating_sub(chip.now) / TURN).min(left.saturating_sub(1));
+    let _ = unicorn.reg_write(register, left - turns);
+    TURN * (turns + 1)
 }
 
 /// An access outside of the memory, or to the guard of the stack. The result is whether the access is repeated.

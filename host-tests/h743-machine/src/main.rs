@@ -9,7 +9,7 @@
 //! host: reader <- telemetry: bytes of USART3, log: RTT    <-  machine   -> chip: registers, interrupts -> unicorn
 //! host: tests  -> the command line; <- machine.json       <-  report   /
 //! ```
-//! An instruction takes one cycle of 480 MHz and an access to a register takes ten more. Caches, bus contention and
+//! An instruction takes one cycle of 480 MHz, a turn of a loop that delays one too, and an access to a register ten more. Caches, bus contention and
 //! wait states of the flash are not modelled, so times are counts of instructions and not those of silicon.
 
 mod bench;

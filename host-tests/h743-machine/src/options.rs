@@ -46,6 +46,10 @@ pub struct Options {
     #[arg(long, default_value_t = 40.0)]
     pub encoder_delay_ns: f64,
 
+    /// Time by which the IMU's samples are later than they would be, us: moves them against the control periods
+    #[arg(long, default_value_t = 0)]
+    pub sample_phase_us: u64,
+
     /// Set RDSERR at the end of each erase, as revision V does (Zephyr #60449)
     #[arg(long)]
     pub rdserr: bool,

@@ -8,9 +8,8 @@
 
 use anyhow::{Result, ensure};
 use clap::Parser;
-use comfy_table::{Table, presets};
 use host_tests::bench::emulator::MachineSetup;
-use host_tests::bench::emulator::h743::{Report, run};
+use host_tests::bench::emulator::h743::{Interrupt, Report, Written, run};
 use host_tests::bench::emulator::image::{Board, Variant, build};
 use host_tests::bench::power_up::Switched;
 use host_tests::bench::{Bench, Imu};
@@ -65,29 +64,16 @@ fn main() -> Result<()> {
 
 fn print(report: &Report) {
     println!("{:?} after {:.3} s, {:.1} s wall", report.ended, report.elapsed_us * 1e-6, report.wall_s);
-    let mut registers = table(["register", "address", "reads", "writes", "values", "meaning of the last value"]);
-    for written in &report.registers {
-        let values: Vec<String> = written.values.iter().map(|value| format!("{value:08x}")).collect();
-        registers.add_row([
-            written.name.clone(),
-            format!("{:08x}", written.address),
-            written.reads.to_string(),
-            written.writes.to_string(),
-            values.join(" "),
-            written.meaning.clone(),
-        ]);
+    println!("{:18} {:8} {:>8} {:>8}  values; meaning of the last one", "register", "address", "reads", "writes");
+    for Written { name, address, reads, writes, values, meaning } in &report.registers {
+        let values: Vec<String> = values.iter().map(|value| format!("{value:x}")).collect();
+        println!("{name:18} {address:08x} {reads:8} {writes:8}  {}; {meaning}", values.join(" "));
     }
-    println!("{registers}\npins: {}", report.pins.join(", "));
-    let mut times = table(["interrupt", "times", "longest wait, us", "longest handler, us"]);
-    for interrupt in &report.interrupts {
-        times.add_row([
-            interrupt.name.clone(),
-            interrupt.taken.to_string(),
-            format!("{:.1}", interrupt.longest_wait_us),
-            format!("{:.1}", interrupt.longest_run_us),
-        ]);
+    println!("\npins: {}\n", report.pins.join(", "));
+    println!("{:20} {:>8} {:>18} {:>20}", "interrupt", "times", "longest wait, us", "longest handler, us");
+    for Interrupt { name, taken, longest_wait_us, longest_run_us } in &report.interrupts {
+        println!("{name:20} {taken:8} {longest_wait_us:18.1} {longest_run_us:20.1}");
     }
-    println!("{times}");
     println!(
         "at most {} handlers nested; interrupts masked for at most {:.1} us, until {:#x}; late control periods: {}",
         report.deepest_nesting, report.longest_masked_us, report.masked_until, report.late_periods
@@ -96,10 +82,4 @@ fn print(report: &Report) {
     println!("watchdog started at {:?} us; closed by the MPU: {:x?}", report.watchdog_started_us, report.closed);
     println!("bytes lost by overruns: {:?}; changes of the flash: {}", report.overruns, report.flash_changes.len());
     println!("accesses that the chip forbids: {:#?}", report.violations);
-}
-
-fn table<const N: usize>(head: [&str; N]) -> Table {
-    let mut table = Table::new();
-    table.load_preset(presets::NOTHING).set_header(head);
-    table
 }

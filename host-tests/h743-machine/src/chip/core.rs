@@ -225,7 +225,13 @@ impl Core {
     /// The address ranges to which the MPU forbids every access.
     pub fn forbidden(&self) -> impl Iterator<Item = std::ops::Range<u64>> {
         let closed = self.regions.iter().filter(|region| self.mpu_control & 1 == 1 && !region.allows(false));
-        closed.filter_map(|region| region.range())
+        closed.filter_map(|region| {
+            let range = region.range()?;
+            let eighth = ((range.end - range.start) / 8).max(1) as usize;
+            let first = range.clone().step_by(eighth).find(|part| region.has(*part))?;
+            let last = range.step_by(eighth).filter(|part| region.has(*part)).last()?;
+            Some(first..last + eighth as u64)
+        })
     }
 
     pub fn read(&self, address: u32, stored: u32, now: u64) -> u32 {

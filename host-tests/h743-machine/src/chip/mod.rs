@@ -103,6 +103,7 @@ pub struct Chip {
     bench_from: u64,
     bench_at: u64,
     period_cycles: f64,
+    sample_phase: u64,
     periods: u64,
     hse: Oscillator,
     lse: Oscillator,
@@ -140,6 +141,7 @@ impl Chip {
             bench_from: 0,
             bench_at: u64::MAX,
             period_cycles: (PERIOD_US * CYCLES_PER_US) as f64 * clock_factor,
+            sample_phase: options.sample_phase_us * CYCLES_PER_US,
             periods: 0,
             hse: options.hse,
             lse: options.lse,
@@ -292,6 +294,11 @@ impl Chip {
             return self.ports.read(&self.registers, port, address, self.now);
         }
         if Timers::has(address) {
+            // Polling until the next edge of the crystal takes no steps of its own.
+            if address == timers::TIM16 + timers::SR {
+                let capture = self.timers.next_capture(&self.registers).unwrap_or(self.now);
+                self.now = self.now.max(capture.min(self.next));
+            }
             let value = self.timers.read(&mut self.registers, address, self.now);
             self.lines();
             return value;
@@ -357,8 +364,9 @@ impl Chip {
             self.timers.write(&mut self.registers, address, value, self.now);
             if self.bench_at == u64::MAX && self.timers.pulses_run() {
                 // The IMU samples by these pulses, so the bench's time begins with them.
-                (self.bench_from, self.ports.period_at) = (self.now, self.now);
-                self.bench_at = self.now + self.period_cycles as u64;
+                let from = self.now + self.sample_phase;
+                (self.bench_from, self.ports.period_at) = (from, from);
+                self.bench_at = from + self.period_cycles as u64;
             }
             return;
         }

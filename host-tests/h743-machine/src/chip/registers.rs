@@ -12,7 +12,12 @@ use stm32_metapac::metadata::{METADATA, Peripheral};
 const KEPT_VALUES: usize = 12;
 
 /// Reset values from RM0433 that are not zero. Values of the flash are after the option bytes have been loaded.
-const RESET_VALUES: [(&str, u32); 27] = [
+const RESET_VALUES: [(&str, u32); 32] = [
+    ("TIM1.ARR", 0xffff),
+    ("TIM2.ARR", 0xffff_ffff),
+    ("TIM3.ARR", 0xffff),
+    ("TIM6.ARR", 0xffff),
+    ("TIM16.ARR", 0xffff),
     ("GPIOA.MODER", 0xabff_ffff),
     ("GPIOB.MODER", 0xffff_febf),
     ("GPIOC.MODER", 0xffff_ffff),

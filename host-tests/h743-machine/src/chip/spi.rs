@@ -118,8 +118,9 @@ impl Ports {
                 registers.set(address, value);
             }
             TXDR if size == 1 => {
-                if registers.get(PORTS[port] + CR1) & 0x201 != 0x201 {
-                    registers.violate("a byte was written to an SPI port that was not started".into());
+                // A byte that is written before the transfer is started waits for the start, which follows at once.
+                if registers.get(PORTS[port] + CR1) & 1 == 0 {
+                    registers.violate("a byte was written to an SPI port that was not enabled".into());
                 }
                 self.clock(registers, bench, port, value as u8, now)?;
             }

@@ -210,6 +210,14 @@ impl Timers {
         self.crystal_from.map_or(0, |from| (now.saturating_sub(from) as f64 / cycles) as u64)
     }
 
+    /// Time of the next capture of the crystal; `None` if none is to come.
+    pub fn next_capture(&self, registers: &Registers) -> Option<u64> {
+        let every = 1_u64 << (registers.get(TIM16 + CCMR1) >> 2 & 3);
+        let cycles = CORE_HZ * self.clock_factor / CRYSTAL_HZ;
+        let from = self.crystal_from.filter(|_| self.reference.from.is_some())?;
+        Some(from + ((self.captured + every) as f64 * cycles) as u64 + 1)
+    }
+
     /// TIM16 captures every n-th edge of the crystal on its channel 1.
     fn capture_crystal(&mut self, registers: &mut Registers, now: u64) {
         const OF_CRYSTAL: u32 = 2;
