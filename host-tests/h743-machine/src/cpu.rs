@@ -327,7 +327,10 @@ impl Machine {
         const BLOCKING: u32 = 2;
         let [buffer, size, write, read] = [0, 1, 2, 3].map(|number| self.word(self.rtt + BUFFER + 4 * number));
         if self.log_unread {
-            // The probe has switched the log to blocking and has gone away.
+            // The probe has switched the log to blocking and has gone away. No byte is free any more.
+            let full = if size == 0 { 0 } else { (write + 1) % size };
+            let place = self.rtt + BUFFER + 12;
+            self.unicorn.mem_write(place.into(), &full.to_le_bytes()).map_err(|_| anyhow!("no log"))?;
             let flags = self.rtt + BUFFER + 16;
             self.unicorn.mem_write(flags.into(), &BLOCKING.to_le_bytes()).map_err(|_| anyhow!("no log"))?;
             return Ok(());
@@ -424,7 +427,8 @@ fn unicorn(state: State, image: &Image) -> Result<Unicorn<'static, State>, uc_er
     }
     unicorn.mem_map((HANDLER_END & !0xfff).into(), 0x1000, Prot::ALL)?;
     unicorn.mem_map(HANG.into(), 0x1000, Prot::READ | Prot::EXEC)?;
-    unicorn.mem_write(HANG.into(), &[0xfe, 0xe7])?;
+    // It sleeps between two interrupts, so that it takes no time of the host.
+    unicorn.mem_write(HANG.into(), &[0x30, 0xbf, 0xfd, 0xe7])?;
     unicorn.mem_write(UNDEFINED.into(), &[0x00, 0xde])?;
     for (start, length) in REGISTERS {
         let base = start as u32;

@@ -141,6 +141,8 @@ pub struct Bench<P> {
     axes: [AxisChips; 2],
     damage: Option<Damage>,
     switched_off: u32,
+    /// A trouble that is to come: its control period, its axis, and what it is.
+    planned: Option<(u64, usize, Trouble)>,
 }
 
 impl<P: Plant> Bench<P> {
@@ -160,6 +162,7 @@ impl<P: Plant> Bench<P> {
             axes: [AxisChips::new(), AxisChips::new()],
             damage: None,
             switched_off: 0,
+            planned: None,
         }
     }
 
@@ -176,6 +179,11 @@ impl<P: Plant> Bench<P> {
     /// Sets the fault of an axis. `None` repairs the axis.
     pub fn set_trouble(&mut self, axis: usize, trouble: Option<Trouble>) {
         self.axes[axis].set_trouble(trouble);
+    }
+
+    /// Sets the fault of an axis at this time of the bench, us.
+    pub fn plan_trouble(&mut self, at_us: u64, axis: usize, trouble: Trouble) {
+        self.planned = Some((at_us / PERIOD_US, axis, trouble));
     }
 
     /// Number of samples that the IMU has given.
@@ -247,6 +255,9 @@ impl<P: Plant> Bench<P> {
         let outputs = self.axes.each_mut().map(AxisChips::drive);
         let Some(Tick { encoders_rad, reading }) = self.plant.advance(outputs) else { return false };
         self.periods += 1;
+        if let Some((_, axis, trouble)) = self.planned.take_if(|(period, ..)| *period == self.periods) {
+            self.set_trouble(axis, Some(trouble));
+        }
         for (axis, seen_rad) in self.axes.iter_mut().zip(encoders_rad) {
             axis.turned_rad = seen_rad - std::mem::replace(&mut axis.seen_rad, seen_rad);
         }

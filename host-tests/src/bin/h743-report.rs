@@ -54,7 +54,7 @@ fn main() -> Result<()> {
     let on_message = |message: &Message| {
         corrected += u32::from(matches!(message, Message::Corrected { .. }));
         let turns = matches!(message, Message::State { state: State::Turn(1), .. });
-        off.set(corrected >= 3 || arguments.short && turns);
+        off.set(off.get() || corrected >= 3 || arguments.short && turns);
     };
     let report = run(&setup, &mut Bench::with_imu(plant, arguments.imu), |line| println!("log: {line}"), on_message)?;
     print(&report);

@@ -109,7 +109,8 @@ impl Usart {
             }
             if self.received.len() as u64 >= self.depth(registers) {
                 self.overrun = true;
-                self.lost += 1;
+                // Before its interrupt is enabled, nobody reads the port.
+                self.lost += u64::from(registers.get(self.base + CR1) & RECEIVED != 0);
             } else {
                 self.received.push_back(byte);
             }

@@ -12,6 +12,7 @@ use rins_selfcal::instrument::{Archive, UnitMemory};
 use rins_selfcal::keep::mark::Mark;
 use rins_selfcal::keep::medium::Flash;
 use rins_selfcal::keep::partition::Layout;
+use rins_selfcal::keep::store::{Piece, Wanted};
 use rins_selfcal::link::Frame;
 use rins_selfcal::run::assignment::Assignment;
 use rins_selfcal::run::telemetry::Message;
@@ -104,6 +105,24 @@ pub fn commission(path: &Path, assignment: &[u8]) -> Result<()> {
         ensure!(memory.mark(Mark::AtRest { angles_rad: [0.0; 2] }), "the mark of motion cannot be stored");
     }
     write_flash(path, flash.into_inner().flash())
+}
+
+/// All intact calibrations in a flash, newest first, as the store reads them. They are encoded, because NaN differs from
+/// NaN.
+///
+/// # Panics
+/// The memory does not work.
+pub fn calibrations(flash: &RecordFlash) -> Vec<Vec<u8>> {
+    let memory = RefCell::new(Flash::new(flash.clone(), 0..(SECTORS * SECTOR) as u32));
+    let mut memory = UnitMemory::new(&memory, LAYOUT);
+    let mut read = |back: u16| loop {
+        match Archive::read_piece(&mut memory, Wanted::Entry { back }).expect("a virtual memory works") {
+            Piece::More => {}
+            Piece::Whole(record) => return Some(postcard::to_stdvec(&record).expect("it serializes")),
+            Piece::Nothing => return None,
+        }
+    };
+    (0..).map_while(&mut read).collect()
 }
 
 /// How a run of the machine ended.
