@@ -322,7 +322,12 @@ fn without_the_external_clock_it_starts_on_the_internal_one_and_says_so() {
 fn a_good_clock_is_not_mentioned() {
     for ppm in ["-40", "40"] {
         let outcome = PowerUp::new(&format!("--clock-ppm {ppm}")).until_it_turns();
-        assert!(!outcome.has_logged("clock"), "{:?}", outcome.log);
+        assert_eq!(
+            (outcome.report.ended, outcome.has_logged("clock")),
+            (Ended::SwitchedOff, false),
+            "{:?}",
+            outcome.log
+        );
     }
 }
 
@@ -378,11 +383,14 @@ fn full_of_remains(machine: &str) -> PowerUp {
     unit
 }
 
+/// Number of sectors that a power-up erases: the one for the next record.
+const ERASES: usize = 1;
+
 #[test]
 fn the_spurious_read_error_of_revision_v_is_no_failed_erase() {
     let outcome = full_of_remains("--rdserr").until_it_turns();
     let erases = outcome.report.flash_changes.iter().filter(|change| matches!(change, Change::Erased(_)));
-    assert!(erases.count() > 0, "no sector was erased");
+    assert_eq!((erases.count(), outcome.found()), (ERASES, (false, true, false)), "{:?}", outcome.log);
     assert!(!outcome.has_logged("cannot take a record") && !outcome.has_logged("the flash:"), "{:?}", outcome.log);
 }
 
@@ -515,24 +523,24 @@ fn it_answers_commands() {
     assert!(matches!(answer(4), Some(Answer::Unit(_))));
 }
 
-/// Bytes without a pause arrive while the IMU is read at every phase of the control period. None is lost, and the FIFO of
-/// 16 bytes is never near its end: it is full after 174 us.
+/// Bytes without a pause arrive while the IMU is read at different phases of the control period. None is lost, and the FIFO
+/// of 16 bytes is never near its end: it is full after 174 us. The ADIS16495 alone is read in 98 us.
 #[test]
 fn no_received_byte_is_lost_while_the_imu_is_read() {
     let stream = "55".repeat(20_000);
-    for phase_us in [0, 40, 80, 880, 940] {
+    for phase_us in [0, 300, 350, 400, 800] {
         let unit = PowerUp::new(&format!("--sample-phase-us {phase_us} --receive {stream}@2000000"));
         let report = unit.until_it_turns().report;
-        assert_eq!(report.overruns, [0, 0], "phase {phase_us} us");
+        assert_eq!((report.ended, report.overruns), (Ended::SwitchedOff, [0, 0]), "phase {phase_us} us");
         let wait_us = report.interrupt("USART3").longest_wait_us;
-        assert!(wait_us < 100.0, "phase {phase_us} us: {wait_us} us");
+        assert!((1.0..90.0).contains(&wait_us), "phase {phase_us} us: {wait_us} us");
     }
 }
 
 /// The figures of the guide's table.
 #[test]
 fn times_and_stack_are_within_their_limits() {
-    for phase_us in [0, 940] {
+    for phase_us in [0, 350] {
         let report = PowerUp::new(&format!("--sample-phase-us {phase_us}")).until_it_turns().report;
         let longest = |name: &str| report.interrupt(name).longest_run_us;
         assert!(

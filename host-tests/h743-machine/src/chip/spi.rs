@@ -218,7 +218,7 @@ impl ImuLine {
             }
             return Ok(self.burst.get(place).copied().unwrap_or(0));
         }
-        if place % 2 == 0 {
+        if place.is_multiple_of(2) {
             self.answer = bench.imu_answer()?;
             return Ok(self.answer[0]);
         }

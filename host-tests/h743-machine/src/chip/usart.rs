@@ -103,7 +103,10 @@ impl Usart {
 
     /// Takes the bytes that are complete.
     pub fn advance(&mut self, registers: &Registers, now: u64) {
-        while let Some((byte, _)) = self.arriving.pop_front_if(|(_, at)| *at <= now) {
+        while let Some((byte, at)) = self.arriving.front().copied()
+            && at <= now
+        {
+            let _ = self.arriving.pop_front();
             if registers.get(self.base + CR1) & 5 != 5 {
                 continue;
             }
