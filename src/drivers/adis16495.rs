@@ -694,7 +694,7 @@ mod tests {
             started.map(|imu| imu.identity().product)
         };
         let good = start_script(16_495, 0x3, 0x00cd, 0);
-        assert_eq!(cold(&[good.clone()]), Ok(16_495));
+        assert_eq!(cold(std::slice::from_ref(&good)), Ok(16_495));
         assert_eq!(cold(&[silent.clone(), silent.clone(), good]), Ok(16_495));
         assert_eq!(cold(&[silent.clone(), silent.clone(), silent.clone()]), Err(StartFault::Product(0)));
     }
