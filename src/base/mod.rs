@@ -2,6 +2,7 @@
 
 pub mod angle;
 pub mod bounds;
+pub mod clock_check;
 #[cfg(test)]
 pub(crate) mod golden;
 pub mod hardware;

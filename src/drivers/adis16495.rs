@@ -55,6 +55,10 @@ const FLAGS: u16 = 0x81ee;
 
 /// Shortest time between two words (stall), us.
 const STALL_US: u32 = 5;
+/// Time from power-on until the IMU answers, ms: 250 ms by the data sheet, with a margin for a slow supply.
+pub const POWER_ON_MS: u32 = 300;
+/// Most tries to start an IMU that may have got its power just now.
+pub const TRIES: u32 = 3;
 /// Time from a software reset to the first sample, ms.
 const RESET_MS: u32 = 210;
 
@@ -293,44 +297,49 @@ const LATE_US: u64 = 500;
 
 impl<S: SpiDevice> Adis16495<S> {
     /// Resets the IMU on `spi`, checks product and sub-model, reads the serial number, and writes the settings. The IMU
-    /// samples from then on. This call takes a quarter of a second.
+    /// samples from then on. This call takes a quarter of a second. The IMU has been powered for [`POWER_ON_MS`].
     ///
     /// # Errors
     /// The IMU does not answer as a member of its family, reports a fault, or does not accept the settings.
     pub fn start(spi: S, delay: &mut impl DelayNs, settings: &Adis16495Settings) -> Result<Self, StartFault<S::Error>> {
-        if !settings.are_valid() {
-            return Err(StartFault::Settings);
-        }
         let mut registers = RegisterAccess { spi, delay, page: None };
-        registers.write(Register::GLOB_CMD, 1 << 7)?;
-        registers.delay.delay_ms(RESET_MS);
-        registers.page = None;
-        let product = registers.read(Register::PROD_ID)?;
-        let scale = Scale::new(product, registers.read(Register::RANG_MDL)?)?;
-        let identity = ImuIdentity { product, serial: registers.read(Register::SERIAL_NUM)?.into() };
-        for (register, value) in settings.registers() {
-            registers.write(register, value)?;
-            let holds = registers.read(register)?;
-            if holds != value {
-                return Err(StartFault::Register { register, holds });
+        let found = registers.start(settings)?;
+        Ok(Self::started(registers.spi, found, settings))
+    }
+
+    /// As [`Self::start`], for an IMU that may have got its power at the time of the call: waits for [`POWER_ON_MS`], and
+    /// tries up to [`TRIES`] times.
+    ///
+    /// # Errors
+    /// The fault of the last try.
+    pub fn start_cold(
+        spi: S,
+        delay: &mut impl DelayNs,
+        settings: &Adis16495Settings,
+    ) -> Result<Self, StartFault<S::Error>> {
+        delay.delay_ms(POWER_ON_MS);
+        let mut registers = RegisterAccess { spi, delay, page: None };
+        let mut found = registers.start(settings);
+        for _ in 1..TRIES {
+            if found.is_ok() {
+                break;
             }
+            registers.page = None;
+            found = registers.start(settings);
         }
-        match registers.read(Register::DIAG_STS)? {
-            0 => {}
-            sensors => return Err(StartFault::Sensor(sensors)),
-        }
-        match registers.read(Register::SYS_E_FLAG)? & FLAGS {
-            // Page 0 is selected now, as the burst requires.
-            0 => Ok(Self {
-                spi: registers.spi,
-                identity,
-                scale,
-                settings: *settings,
-                counter: Counter::new(16),
-                cadence: Cadence::new((1e6 * settings.interval_s()) as f32),
-                recovery: None,
-            }),
-            flags => Err(StartFault::Status(flags)),
+        let found = found?;
+        Ok(Self::started(registers.spi, found, settings))
+    }
+
+    fn started(spi: S, (identity, scale): (ImuIdentity, Scale), settings: &Adis16495Settings) -> Self {
+        Self {
+            spi,
+            identity,
+            scale,
+            settings: *settings,
+            counter: Counter::new(16),
+            cadence: Cadence::new((1e6 * settings.interval_s()) as f32),
+            recovery: None,
         }
     }
 
@@ -494,6 +503,34 @@ struct RegisterAccess<'d, S, D> {
 }
 
 impl<S: SpiDevice, D: DelayNs> RegisterAccess<'_, S, D> {
+    /// Resets the IMU, finds out which one it is, and writes the settings. Page 0 is selected then, as the burst requires.
+    fn start(&mut self, settings: &Adis16495Settings) -> Result<(ImuIdentity, Scale), StartFault<S::Error>> {
+        if !settings.are_valid() {
+            return Err(StartFault::Settings);
+        }
+        self.write(Register::GLOB_CMD, 1 << 7)?;
+        self.delay.delay_ms(RESET_MS);
+        self.page = None;
+        let product = self.read(Register::PROD_ID)?;
+        let scale = Scale::new(product, self.read(Register::RANG_MDL)?)?;
+        let identity = ImuIdentity { product, serial: self.read(Register::SERIAL_NUM)?.into() };
+        for (register, value) in settings.registers() {
+            self.write(register, value)?;
+            let holds = self.read(register)?;
+            if holds != value {
+                return Err(StartFault::Register { register, holds });
+            }
+        }
+        match self.read(Register::DIAG_STS)? {
+            0 => {}
+            sensors => return Err(StartFault::Sensor(sensors)),
+        }
+        match self.read(Register::SYS_E_FLAG)? & FLAGS {
+            0 => Ok((identity, scale)),
+            flags => Err(StartFault::Status(flags)),
+        }
+    }
+
     fn send(&mut self, word: [u8; 2], stall_us: u32) -> Result<(), StartFault<S::Error>> {
         self.spi.write(&word).map_err(StartFault::Bus)?;
         self.delay.delay_us(stall_us);
@@ -637,6 +674,29 @@ mod tests {
         assert_eq!(imu.identity(), ImuIdentity { product: 16_495, serial: SERIAL.into() });
         spi.done();
         delay.done();
+    }
+
+    /// An IMU that does not answer at the first two tries, as one whose supply is slow.
+    #[test]
+    fn a_cold_start_waits_and_tries_again() {
+        let silent =
+            [sent(&[0x8003, 0x8280, 0x8300, 0x8000]), answered(0x7e00, 0), sent(&[0x8003]), answered(0x1200, 0)];
+        let silent = silent.concat();
+        let cold = |script: &[Vec<Transaction<u8>>]| {
+            let mut spi = Mock::new(&script.concat());
+            let waits = vec![Delay::delay_ms(300)];
+            let tries =
+                script.iter().map(|part| if *part == silent { start_delays()[..10].to_vec() } else { start_delays() });
+            let mut delay = CheckedDelay::new(&waits.into_iter().chain(tries.flatten()).collect::<Vec<_>>());
+            let started = Adis16495::start_cold(spi.clone(), &mut delay, &Adis16495Settings::default());
+            spi.done();
+            delay.done();
+            started.map(|imu| imu.identity().product)
+        };
+        let good = start_script(16_495, 0x3, 0x00cd, 0);
+        assert_eq!(cold(std::slice::from_ref(&good)), Ok(16_495));
+        assert_eq!(cold(&[silent.clone(), silent.clone(), good]), Ok(16_495));
+        assert_eq!(cold(&[silent.clone(), silent.clone(), silent.clone()]), Err(StartFault::Product(0)));
     }
 
     #[test]

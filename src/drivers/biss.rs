@@ -136,6 +136,27 @@ impl<S: SpiDevice> BissEncoder<S> {
         self.warnings
     }
 
+    /// The bus to the encoder, to set its mode.
+    pub fn bus(&mut self) -> &mut S {
+        &mut self.spi
+    }
+
+    /// Forgets where the last frame began, after the bus has got another mode.
+    pub fn forget(&mut self) {
+        self.start = None;
+    }
+
+    /// Number of good frames among this many. `pause` lets the encoder become ready between two frames.
+    pub fn good_frames(&mut self, frames: u32, mut pause: impl FnMut()) -> u32 {
+        self.forget();
+        let mut good = 0;
+        for _ in 0..frames {
+            good += u32::from(self.read().is_ok());
+            pause();
+        }
+        good
+    }
+
     /// Reads the angle of the axis at the time when the read begins.
     ///
     /// # Errors

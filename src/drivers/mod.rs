@@ -6,6 +6,7 @@
 //! biss       absolute encoder, BiSS-C           bits clocked in over SPI  -> Angle
 //! adis16495  IMU on SPI with data-ready         burst of 20 words         -> ImuReading
 //! kvh1750    fibre-optic IMU on RS-422          bytes of a UART           -> ImuReading
+//! stm32h743  decisions of the board             values of registers       -> outcome
 //! ```
 //! A driver returns a fault instead of a measurement that its device does not guarantee. No driver reads a clock: times
 //! are arguments.
@@ -16,5 +17,6 @@ pub mod bridge;
 pub mod imu;
 pub mod kvh1750;
 pub mod one_pulse;
+pub mod stm32h743;
 
 pub use imu::{ImuFault, ImuReading};

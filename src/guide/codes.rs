@@ -1,5 +1,6 @@
 //! Every code that a message has has a page in the chapter `reasons`, and every page is of a code.
 
+use crate::base::clock_check::ClockFault;
 use crate::base::golden::{Row, table};
 use crate::estimator::constancy::{Change, EarthRateAxis, Suspicion};
 use crate::gimbal::{BridgeFault, EncoderFault, Fault, FaultKind, LocateError, LocateRefusal, TurnFault};
@@ -69,6 +70,9 @@ fn of_reasons() -> Vec<Row<Reason>> {
         Reason::Hardware { .. } | Reason::Changing(Suspicion { change: Change::Effect(_) | Change::Kind(_), .. }) =>
             Reason::Hardware { effect: 0, size: 2e-4, sigma: 3e-5, configured: 6e-5 }, "hardware-effect";
         Reason::UnknownLatitude { .. } => Reason::UnknownLatitude { sigma_rad: 0.1 }, "unknown-latitude";
+        Reason::Clock(ClockFault::Absent) => Reason::Clock(ClockFault::Absent), "no-clock";
+        Reason::Clock(ClockFault::Off(_)) => Reason::Clock(ClockFault::Off(4000.0)), "clock-off";
+        Reason::Clock(ClockFault::Unchecked) => Reason::Clock(ClockFault::Unchecked), "clock-not-checked";
     }
 }
 

@@ -7,6 +7,7 @@
 //! | [`reasons`] | every reason of a rejected or aborted run: what it means and what to look at first |
 //! | [`schemes`] | choosing a rotation scheme, planning one, the table of the library |
 //! | [`board`] | the core on your board: interrupts, drivers, wiring, store, watchdog, serial line |
+//! | [`bring_up`] | the first hour on silicon: what to measure on a new board, in order, with the expected readings |
 //! | [`formats`] | every file and record: log, mapping, unit, errors, scheme, result, store, link |
 //! | [`theory`] | frames, signs, the error model, both methods, observability |
 //! | [`studies`] | Monte Carlo, faults, fuzzing, mutants and the other campaigns, each with its command |
@@ -48,6 +49,7 @@ chapters! {
     reasons: "every reason of a rejected or aborted run: what it means and what to look at first",
     schemes: "choosing a rotation scheme, planning one, the table of the library",
     board: "the core on your board: interrupts, drivers, wiring, store, watchdog, serial line",
+    bring_up: "the first hour on silicon: what to measure on a new board, in order, with the expected readings",
     formats: "every file and record: log, mapping, unit, errors, scheme, result, store, link",
     theory: "frames, signs, the error model, both methods, observability",
     studies: "Monte Carlo, faults, fuzzing, mutants and the other campaigns, each with its command",

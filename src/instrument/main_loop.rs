@@ -158,7 +158,9 @@ impl<'m, T: Real> Instrument<'m, T> {
                 return Err(error);
             }
         }
-        Ok(Self::ready(startup, (stored.as_ref(), unit), link, calibrator))
+        let mut instrument = Self::ready(startup, (stored.as_ref(), unit), link, calibrator);
+        instrument.run.note_clock(outside.clock_fault());
+        Ok(instrument)
     }
 
     /// The instrument with a configuration that is checked. Not inlined, so that the check does not need its stack.

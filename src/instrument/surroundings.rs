@@ -2,6 +2,7 @@
 
 use crate::acquisition::queue::SampleWithGimbal;
 use crate::base::angle::Angle;
+use crate::base::clock_check::ClockFault;
 use crate::base::imu_identity::ImuIdentity;
 use crate::base::linear::Real;
 use crate::base::loss::LossCounts;
@@ -229,6 +230,11 @@ pub trait Surroundings<T: Real>: Axes + CorrectedSink<T> + Events + SerialLine +
 
     /// Which IMU gives the samples; by default the IMU does not tell. Asked for at the first sample.
     fn imu(&mut self) -> Option<ImuIdentity> {
+        None
+    }
+
+    /// What is wrong with the clock of the time stamps; by default nothing. Asked for at power-up.
+    fn clock_fault(&mut self) -> Option<ClockFault> {
         None
     }
 

@@ -2,6 +2,7 @@
 //! unless the row belongs to a new variant at the end of its type.
 
 use super::result::REASONS_SCHEMA;
+use crate::base::clock_check::ClockFault;
 use crate::base::golden::{check_bytes, table};
 use crate::estimator::constancy::{Change, EarthRateAxis, Suspicion};
 use crate::verdict::wiring::Wiring;
@@ -97,5 +98,8 @@ fn the_bytes_of_every_reason_are_these() {
         Reason::Hardware { .. } => Reason::Hardware { effect: 58, size: 0.5, sigma: 0.25, configured: 2.0 },
             "18 3a 00 00 00 00 00 00 e0 3f 00 00 00 00 00 00 d0 3f 00 00 00 00 00 00 00 40";
         Reason::UnknownLatitude { .. } => Reason::UnknownLatitude { sigma_rad: 0.5 }, "19 00 00 00 00 00 00 e0 3f";
+        Reason::Clock(ClockFault::Absent) => Reason::Clock(ClockFault::Absent), "1a 00";
+        Reason::Clock(ClockFault::Off(_)) => Reason::Clock(ClockFault::Off(-2.0)), "1a 01 00 00 00 c0";
+        Reason::Clock(ClockFault::Unchecked) => Reason::Clock(ClockFault::Unchecked), "1a 02";
     });
 }

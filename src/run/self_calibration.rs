@@ -6,6 +6,7 @@
 //! [`SelfCalibration::record`] when [`Step::save`] is set.
 
 use crate::base::angle::{Angle, ticks_to_rad};
+use crate::base::clock_check::ClockFault;
 use crate::base::imu_identity::ImuIdentity;
 use crate::base::linear::{Real, real};
 use crate::base::sample::{CorrectedSample, RawSample};
@@ -115,6 +116,8 @@ pub struct SelfCalibration<'c, T: Real> {
     /// While motion is locked, no command is given to the gimbal.
     lock: Option<MotionLock>,
     imu: Option<ImuIdentity>,
+    /// What is wrong with the clock of the time stamps.
+    clock: Option<ClockFault>,
     decision: Option<Decision>,
     start: bool,
     sequencer: Sequencer,
@@ -169,6 +172,7 @@ impl<'c, T: Real> SelfCalibration<'c, T> {
             calibrator,
             lock: None,
             imu: None,
+            clock: None,
             measuring: false,
             previous: None,
             heard: None,
@@ -209,6 +213,11 @@ impl<'c, T: Real> SelfCalibration<'c, T> {
         if self.stored.as_ref().is_some_and(|(_, stored)| stored.has_other_imu(&now)) {
             self.calibration = None;
         }
+    }
+
+    /// Tells what is wrong with the clock of the time stamps, before the first run.
+    pub fn note_clock(&mut self, fault: Option<ClockFault>) {
+        self.clock = fault;
     }
 
     /// Sets the time of power-up, seconds since 1970-01-01 UTC; `None` if it is not known. Permitted at any time: a
@@ -623,6 +632,7 @@ impl<'c, T: Real> SelfCalibration<'c, T> {
             self.calibrator.judge(solution, stored, &self.config.limits)
         });
         let mut verdict = verdict;
+        verdict.note_clock(self.clock);
         if let Some(leg) = self.sequencer.cut_after() {
             verdict.explain(Reason::Cut { leg, legs: self.sequencer.legs() - 1 });
         }

@@ -1,6 +1,7 @@
 //! The input of the verdict, and the verdict.
 
 use super::reason::Reason;
+use crate::base::clock_check::ClockFault;
 use crate::base::hardware::Hardware;
 use crate::base::linear::{ComplexField, Real};
 use crate::base::site::Site;
@@ -24,7 +25,7 @@ pub struct Verdict {
     pub reasons: heapless::Vec<Reason, MAX_REASONS>,
     /// Number of doubts that did not fit.
     pub more: u16,
-    /// Changes from the stored calibration that the limits permit.
+    /// Changes from the stored calibration that the limits permit, and other remarks that are no doubts.
     pub changes: heapless::Vec<Reason, MAX_REASONS>,
 }
 
@@ -70,6 +71,17 @@ impl Verdict {
         })
     }
 
+    /// Takes account of the clock of the time stamps: a doubt, or for a clock that was not checked a remark beside the
+    /// changes.
+    pub fn note_clock(&mut self, fault: Option<ClockFault>) {
+        match fault {
+            Some(fault) if fault.rejects() => self.doubt(Reason::Clock(fault)),
+            // If the vector is full, the changes say more than the remark.
+            Some(fault) => drop(self.changes.push(Reason::Clock(fault))),
+            None => {}
+        }
+    }
+
     /// Adds a doubt.
     pub(super) fn doubt(&mut self, reason: Reason) {
         if self.reasons.push(reason).is_err() {
@@ -99,4 +111,22 @@ pub struct Assessment<'a, T: Real> {
     pub counts: IntakeCounts,
     /// The calibration in the store, if there is one.
     pub stored: Option<&'a Estimate>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_wrong_clock_rejects_and_one_that_is_not_checked_is_told() {
+        let noted = |fault| {
+            let mut verdict = Verdict::default();
+            verdict.note_clock(fault);
+            (verdict.accepted(), verdict.reasons.len(), verdict.changes.len())
+        };
+        assert_eq!(noted(None), (true, 0, 0));
+        assert_eq!(noted(Some(ClockFault::Absent)), (false, 1, 0));
+        assert_eq!(noted(Some(ClockFault::Off(-51.0))), (false, 1, 0));
+        assert_eq!(noted(Some(ClockFault::Unchecked)), (true, 0, 1));
+    }
 }

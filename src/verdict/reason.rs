@@ -2,6 +2,7 @@
 
 use super::scale::WrongScale;
 use super::setting::WrongSetting;
+use crate::base::clock_check::ClockFault;
 use crate::base::sample::CHANNELS;
 use crate::base::units::{ARCSEC, DEG, DEG_H, HOUR_S, MICRO_G, PPM};
 use crate::estimator::constancy::{Change, Suspicion};
@@ -100,6 +101,8 @@ pub enum Reason {
     Hardware { effect: u8, size: f64, sigma: f64, configured: f64 },
     /// No latitude is configured, and the gyros find it to this sigma only, rad.
     UnknownLatitude { sigma_rad: f64 },
+    /// The clock of the time stamps is wrong or was not checked.
+    Clock(ClockFault),
 }
 
 impl Reason {
@@ -133,6 +136,9 @@ impl Reason {
             Self::Changed { .. } => "changed",
             Self::Hardware { .. } => "hardware-effect",
             Self::UnknownLatitude { .. } => "unknown-latitude",
+            Self::Clock(ClockFault::Absent) => "no-clock",
+            Self::Clock(ClockFault::Off(_)) => "clock-off",
+            Self::Clock(ClockFault::Unchecked) => "clock-not-checked",
         }
     }
 }
@@ -354,6 +360,7 @@ impl fmt::Display for Reason {
                 "no latitude is configured, and the gyros find it to {} deg only; give it in the unit description",
                 Fixed(sigma_rad / DEG, 1)
             ),
+            Self::Clock(fault) => fault.fmt(f),
             Self::Gap { segment, longest_us } => {
                 write!(f, "in segment {segment}, no sample arrived for {} ms", longest_us / 1000)
             }

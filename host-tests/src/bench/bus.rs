@@ -2,6 +2,12 @@
 
 use super::wire::chip;
 
+/// Numbers on the bus of the machine of the board STM32H743, beside those of the emulator.
+const OUTER_ENCODER: u8 = 1;
+const INNER_ENCODER: u8 = 2;
+/// Not a chip: the word that the IMU sends next. See [`Bench::imu_answer`](super::Bench::imu_answer).
+pub const IMU_ANSWER: u8 = 5;
+
 /// A chip on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Chip {
@@ -23,6 +29,8 @@ impl Chip {
     pub fn numbered(number: u8) -> Option<Self> {
         match number {
             chip::IMU => Some(Self::Imu),
+            OUTER_ENCODER => Some(Self::OuterEncoder),
+            INNER_ENCODER => Some(Self::InnerEncoder),
             chip::PERIOD => Some(Self::Period),
             chip::MOTORS_OFF => Some(Self::MotorsOff),
             _ => None,

@@ -64,6 +64,10 @@ struct AxisChips {
     trouble: Option<Trouble>,
     /// Angle at the encoder, rad.
     seen_rad: f64,
+    /// How far the encoder turned in the last period, rad.
+    turned_rad: f64,
+    /// How far the encoder has turned since then until it is clocked, rad.
+    late_rad: f64,
     /// Angle at which the encoder froze, rad.
     frozen_rad: f64,
     frames: u32,
@@ -77,6 +81,8 @@ impl AxisChips {
             bridge: BridgeChip::default(),
             trouble: None,
             seen_rad: 0.0,
+            turned_rad: 0.0,
+            late_rad: 0.0,
             frozen_rad: 0.0,
             frames: 0,
             output: Output::Open,
@@ -92,11 +98,12 @@ impl AxisChips {
 
     fn clock_encoder(&mut self, frame: &mut [u8]) {
         self.frames = self.frames.wrapping_add(1);
+        let seen_rad = self.seen_rad + std::mem::take(&mut self.late_rad);
         let angle_rad = match self.trouble {
             Some(Trouble::EncoderFrozen) => self.frozen_rad,
-            Some(Trouble::EncoderSlip(slip_deg)) => self.seen_rad + slip_deg.to_radians(),
-            Some(Trouble::EncoderReversed) => -self.seen_rad,
-            _ => self.seen_rad,
+            Some(Trouble::EncoderSlip(slip_deg)) => seen_rad + slip_deg.to_radians(),
+            Some(Trouble::EncoderReversed) => -seen_rad,
+            _ => seen_rad,
         };
         self.encoder.clock(angle_rad, frame);
         if let Some(Trouble::EncoderCrc(every)) = self.trouble
@@ -134,6 +141,8 @@ pub struct Bench<P> {
     axes: [AxisChips; 2],
     damage: Option<Damage>,
     switched_off: u32,
+    /// A trouble that is to come: its control period, its axis, and what it is.
+    planned: Option<(u64, usize, Trouble)>,
 }
 
 impl<P: Plant> Bench<P> {
@@ -153,6 +162,7 @@ impl<P: Plant> Bench<P> {
             axes: [AxisChips::new(), AxisChips::new()],
             damage: None,
             switched_off: 0,
+            planned: None,
         }
     }
 
@@ -169,6 +179,11 @@ impl<P: Plant> Bench<P> {
     /// Sets the fault of an axis. `None` repairs the axis.
     pub fn set_trouble(&mut self, axis: usize, trouble: Option<Trouble>) {
         self.axes[axis].set_trouble(trouble);
+    }
+
+    /// Sets the fault of an axis at this time of the bench, us.
+    pub fn plan_trouble(&mut self, at_us: u64, axis: usize, trouble: Trouble) {
+        self.planned = Some((at_us / PERIOD_US, axis, trouble));
     }
 
     /// Number of samples that the IMU has given.
@@ -240,8 +255,11 @@ impl<P: Plant> Bench<P> {
         let outputs = self.axes.each_mut().map(AxisChips::drive);
         let Some(Tick { encoders_rad, reading }) = self.plant.advance(outputs) else { return false };
         self.periods += 1;
+        if let Some((_, axis, trouble)) = self.planned.take_if(|(period, ..)| *period == self.periods) {
+            self.set_trouble(axis, Some(trouble));
+        }
         for (axis, seen_rad) in self.axes.iter_mut().zip(encoders_rad) {
-            axis.seen_rad = seen_rad;
+            axis.turned_rad = seen_rad - std::mem::replace(&mut axis.seen_rad, seen_rad);
         }
         self.data_ready = reading.is_some() && self.imu() == Imu::Adis16495;
         if let Some(reading) = reading {
@@ -276,6 +294,24 @@ impl<P: Plant> Bench<P> {
         if let Some(damage) = self.damage.as_mut().filter(|_| !is_spared) {
             damage(chip, frame);
         }
+    }
+
+    /// One transfer with an encoder some time after the last period: the first four bytes of `frame` are that time, ns,
+    /// low byte first. The axis is taken to turn on as in the last period.
+    pub fn clock_late(&mut self, chip: Chip, frame: &mut [u8]) {
+        let axis = &mut self.axes[usize::from(chip == Chip::InnerEncoder)];
+        let late_ns = frame.first_chunk().map_or(0, |bytes| u32::from_le_bytes(*bytes));
+        // A continuous angle that is wrapped steps by a turn.
+        let turned_rad = if axis.turned_rad.abs() < 1.0 { axis.turned_rad } else { 0.0 };
+        axis.late_rad = turned_rad * f64::from(late_ns) / (1000.0 * PERIOD_US as f64);
+        self.transfer(chip, frame);
+    }
+
+    /// Puts the word that the IMU sends with the next word into `frame`. A bus that sends and receives byte by byte needs
+    /// the answer before it has the whole word.
+    pub fn imu_answer(&self, frame: &mut [u8]) {
+        let answer = self.imu.next_answer().to_be_bytes();
+        frame.iter_mut().zip(answer).for_each(|(byte, answer)| *byte = answer);
     }
 
     fn switch_off(&mut self) {

@@ -77,6 +77,14 @@ impl ImuChip {
         }
     }
 
+    /// The word that an ADIS16495 sends with the next word. A KVH 1750 sends none.
+    pub(super) fn next_answer(&self) -> u16 {
+        match self {
+            Self::Adis16495(chip) => chip.next_answer(),
+            Self::Kvh1750(..) => 0,
+        }
+    }
+
     /// Makes the x gyro fail its test.
     pub(super) fn fail_gyro(&mut self) {
         match self {

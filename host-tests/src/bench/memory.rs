@@ -236,6 +236,21 @@ impl<const WORD: usize, const SECTOR: usize> VirtualFlash<WORD, SECTOR> {
         }
     }
 
+    /// A memory with this content; what is missing of it is blank. The words at some addresses cannot be read.
+    pub fn with_content(sectors: usize, bytes: &[u8], unreadable: impl IntoIterator<Item = usize>) -> Self {
+        let mut flash = Self::blank(sectors);
+        flash.bytes[..bytes.len()].copy_from_slice(bytes);
+        flash.renew_written(0..bytes.len() / WORD * WORD);
+        unreadable.into_iter().for_each(|address| flash.set_readable(address, false));
+        flash
+    }
+
+    /// Addresses of the words that cannot be read.
+    pub fn unreadable(&self) -> impl Iterator<Item = usize> {
+        let all = self.unreadable.iter().enumerate();
+        all.filter_map(|(word, unreadable)| unreadable.then_some(word * WORD))
+    }
+
     /// Makes the word at an address unreadable, or readable again.
     pub fn set_readable(&mut self, address: usize, readable: bool) {
         self.unreadable[address / WORD] = !readable;

@@ -12,6 +12,7 @@ use super::{files, progress, replay};
 use crate::base::quantity;
 use crate::bench::Imu;
 use crate::bench::emulator::Run;
+use crate::bench::emulator::image::Board;
 use crate::bench::memory::eeprom_at_rest;
 use crate::calibration::virtual_run::VirtualRun;
 use crate::files::truth::Truth;
@@ -30,6 +31,7 @@ use rins_selfcal::run::telemetry::Message;
 use rins_selfcal::run::telemetry::Progress as Segmented;
 use rins_selfcal::verdict::VerdictLimits;
 use std::cell::RefCell;
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
@@ -51,7 +53,10 @@ pub struct CalibrateArguments {
     /// Run the firmware in the emulator twice: the first boot calibrates, the second boot finds the stored calibration
     #[arg(long)]
     pub firmware: bool,
-    /// File with the content of the firmware's EEPROM, kept from run to run [default: a blank EEPROM]
+    /// Board of the firmware [default: mps2-an500, or mps2-an386 with --precision f32]
+    #[arg(long, value_enum, requires = "firmware")]
+    pub board: Option<Board>,
+    /// File with the content of the firmware's EEPROM or flash, kept from run to run [default: a blank memory]
     #[arg(long, value_name = "FILE", requires = "firmware")]
     pub eeprom: Option<PathBuf>,
     /// Run the firmware in real time until it is interrupted; its serial line is at this Unix socket, for
@@ -156,7 +161,7 @@ pub fn run(arguments: &CalibrateArguments) -> anyhow::Result<Ending> {
     sayln!("virtual RINS: scheme {}, {:.0} s, closed loop, {place}", run.scheme.name, run.duration_s());
     say!("{}", arguments.unit.described(&config)?);
     let terms = Terms { axes: arguments.axes.axes(), ..arguments.terms.terms() };
-    let power_up = PowerUp::new(&run, &setup).on_terms(terms).with_imu(arguments.imu);
+    let power_up = PowerUp::new(&run, &setup).on_terms(terms).with_imu(arguments.imu).on_board(arguments.board);
     if arguments.firmware {
         if setup.tuning != BaiTuning::STATED {
             bail!("the firmware has the P0 and Q that rins documents, not those of [bai] in --config");
@@ -178,7 +183,8 @@ fn firmware(arguments: &CalibrateArguments, run: &VirtualRun, power_up: &PowerUp
     sayln!("building the ARM image");
     let blank = tempfile::tempdir()?;
     let eeprom = arguments.eeprom.clone().unwrap_or_else(|| blank.path().join("eeprom.bin"));
-    if !eeprom.exists() {
+    let has_eeprom = arguments.board != Some(Board::Stm32h743);
+    if has_eeprom && !eeprom.exists() {
         std::fs::write(&eeprom, eeprom_at_rest()).with_context(|| eeprom.display().to_string())?;
     }
     if let Some(serial) = &arguments.serial {
@@ -207,17 +213,18 @@ fn boot(number: u32, run: &VirtualRun, power_up: &PowerUp, eeprom: &Path) -> any
 }
 
 fn figures(run: &Run) -> String {
-    format!(
-        "{:.1} s of instrument time, {:.1} s wall time, {:.0} million instructions, stack {} of {} bytes, \
-         at most {} of {} samples waiting",
+    let mut figures = format!(
+        "{:.1} s of instrument time, {:.1} s wall time, {:.0} million instructions, stack {} of {} bytes",
         run.elapsed_s,
         run.wall_s,
         run.instructions * 1e-6,
         run.stack_used_bytes,
-        run.stack_bytes,
-        run.queue_deepest,
-        run.queue_length
-    )
+        run.stack_bytes
+    );
+    if run.queue_length > 0 {
+        let _ = write!(figures, ", at most {} of {} samples waiting", run.queue_deepest, run.queue_length);
+    }
+    figures
 }
 
 fn conclude(

@@ -84,13 +84,21 @@ pub struct PowerUp<'a> {
     setup: &'a Setup,
     terms: Terms,
     imu: Imu,
+    board: Option<Board>,
     signals: SharedSignals,
 }
 
 impl<'a> PowerUp<'a> {
     /// A power-up of a unit with this setup and the default terms.
     pub fn new(run: &'a VirtualRun, setup: &'a Setup) -> Self {
-        Self { run, setup, terms: Terms::default(), imu: Imu::default(), signals: SharedSignals::default() }
+        Self {
+            run,
+            setup,
+            terms: Terms::default(),
+            imu: Imu::default(),
+            board: None,
+            signals: SharedSignals::default(),
+        }
     }
 
     /// The same power-up with other terms.
@@ -103,6 +111,12 @@ impl<'a> PowerUp<'a> {
     #[must_use]
     pub fn with_imu(self, imu: Imu) -> Self {
         Self { imu, ..self }
+    }
+
+    /// The same power-up on another board. `None`: the emulated board with the floating-point type of the setup.
+    #[must_use]
+    pub fn on_board(self, board: Option<Board>) -> Self {
+        Self { board, ..self }
     }
 
     /// Signals of the IMU and the encoders over all power-ups so far.
@@ -175,11 +189,11 @@ impl<'a> PowerUp<'a> {
     }
 
     fn variant(&self) -> Variant {
-        let board = match self.setup.precision {
+        let usual = match self.setup.precision {
             Precision::F64 => Board::Mps2An500,
             Precision::F32 => Board::Mps2An386,
         };
-        Variant { board, imu: self.imu }
+        Variant { board: self.board.unwrap_or(usual), imu: self.imu }
     }
 
     fn assignment(&self) -> Assignment {

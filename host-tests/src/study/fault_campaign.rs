@@ -225,5 +225,6 @@ fn reason_name(reason: &Reason) -> &'static str {
         Reason::Changed { .. } => "changed",
         Reason::Hardware { .. } => "hardware effect",
         Reason::UnknownLatitude { .. } => "unknown latitude",
+        Reason::Clock(_) => "clock",
     }
 }

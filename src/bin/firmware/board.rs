@@ -3,6 +3,7 @@
 use crate::Scalar;
 use embedded_hal::spi::SpiDevice;
 use rins_selfcal::acquisition::queue::SampleConsumer;
+use rins_selfcal::base::clock_check::ClockFault;
 use rins_selfcal::base::imu_identity::ImuIdentity;
 use rins_selfcal::base::method::Method;
 use rins_selfcal::base::restart::FatalError;
@@ -56,6 +57,8 @@ pub struct Parts<M> {
     pub restart: Restart,
     /// The IMU that is fitted; `None` if its driver cannot know.
     pub imu: Option<ImuIdentity>,
+    /// What is wrong with the clock of the time stamps.
+    pub clock: Option<ClockFault>,
 }
 
 /// A board, as the main loop uses it.
@@ -71,6 +74,9 @@ pub trait Board: Sized {
 
     /// Greatest age of the last report of (sampling, control, main loop), us.
     const DEADLINES_US: [Option<u32>; 3];
+
+    /// Longest time of a power-up, us, if the board starts the watchdog itself, before anything else.
+    const POWER_UP_US: Option<u64>;
 
     /// Initializes the board. Called once.
     fn start() -> Self;

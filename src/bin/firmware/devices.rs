@@ -5,6 +5,7 @@ use crate::work::{Span, Work, count};
 use crate::{Scalar, inbox, recorder, watchdog};
 use rins_selfcal::acquisition::queue::SampleWithGimbal;
 use rins_selfcal::base::angle::Angle;
+use rins_selfcal::base::clock_check::ClockFault;
 use rins_selfcal::base::imu_identity::ImuIdentity;
 use rins_selfcal::base::loss::LossCounts;
 use rins_selfcal::base::sample::{CorrectedSample, SampleStatus};
@@ -70,6 +71,10 @@ impl<B: Board> Surroundings<Scalar> for Devices<'_, B> {
 
     fn imu(&mut self) -> Option<ImuIdentity> {
         self.board.parts().imu
+    }
+
+    fn clock_fault(&mut self) -> Option<ClockFault> {
+        self.board.parts().clock
     }
 
     fn archive(&mut self) -> &mut impl Archive {

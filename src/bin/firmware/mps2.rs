@@ -309,7 +309,13 @@ impl Mps2 {
         unsafe { core.SCB.set_priority(SystemHandler::SysTick, 0xf0) };
         start_waking(&mut core.SYST);
         let eeprom = cortex_m::singleton!(: RefCell<Eeprom> = RefCell::new(eeprom()))?;
-        let parts = Parts { samples, memory: UnitMemory::new(eeprom, Layout::EEPROM_16_KIB), restart, imu: identity };
+        let parts = Parts {
+            samples,
+            memory: UnitMemory::new(eeprom, Layout::EEPROM_16_KIB),
+            restart,
+            imu: identity,
+            clock: None,
+        };
         Some(Self { parts, nvic: core.NVIC, telemetry, idle_ticks: 0 })
     }
 
@@ -342,6 +348,8 @@ impl Board for Mps2 {
 
     /// The main loop needs its longest time to write a record to the EEPROM.
     const DEADLINES_US: [Option<u32>; 3] = [Some(100_000), Some(20_000), Some(1_000_000)];
+    /// The watchdog is started by the first turn of the main loop, because the emulator takes no part in power-up.
+    const POWER_UP_US: Option<u64> = None;
 
     fn start() -> Self {
         match Self::new() {

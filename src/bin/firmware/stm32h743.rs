@@ -3,9 +3,9 @@
 //!
 //! ```text
 //! TIM6 control period   priority 1   encoders on SPI3 and SPI4 -> gimbal -> bridges on TIM1, which is armed again
-//! TIM2 data-ready       priority 2   ADIS16495 on SPI1 -> sample queue
 //! USART2                priority 2   with the feature `kvh1750`: KVH 1750 -> sample queue
-//! USART3                priority 3   the serial line
+//! USART3                priority 2   the serial line; priority 3 with the feature `kvh1750`
+//! TIM2 data-ready       priority 3   ADIS16495 on SPI1 -> sample queue
 //! SysTick               lowest       wakes the main loop, feeds the watchdog
 //! ```
 //! Each IMU has a file with its interrupt handler. The stack is in the data TCM. Both caches are on. Only the processor
@@ -19,6 +19,7 @@ mod clock;
 #[cfg(feature = "kvh1750")]
 mod kvh1750;
 mod motors;
+mod protection;
 mod serial;
 
 use crate::board::{Board, Parts};
@@ -31,13 +32,13 @@ use clock::{CORE_HZ, Delay};
 use core::cell::{Cell, RefCell};
 use core::mem::MaybeUninit;
 use core::ops::Range;
+use core::sync::atomic::{AtomicBool, Ordering};
 use cortex_m::peripheral::scb::SystemHandler;
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{DWT, SCB};
 use critical_section::Mutex;
 use defmt_rtt as _;
 use embassy_stm32::Peri;
-use embassy_stm32::flash::Flash;
 use embassy_stm32::gpio::{Input, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt::{self, InterruptExt, Priority};
 use embassy_stm32::mode::Blocking;
@@ -50,18 +51,21 @@ use embassy_stm32::timer::low_level::CountingMode;
 use embassy_stm32::timer::simple_pwm::{PwmPin, SimplePwm};
 use embassy_stm32::usart::Uart;
 use embassy_stm32::{interrupt as handler, pac};
+use embedded_hal::delay::DelayNs;
 use embedded_hal_bus::spi::ExclusiveDevice;
 #[cfg(feature = "kvh1750")]
 use kvh1750::{Imu, Wiring};
 use motors::MotorPwm;
 use rins_selfcal::acquisition::GimbalView;
 use rins_selfcal::acquisition::queue::SampleQueue;
+use rins_selfcal::base::clock_check::ClockFault;
 use rins_selfcal::base::loss::LossReason;
 use rins_selfcal::base::restart::FatalError;
 use rins_selfcal::base::restart::Restart;
 use rins_selfcal::base::restart::Task;
 use rins_selfcal::drivers::biss::{BissEncoder, Mounting, Resolution};
 use rins_selfcal::drivers::bridge::{Bridge, NoPin};
+use rins_selfcal::drivers::stm32h743::{allows_480_mhz, cleaner};
 use rins_selfcal::gimbal::Gimbal;
 use rins_selfcal::gimbal::control::Control;
 use rins_selfcal::gimbal::servo::PERIOD_US;
@@ -88,6 +92,15 @@ type Memory = Partition<'static, RecordFlash>;
 const fn sectors(first: u32, count: u32) -> Range<u32> {
     first * 128 * 1024..(first + count) * 128 * 1024
 }
+
+/// Clock of the encoders, Hz.
+const ENCODER_HZ: u32 = 3_750_000;
+/// The two ways to sample the encoders' line. They sample half a bit apart; the delay of the line decides which is right.
+const ENCODER_MODES: [spi::Mode; 2] = [spi::MODE_3, spi::MODE_2];
+/// Number of frames by which the two ways are compared.
+const ENCODER_TRIES: u32 = 64;
+/// Time after a frame until the encoder is ready again, us.
+const ENCODER_PAUSE_US: u32 = 40;
 
 type Bus = Spi<'static, Blocking, Master>;
 /// An encoder has no chip-select line.
@@ -148,6 +161,9 @@ fn SysTick() {
 
 // -------------------------------------------------------------------------------------------------------------- board
 
+/// Set by the first stop.
+static STOPPED: AtomicBool = AtomicBool::new(false);
+
 /// The board.
 pub struct Stm32h743 {
     parts: Parts<Memory>,
@@ -170,15 +186,37 @@ fn output(pin: Peri<'static, impl embassy_stm32::gpio::Pin>) -> Output<'static> 
 
 fn encoder(bus: Bus) -> Option<BissEncoder<EncoderSpi>> {
     let spi = ExclusiveDevice::new(bus, NoPin, Delay).ok()?;
-    Some(BissEncoder::new(spi, Resolution::Bits26, Mounting::STRAIGHT))
+    let mut encoder = BissEncoder::new(spi, Resolution::Bits26, Mounting::STRAIGHT);
+    let good = ENCODER_MODES.map(|mode| {
+        set_mode(&mut encoder, mode);
+        encoder.good_frames(ENCODER_TRIES, || Delay.delay_us(ENCODER_PAUSE_US))
+    });
+    let best = cleaner(good);
+    set_mode(&mut encoder, if best == 0 { ENCODER_MODES[0] } else { ENCODER_MODES[1] });
+    encoder.forget();
+    defmt::info!("encoder: {} of {=u32} frames are good in SPI modes 3 and 2", good, ENCODER_TRIES);
+    Some(encoder)
+}
+
+fn set_mode(encoder: &mut BissEncoder<EncoderSpi>, mode: spi::Mode) {
+    // The bus accepts every mode at this frequency.
+    let _ = encoder.bus().bus_mut().set_config(&spi_config(mode, ENCODER_HZ));
 }
 
 impl Stm32h743 {
     fn new() -> Option<Self> {
-        let p = embassy_stm32::init(clock::configuration());
-        start_core()?;
+        Self::start_watchdog();
+        let source = clock::Source::find();
+        let fits = allows_480_mhz(pac::DBGMCU.idc().read().0);
+        // A chip that does not allow 480 MHz stays at the 64 MHz of its start.
+        let p = embassy_stm32::init(if fits { clock::configuration(source) } else { Default::default() });
         clock::start(p.TIM2);
+        start_core()?;
         let restart = recorder::start(Some(reset_flags()));
+        if !fits {
+            Self::stop(&FatalError::board("this revision of the chip is too slow"));
+        }
+        clock::start_crystal();
 
         // Safety: the peripherals can be taken only once, so this statement runs only once.
         let queue = unsafe { (&raw mut QUEUE).as_mut() }?.write(SampleQueue::new());
@@ -197,7 +235,7 @@ impl Stm32h743 {
         #[cfg(feature = "kvh1750")]
         let wiring = Wiring { timer: p.TIM3, request: p.PC6, port: p.USART2, rx: p.PD6 };
         let Some(imu) = Imu::start(wiring, producer) else { Self::stop(&FatalError::board("the IMU does not start")) };
-        let line = spi_config(spi::MODE_3, 3_750_000);
+        let line = spi_config(ENCODER_MODES[0], ENCODER_HZ);
         let outer = encoder(Spi::new_blocking(p.SPI3, p.PC10, p.PC12, p.PC11, line))?;
         let inner = encoder(Spi::new_blocking(p.SPI4, p.PE2, p.PE6, p.PE5, line))?;
 
@@ -207,10 +245,17 @@ impl Stm32h743 {
             Bridge::with_pins(pwm_inner, output(p.PE10), output(p.PE12), Input::new(p.PE15, Pull::Up)),
         ];
         let serial = serial::start(p.USART3, p.PD9, p.PD8)?;
-        let flash = medium::Flash::new(CheckedFlash(Flash::new_blocking(p.FLASH)), RECORDS);
+        let clock = match source {
+            clock::Source::External => clock::check(p.TIM16),
+            clock::Source::Internal => Some(ClockFault::Absent),
+        };
+        if let Some(fault) = clock {
+            defmt::warn!("{}", defmt::Display2Format(&fault));
+        }
+        let flash = medium::Flash::new(CheckedFlash::new(p.FLASH), RECORDS);
         let flash = cortex_m::singleton!(: RefCell<RecordFlash> = RefCell::new(flash))?;
         Some(Self {
-            parts: Parts { samples, memory: UnitMemory::new(flash, LAYOUT), restart, imu: imu.identity },
+            parts: Parts { samples, memory: UnitMemory::new(flash, LAYOUT), restart, imu: imu.identity, clock },
             devices: Some(([outer, inner], bridges, p.TIM6)),
             imu,
             _motors: motors,
@@ -237,9 +282,12 @@ fn reset_flags() -> Restart {
 fn start_core() -> Option<()> {
     let mut core = cortex_m::Peripherals::take()?;
     stack::guard(&core.MPU);
+    protection::start();
     core.SCB.enable_icache();
     core.SCB.enable_dcache(&mut core.CPUID);
     core.DCB.enable_trace();
+    // Without a debugger, the Cortex-M7 keeps the cycle counter locked.
+    DWT::unlock();
     core.DWT.enable_cycle_counter();
     // An eighth of the core's clock, so that the reload value fits into 24 bits.
     core.SYST.set_clock_source(SystClkSource::External);
@@ -290,6 +338,8 @@ impl Board for Stm32h743 {
 
     /// The main loop needs its longest time to erase a sector.
     const DEADLINES_US: [Option<u32>; 3] = [Some(1_000_000), Some(20_000), Some(5_000_000)];
+    /// An IMU that needs 5 s, a crystal that needs 2 s, and the sectors of the flash that are prepared.
+    const POWER_UP_US: Option<u64> = Some(30_000_000);
 
     fn start() -> Self {
         match Self::new() {
@@ -377,6 +427,10 @@ impl Board for Stm32h743 {
         // Without this, control would switch the motors on again.
         cortex_m::interrupt::disable();
         motors_off();
+        // A fault in this function, such as in a log that was being written, is a second stop. The first one is recorded.
+        if STOPPED.swap(true, Ordering::Relaxed) {
+            SCB::sys_reset();
+        }
         recorder::record(clock::now_us(), Event::Stopped(stop.clone()));
         defmt::error!("{}", defmt::Display2Format(stop));
         SCB::sys_reset()

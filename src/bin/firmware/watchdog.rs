@@ -1,5 +1,7 @@
 //! The watchdog. The waking interrupt feeds it after it has checked that every task still runs.
 //!
+//! A board may start the hardware first of all. Until the main loop runs, the waking interrupt feeds it for a limited time.
+//!
 //! A task that is overdue stops the program, as a fault does. If even the waking interrupt does not run, the watchdog
 //! resets the processor.
 
@@ -31,10 +33,12 @@ pub fn progress(now_us: u64) {
 
 /// The check of the waking interrupt, ten times a second.
 pub fn check(now_us: u64) {
-    if !STARTED.load(Ordering::Relaxed) {
-        return;
-    }
-    match LIVENESS.overdue(now_us) {
+    let overdue = match (STARTED.load(Ordering::Relaxed), ThisBoard::POWER_UP_US) {
+        (true, _) => LIVENESS.overdue(now_us),
+        (false, Some(longest_us)) => (now_us > longest_us).then_some(Task::Main),
+        (false, None) => return,
+    };
+    match overdue {
         None => ThisBoard::feed_watchdog(),
         Some(task) => ThisBoard::stop(&FatalError::Overdue(task)),
     }

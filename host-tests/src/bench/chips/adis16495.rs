@@ -166,6 +166,11 @@ impl Adis16495Chip {
         }
     }
 
+    /// The answer to the previous word, which the IMU sends with the next one.
+    pub fn next_answer(&self) -> u16 {
+        self.answer
+    }
+
     /// Takes a word and gives the answer to the previous word.
     fn word(&mut self, word: u16) -> u16 {
         if self.timed && self.busy_ns > 0 {

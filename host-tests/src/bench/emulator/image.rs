@@ -14,13 +14,13 @@ pub const TARGET: &str = "thumbv7em-none-eabihf";
 const PROFILE: &str = "firmware";
 
 /// A board or emulated machine.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Board {
-    /// QEMU's Cortex-M7 with double precision.
+    /// QEMU's Cortex-M7 with double precision
     Mps2An500,
-    /// QEMU's Cortex-M4F: `f32`.
+    /// QEMU's Cortex-M4F: `f32`
     Mps2An386,
-    /// NUCLEO-H743ZI2, which no emulator supports.
+    /// NUCLEO-H743ZI2, on a register model of its chip
     Stm32h743,
 }
 
@@ -34,7 +34,7 @@ impl Board {
         }
     }
 
-    /// Whether the emulator supports the board.
+    /// Whether QEMU supports the board.
     pub const fn is_emulated(self) -> bool {
         !matches!(self, Self::Stm32h743)
     }
@@ -102,17 +102,16 @@ impl Image {
 /// One line that names the missing part and the command that installs it, or the output of cargo.
 pub fn build(variant: impl Into<Variant>) -> Result<Image> {
     let variant = variant.into();
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("host-tests has no parent")?;
-    let targets = env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |dir| root.join(dir));
+    let (root, targets) = places()?;
     // Each image has its own directory, because a running `cargo test` locks the usual directory and the images differ.
     let directory = targets.join(variant.features().replace(',', "-"));
     fs::create_dir_all(&directory).with_context(|| format!("cannot make {}", directory.display()))?;
     // Only one process builds or installs at a time.
     let lock = File::create(directory.join(".lock"))?;
     lock.lock()?;
-    ensure_target(root)?;
+    ensure_target(&root)?;
     let output = cargo()
-        .current_dir(root)
+        .current_dir(&root)
         .args(["build", "--profile", PROFILE, "--quiet", "--package", "rins-selfcal", "--bin", "firmware"])
         .args(["--features", &variant.features(), "--target", TARGET, "--target-dir"])
         .arg(&directory)
@@ -123,8 +122,15 @@ pub fn build(variant: impl Into<Variant>) -> Result<Image> {
     Ok(Image { path: directory.join(TARGET).join(PROFILE).join("firmware"), board: variant.board, imu: variant.imu })
 }
 
+/// The workspace, and the folder of its builds.
+pub(super) fn places() -> Result<(PathBuf, PathBuf)> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().context("host-tests has no parent")?;
+    let targets = env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |dir| root.join(dir));
+    Ok((root.to_owned(), targets))
+}
+
 /// cargo without the environment that replaces or doubles the linker arguments of `.cargo/config.toml`.
-fn cargo() -> Command {
+pub(super) fn cargo() -> Command {
     let mut command = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     for name in ["RUSTFLAGS", "CARGO_ENCODED_RUSTFLAGS", "CARGO_BUILD_RUSTFLAGS", "CARGO_BUILD_TARGET"] {
         command.env_remove(name);

@@ -4,19 +4,20 @@
 //! `answers` carry the transfers on SPI. `telemetry` carries frames of `rins_selfcal::link`. `log` carries defmt
 //! frames. The firmware reads the file `configuration` and writes the files `run` and `fault`.
 
-use super::image::Image;
+use super::h743;
+use super::image::{Board, Image};
 use crate::base::apt::ensure_installed;
-use crate::bench::bus::Chip;
+use crate::bench::bus::{Chip, IMU_ANSWER};
 use crate::bench::devices::Bench;
 use crate::bench::wire;
 use crate::virtual_unit::plant::Plant;
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use defmt_decoder::{DecodeError, Table};
 
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::sys::stat::Mode;
 use rins_selfcal::keep::partition::Layout;
-use rins_selfcal::link::Decoder;
+use rins_selfcal::link::{Decoder, Frame};
 use rins_selfcal::run::telemetry::Message;
 use std::cell::Cell;
 use std::fs::{self, File, OpenOptions};
@@ -43,9 +44,10 @@ pub struct MachineSetup<'a> {
     /// The image.
     pub image: &'a Image,
     /// File with the content of the EEPROM, which is kept from run to run. What is missing of the file is blank. `None`: the
-    /// EEPROM is blank and is not kept.
+    /// EEPROM is blank and is not kept. For the board STM32H743 it is the file of the flash's records.
     pub eeprom: Option<&'a Path>,
-    /// Bytes that the firmware reads as its configuration.
+    /// Bytes that the firmware reads as its configuration. The board STM32H743 has the configuration in its flash: it is
+    /// written there before the run.
     pub configuration: &'a [u8],
     /// Longest silence of the firmware before it is reported as hung.
     pub patience: Duration,
@@ -55,8 +57,10 @@ pub struct MachineSetup<'a> {
     pub cut: Option<&'a Cell<bool>>,
     /// Unix socket at which the emulator offers the firmware's serial line.
     pub serial: Option<&'a Path>,
-    /// Unix socket at which the emulator listens to a debugger.
+    /// Unix socket at which the emulator listens to a debugger. Not for the board STM32H743.
     pub debugger: Option<&'a Path>,
+    /// Arguments for the machine of the board STM32H743: what is wrong with the board.
+    pub arguments: &'a [&'a str],
 }
 
 impl<'a> MachineSetup<'a> {
@@ -72,6 +76,7 @@ impl<'a> MachineSetup<'a> {
             cut: None,
             serial: None,
             debugger: None,
+            arguments: &[],
         }
     }
 }
@@ -155,46 +160,24 @@ pub fn run<P: Plant>(
     mut on_log: impl FnMut(&str),
     mut on_message: impl FnMut(&Message),
 ) -> Result<Run> {
-    let (expected, found) = (setup.image.imu, bench.imu());
-    ensure!(expected == found, "the image is for the IMU {expected}, the bench has the IMU {found}");
+    if setup.image.board == Board::Stm32h743 {
+        return h743::run(setup, bench, on_log, on_message).and_then(|report| report.run());
+    }
+    ensure_fits(setup, bench)?;
     ensure_installed(EMULATOR, EMULATOR)?;
     let start = Instant::now();
-    let elf = setup.image.read()?;
-    let table = Table::parse(&elf)?.context("the image has no defmt table")?;
     let directory = tempfile::Builder::new().prefix("rins-").tempdir()?;
-    let mut host = Host::start(setup, directory.path())?;
-    let mut decoder = table.new_stream_decoder();
-    let mut log = |bytes: &[u8]| {
-        decoder.received(bytes);
-        loop {
-            match decoder.decode() {
-                Ok(frame) => on_log(&frame.display(false).to_string()),
-                Err(DecodeError::UnexpectedEof) => break,
-                Err(DecodeError::Malformed) => on_log("(a damaged line)"),
-            }
-        }
-    };
-    let mut frames = Decoder::new();
-    let mut unread = 0;
-    let mut telemetry = |bytes: &[u8]| {
-        for byte in bytes {
-            match frames.push(*byte).map(|frame| frame.ok().and_then(|frame| frame.read())) {
-                Some(Some(message)) => on_message(&message),
-                Some(None) => unread += 1,
-                None => {}
-            }
-        }
-    };
-    let served = host.serve(setup, bench, &mut log, &mut telemetry);
-    if setup.cut.is_some_and(Cell::get) {
-        bail!("the power was cut");
-    }
+    let mut host = Host::start(emulator(setup, directory.path())?, directory.path())?;
+    let served = host.serve_all(setup, bench, &mut on_log, &mut |frame| {
+        let message = frame.read()?;
+        on_message(&message);
+        Some(())
+    });
     let fault = fs::read(directory.path().join("fault")).unwrap_or_default();
-    if !fault.is_empty() && !setup.reboots {
+    if !fault.is_empty() && !setup.reboots && !setup.cut.is_some_and(Cell::get) {
         bail!("the firmware stopped: {}", String::from_utf8_lossy(&fault));
     }
     let status = served?;
-    ensure!(unread == 0, "{unread} messages of the firmware cannot be read");
     let report = fs::read(directory.path().join("run")).ok().and_then(|bytes| words(&bytes));
     let Some((whole, loads)) = report else {
         bail!("the firmware ended without a report, {status}: {}", host.complaints(directory.path()));
@@ -230,6 +213,12 @@ pub fn run<P: Plant>(
     })
 }
 
+pub(super) fn ensure_fits<P: Plant>(setup: &MachineSetup<'_>, bench: &Bench<P>) -> Result<()> {
+    let (expected, found) = (setup.image.imu, bench.imu());
+    ensure!(expected == found, "the image is for the IMU {expected}, the bench has the IMU {found}");
+    Ok(())
+}
+
 /// The numbers of the file `run`: those of the whole run, then three for each kind of work.
 fn words(bytes: &[u8]) -> Option<([u64; 10], [[u64; 3]; WORKS.len()])> {
     let (words, rest) = bytes.as_chunks::<8>();
@@ -240,7 +229,7 @@ fn words(bytes: &[u8]) -> Option<([u64; 10], [[u64; 3]; WORKS.len()])> {
 }
 
 /// The emulator and the host's ends of its pipes. Dropping it ends the emulator.
-struct Host {
+pub(super) struct Host {
     child: Child,
     requests: File,
     answers: File,
@@ -248,7 +237,7 @@ struct Host {
     placeholder: Option<File>,
     telemetry: File,
     log: File,
-    transfers: u64,
+    pub(super) transfers: u64,
     partial: Vec<u8>,
 }
 
@@ -261,18 +250,11 @@ impl Drop for Host {
 }
 
 impl Host {
-    fn start(setup: &MachineSetup<'_>, directory: &Path) -> Result<Self> {
+    /// Makes the pipes in a folder and starts the emulator.
+    pub(super) fn start(mut command: Command, directory: &Path) -> Result<Self> {
         for name in ["requests", "answers", "telemetry", "log"] {
             nix::unistd::mkfifo(&directory.join(name), Mode::S_IRUSR | Mode::S_IWUSR)?;
         }
-        if !setup.configuration.is_empty() {
-            fs::write(directory.join("configuration"), setup.configuration)?;
-        }
-        let eeprom = match setup.eeprom {
-            Some(path) => std::path::absolute(path)?,
-            None => directory.join("eeprom"),
-        };
-        fill_up(&eeprom)?;
         let open = |name: &str, read: bool, write: bool| {
             let mut options = OpenOptions::new();
             options.read(read).write(write).custom_flags(nix::libc::O_NONBLOCK);
@@ -287,8 +269,48 @@ impl Host {
             log: open("log", true, false)?,
             transfers: 0,
             partial: Vec::new(),
-            child: spawn(setup, &eeprom, directory)?,
+            child: spawn(&mut command, directory)?,
         })
+    }
+
+    /// Serves the pipes until the emulator ends. `on_log` gets the lines of the log. `on_frame` gets the frames of the
+    /// serial line and returns `None` for one that it cannot read.
+    pub(super) fn serve_all<P: Plant>(
+        &mut self,
+        setup: &MachineSetup<'_>,
+        bench: &mut Bench<P>,
+        on_log: &mut dyn FnMut(&str),
+        on_frame: &mut dyn FnMut(&Frame<'_>) -> Option<()>,
+    ) -> Result<ExitStatus> {
+        let elf = setup.image.read()?;
+        let table = Table::parse(&elf)?.context("the image has no defmt table")?;
+        let mut decoder = table.new_stream_decoder();
+        let mut log = |bytes: &[u8]| {
+            decoder.received(bytes);
+            loop {
+                match decoder.decode() {
+                    Ok(frame) => on_log(&frame.display(false).to_string()),
+                    Err(DecodeError::UnexpectedEof) => break,
+                    Err(DecodeError::Malformed) => on_log("(a damaged line)"),
+                }
+            }
+        };
+        let mut frames = Decoder::new();
+        let mut unread = 0;
+        let mut telemetry = |bytes: &[u8]| {
+            for byte in bytes {
+                if let Some(frame) = frames.push(*byte) {
+                    unread += u32::from(frame.ok().and_then(|frame| on_frame(&frame)).is_none());
+                }
+            }
+        };
+        let served = self.serve(setup, bench, &mut log, &mut telemetry);
+        if setup.cut.is_some_and(Cell::get) {
+            bail!("the power was cut");
+        }
+        let status = served?;
+        ensure!(unread == 0, "{unread} messages of the firmware cannot be read");
+        Ok(status)
     }
 
     /// Serves the pipes until the emulator ends.
@@ -357,8 +379,12 @@ impl Host {
         self.partial.extend_from_slice(&bytes[..count]);
         while let [chip, length, frame @ ..] = self.partial.as_mut_slice() {
             let Some(frame) = frame.get_mut(..usize::from(*length)) else { break };
-            let chip = Chip::numbered(*chip).ok_or_else(|| anyhow!("the firmware asks for chip {chip}"))?;
-            bench.transfer(chip, frame);
+            match (Chip::numbered(*chip), *chip) {
+                (Some(chip @ (Chip::OuterEncoder | Chip::InnerEncoder)), _) => bench.clock_late(chip, frame),
+                (Some(chip), _) => bench.transfer(chip, frame),
+                (None, IMU_ANSWER) => bench.imu_answer(frame),
+                (None, chip) => bail!("the firmware asks for chip {chip}"),
+            }
             match self.answers.write_all(frame) {
                 // The emulator has ended. Its exit status gives the cause.
                 Err(error) if error.kind() == ErrorKind::BrokenPipe => {}
@@ -372,7 +398,7 @@ impl Host {
     }
 
     /// The emulator's own error output.
-    fn complaints(&self, directory: &Path) -> String {
+    pub(super) fn complaints(&self, directory: &Path) -> String {
         fs::read_to_string(directory.join("stderr")).unwrap_or_default().trim().to_owned()
     }
 }
@@ -415,7 +441,16 @@ fn fill_up(eeprom: &Path) -> Result<()> {
     Ok(())
 }
 
-fn spawn(setup: &MachineSetup<'_>, eeprom: &Path, directory: &Path) -> Result<Child> {
+/// The emulator's command.
+fn emulator(setup: &MachineSetup<'_>, directory: &Path) -> Result<Command> {
+    if !setup.configuration.is_empty() {
+        fs::write(directory.join("configuration"), setup.configuration)?;
+    }
+    let eeprom = match setup.eeprom {
+        Some(path) => std::path::absolute(path)?,
+        None => directory.join("eeprom"),
+    };
+    fill_up(&eeprom)?;
     let image = setup.image;
     let mut command = Command::new(EMULATOR);
     if !setup.reboots {
@@ -425,7 +460,6 @@ fn spawn(setup: &MachineSetup<'_>, eeprom: &Path, directory: &Path) -> Result<Ch
         command.arg("-gdb").arg(listening(socket)?);
     }
     command
-        .current_dir(directory)
         .args(["-machine", image.board.name(), "-display", "none", "-monitor", "none", "-parallel", "none"])
         .arg("-serial")
         .arg(setup.serial.map_or_else(|| Ok("none".into()), listening)?)
@@ -435,7 +469,14 @@ fn spawn(setup: &MachineSetup<'_>, eeprom: &Path, directory: &Path) -> Result<Ch
         .arg("-drive")
         .arg(format!("if=none,id=ee,format=raw,file={}", eeprom.display().to_string().replace(',', ",,")))
         .arg("-kernel")
-        .arg(std::path::absolute(&image.path)?)
+        .arg(std::path::absolute(&image.path)?);
+    Ok(command)
+}
+
+/// Starts an emulator in the folder of its pipes. It ends with this process.
+fn spawn(command: &mut Command, directory: &Path) -> Result<Child> {
+    command
+        .current_dir(directory)
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .stderr(File::create(directory.join("stderr"))?);
@@ -444,5 +485,5 @@ fn spawn(setup: &MachineSetup<'_>, eeprom: &Path, directory: &Path) -> Result<Ch
     unsafe {
         command.pre_exec(|| Ok(nix::sys::prctl::set_pdeathsig(nix::sys::signal::Signal::SIGKILL)?));
     }
-    command.spawn().with_context(|| format!("cannot start {EMULATOR}"))
+    command.spawn().with_context(|| format!("cannot start {}", command.get_program().display()))
 }

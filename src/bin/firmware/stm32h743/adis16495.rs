@@ -52,7 +52,7 @@ impl Imu {
         let clock = pulses(timer, clock, 4000, 500);
         let bus = Spi::new_blocking(bus, sclk, din, dout, spi_config(spi::MODE_3, 3_750_000));
         let device = ExclusiveDevice::new(bus, Output::new(select, Level::High, Speed::VeryHigh), Delay).ok()?;
-        let imu = Adis16495::start(device, &mut Delay, &Adis16495Settings::default()).ok()?;
+        let imu = Adis16495::start_cold(device, &mut Delay, &Adis16495Settings::default()).ok()?;
         let identity = Some(imu.identity());
         critical_section::with(|cs| ACQUISITION.borrow(cs).set(Some(Acquisition::new(imu, producer))));
         Some(Self { identity, _clock: clock, _data_ready: CapturePin::new(data_ready, Pull::Down) })
@@ -63,7 +63,7 @@ impl Imu {
         pac::TIM2.ccmr_input(1).modify(|mode| mode.set_ccs(1, CcmrInputCcs::TI4));
         pac::TIM2.ccer().modify(|enabled| enabled.set_cce(3, true));
         pac::TIM2.dier().modify(|enabled| enabled.set_ccie(3, true));
-        interrupt::TIM2.set_priority(Priority::P2);
+        interrupt::TIM2.set_priority(Priority::P3);
         // Safety: all data of the interrupt is in place.
         unsafe { interrupt::TIM2.enable() };
     }

@@ -4,26 +4,65 @@ use core::cell::Cell;
 use critical_section::Mutex;
 use embassy_stm32::Peri;
 use embassy_stm32::pac;
-use embassy_stm32::peripherals::TIM2;
+use embassy_stm32::pac::rcc::vals::Lsedrv;
+use embassy_stm32::pac::timer::vals::CcmrInputCcs;
+use embassy_stm32::peripherals::{TIM2, TIM16};
 use embassy_stm32::rcc::{
-    AHBPrescaler, APBPrescaler, Hse, HseMode, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk, VoltageScale,
+    AHBPrescaler, APBPrescaler, Hse, HseMode, LsConfig, Pll, PllDiv, PllMul, PllPreDiv, PllSource, Sysclk, VoltageScale,
 };
 use embassy_stm32::time::Hertz;
 use embedded_hal::delay::DelayNs;
+use rins_selfcal::base::clock_check::ClockFault;
 
 /// Clock of the processor, Hz.
 pub const CORE_HZ: u32 = 480_000_000;
 /// Clock of the timers on APB1, Hz.
 pub const TIMER_HZ: u32 = 240_000_000;
 
-/// From the ST-LINK's 8 MHz: 480 MHz for the processor, 240 MHz for the buses, 120 MHz for the peripherals.
-pub fn configuration() -> embassy_stm32::Config {
+/// Where the processor's clock comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Source {
+    /// 8 MHz at the pin PH0: from the ST-LINK, or from an oscillator in its place.
+    External,
+    /// The RC oscillator of the chip, 64 MHz to 1 %.
+    Internal,
+}
+
+impl Source {
+    /// Number of times that the external clock is looked for, once in 10 us.
+    const LOOKS: u32 = 10_000;
+
+    /// Starts the external clock, and waits for it for at most 0.1 s. The chip runs on its RC oscillator meanwhile.
+    pub fn find() -> Self {
+        pac::RCC.cr().modify(|control| control.set_hsebyp(true));
+        pac::RCC.cr().modify(|control| control.set_hseon(true));
+        for _ in 0..Self::LOOKS {
+            if pac::RCC.cr().read().hserdy() {
+                return Self::External;
+            }
+            cortex_m::asm::delay(640);
+        }
+        pac::RCC.cr().modify(|control| control.set_hseon(false));
+        Self::Internal
+    }
+}
+
+/// 480 MHz for the processor, 240 MHz for the buses, 120 MHz for the peripherals.
+pub fn configuration(source: Source) -> embassy_stm32::Config {
     let mut config = embassy_stm32::Config::default();
     let rcc = &mut config.rcc;
-    rcc.hse = Some(Hse { freq: Hertz(8_000_000), mode: HseMode::Bypass });
+    let (source, prediv) = match source {
+        Source::External => {
+            rcc.hse = Some(Hse { freq: Hertz(8_000_000), mode: HseMode::Bypass });
+            (PllSource::HSE, PllPreDiv::DIV1)
+        }
+        Source::Internal => (PllSource::HSI, PllPreDiv::DIV8),
+    };
+    // The crystal of 32.768 kHz is started by `start_crystal`, which does not wait for it.
+    rcc.ls = LsConfig::off();
     rcc.pll1 = Some(Pll {
-        source: PllSource::HSE,
-        prediv: PllPreDiv::DIV1,
+        source,
+        prediv,
         mul: PllMul::MUL120,
         fracn: None,
         divp: Some(PllDiv::DIV2),
@@ -62,6 +101,74 @@ pub fn now_us() -> u64 {
         clock.set(now);
         now
     })
+}
+
+/// Starts the crystal of 32.768 kHz.
+pub fn start_crystal() {
+    pac::PWR.cr1().modify(|control| control.set_dbp(true));
+    pac::RCC.bdcr().modify(|domain| {
+        domain.set_lsedrv(Lsedrv::MEDIUM_HIGH);
+        domain.set_lseon(true);
+    });
+}
+
+/// Edges of the crystal from one capture to the next. At 240 MHz the 16 bits of the timer hold them.
+const EDGES: u32 = 8;
+/// Number of captures: an eighth of a second.
+const CAPTURES: u32 = 512;
+/// Time after power-up until which the crystal must run, us.
+const CRYSTAL_US: u64 = 2_000_000;
+
+/// Compares the clock with the crystal of 32.768 kHz, if the crystal runs within 2 s after power-up. Takes an eighth of a
+/// second, in which the caller must not be interrupted for longer than 0.2 ms.
+pub fn check(_timer: Peri<'static, TIM16>) -> Option<ClockFault> {
+    while !pac::RCC.bdcr().read().lserdy() {
+        if now_us() > CRYSTAL_US {
+            return Some(ClockFault::Unchecked);
+        }
+        Delay.delay_ms(1);
+    }
+    embassy_stm32::rcc::enable_and_reset::<TIM16>();
+    let timer = pac::TIM16;
+    // Input 1 of the timer is the crystal: RM0433, TIM16_TISEL.
+    timer.tisel().write(|inputs| inputs.set_tisel(0, 2));
+    timer.ccmr_input(0).write(|mode| {
+        mode.set_ccs(0, CcmrInputCcs::TI4);
+        mode.set_icpsc(0, 3);
+    });
+    timer.ccer().write(|enabled| enabled.set_cce(0, true));
+    timer.cr1().write(|control| control.set_cen(true));
+    let fault = match counted(CAPTURES) {
+        Some(counted) => {
+            let expected = u64::from(TIMER_HZ) * u64::from(EDGES * CAPTURES) / 32_768;
+            ClockFault::of_counts(counted, expected as u32)
+        }
+        None => Some(ClockFault::Unchecked),
+    };
+    timer.cr1().write(|control| control.set_cen(false));
+    fault
+}
+
+/// Counts of the timer over this many captures; `None` if the crystal stops.
+fn counted(captures: u32) -> Option<u32> {
+    const LONGEST_US: u64 = 1000;
+    let next = || {
+        let end_us = now_us() + LONGEST_US;
+        while !pac::TIM16.sr().read().ccif(0) {
+            if now_us() > end_us {
+                return None;
+            }
+        }
+        // The read clears the flag.
+        Some(pac::TIM16.ccr(0).read().ccr())
+    };
+    let (mut last, mut sum) = (next()?, 0);
+    for _ in 0..captures {
+        let now = next()?;
+        sum += u32::from(now.wrapping_sub(last));
+        last = now;
+    }
+    Some(sum)
 }
 
 defmt::timestamp!("{=u64:us}", now_us());
