@@ -4,8 +4,7 @@
 //! `answers` carry the transfers on SPI. `telemetry` carries frames of `rins_selfcal::link`. `log` carries defmt
 //! frames. The firmware reads the file `configuration` and writes the files `run` and `fault`.
 
-use super::h743;
-use super::image::{Board, Image};
+use super::image::Image;
 use crate::base::apt::ensure_installed;
 use crate::bench::bus::{Chip, IMU_ANSWER};
 use crate::bench::devices::Bench;
@@ -149,20 +148,13 @@ fn instructions(ticks: u64) -> f64 {
     ticks as f64 / TICKS_PER_S / (NS_PER_INSTRUCTION * 1e-9)
 }
 
-/// Runs an image on a bench until the plant is exhausted and the firmware has ended. `on_log` gets each line of the
-/// firmware's log, and `on_message` gets each message.
-///
-/// # Errors
-/// The emulator cannot be started, or the firmware faults, hangs, or ends without its report.
-pub fn run<P: Plant>(
+/// Runs an image in QEMU, as [`super::run`].
+pub(super) fn run_in_qemu<P: Plant>(
     setup: &MachineSetup<'_>,
     bench: &mut Bench<P>,
     mut on_log: impl FnMut(&str),
     mut on_message: impl FnMut(&Message),
 ) -> Result<Run> {
-    if setup.image.board == Board::Stm32h743 {
-        return h743::run(setup, bench, on_log, on_message).and_then(|report| report.run());
-    }
     ensure_fits(setup, bench)?;
     ensure_installed(EMULATOR, EMULATOR)?;
     let start = Instant::now();

@@ -4,5 +4,7 @@ pub mod debugger;
 pub mod h743;
 pub mod image;
 mod machine;
+mod run;
 
 pub use machine::*;
+pub use run::run;
