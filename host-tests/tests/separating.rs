@@ -1,4 +1,4 @@
-//! The separating methods [11], [13] and [14] of the paper's list of references, on virtual units.
+//! The separating methods \[11\], \[13\] and \[14\] of the paper's list of references, on virtual units.
 
 use host_tests::base::bai::TABLE_3;
 use host_tests::base::quantity;

@@ -6,6 +6,7 @@ use super::startup::Startup;
 use super::surroundings::{Archive, Done, FoundRecord, Surroundings};
 use super::tell::tell;
 use crate::acquisition::queue::SampleWithGimbal;
+use crate::base::clock_check::ClockFault;
 use crate::base::linear::Real;
 use crate::base::sample::SampleStatus;
 use crate::estimator::MAX_SEGMENTS;
@@ -158,16 +159,14 @@ impl<'m, T: Real> Instrument<'m, T> {
                 return Err(error);
             }
         }
-        let mut instrument = Self::ready(startup, (stored.as_ref(), unit), link, calibrator);
-        instrument.run.note_clock(outside.clock_fault());
-        Ok(instrument)
+        Ok(Self::ready(startup, (stored.as_ref(), unit, outside.clock_fault()), link, calibrator))
     }
 
     /// The instrument with a configuration that is checked. Not inlined, so that the check does not need its stack.
     #[inline(never)]
     fn ready(
         startup: &'m mut Startup,
-        (stored, unit): (Option<&StoredCalibration>, Option<UnitName>),
+        (stored, unit, clock): (Option<&StoredCalibration>, Option<UnitName>, Option<ClockFault>),
         link: &'m mut Link,
         calibrator: &'m mut Calibrator<T, MAX_SEGMENTS>,
     ) -> Self {
@@ -176,6 +175,7 @@ impl<'m, T: Real> Instrument<'m, T> {
         if let Some(lock) = lock {
             run.lock_motion(lock);
         }
+        run.note_clock(clock);
         Self { run, link, samples: 0, motion_log: MotionLog::default(), restarted: 0, unit, reading: None }
     }
 

@@ -1,4 +1,4 @@
-//! The correction of the IMU that [11] estimates.
+//! The correction of the IMU that \[11\] estimates.
 
 use rins_selfcal::base::linear::{Matrix3, Vector3, inverse3};
 use rins_selfcal::model::error_model::InstrumentErrors;

@@ -7,7 +7,7 @@
 //!              |-> thin_shell [13]: corrected gyros -----------> three mounting angles
 //!              '-> singular_values [14]: corrected forces -----> three mounting angles
 //! ```
-//! [11] and [13] together give the reference of the paper's Table 3. The numbers in brackets are those of the paper's
+//! \[11\] and \[13\] together give the reference of the paper's Table 3. The numbers in brackets are those of the paper's
 //! list of references (Bai et al., Sensors 2019, 19(18), 4005). The paper states only the principle of each method in
 //! its introduction. The details that it leaves open are choices of this project; each file states its own.
 

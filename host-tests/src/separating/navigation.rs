@@ -1,4 +1,4 @@
-//! [11]: an extended Kalman filter on attitude and velocity of a strapdown navigation of the gimballed IMU.
+//! \[11\]: an extended Kalman filter on attitude and velocity of a strapdown navigation of the gimballed IMU.
 //!
 //! The IMU navigates through the moves. At the stops its velocity is zero and the force shows the vertical, once a
 //! second. The filter has 27 states: the errors (computed minus true) of
@@ -107,7 +107,7 @@ impl From<&Noise> for SensorNoise {
     }
 }
 
-/// Result of [11].
+/// Result of \[11\].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Navigated {
     /// The correction of the IMU.

@@ -11,13 +11,13 @@ use rins_selfcal::base::site::Site;
 use rins_selfcal::base::units::ARCSEC;
 use rins_selfcal::model::error_model::{INSTALLATION_STATES, InstrumentErrors};
 
-/// The separating methods by name. [11] estimates nine angles in both.
+/// The separating methods by name. reference 11 estimates nine angles in both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum SeparatingMethod {
-    /// The reference of the paper's Table 3: [11] for nine angles, [13] for the mounting angles from the turning gyros
+    /// The reference of the paper's Table 3: reference 11 for nine angles, reference 13 for the mounting angles from the turning gyros
     #[value(name = "separating")]
     ThinShell,
-    /// [11] for nine angles, [14] for the mounting angles from the forces at the stops
+    /// reference 11 for nine angles, reference 14 for the mounting angles from the forces at the stops
     #[value(name = "svd")]
     SingularValues,
 }
@@ -35,7 +35,7 @@ impl SeparatingMethod {
 /// Result of the separating methods.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Separated {
-    /// The twelve installation errors; also scale factors and biases, which [11] needs. Non-perpendicularity and
+    /// The twelve installation errors; also scale factors and biases, which \[11\] needs. Non-perpendicularity and
     /// attitude of the base are zero: the methods know neither.
     pub errors: InstrumentErrors<f64>,
     /// Sigmas of the installation errors, rad. The methods for the mounting angles have none.
@@ -63,7 +63,7 @@ pub fn separate(
     with_mounting(run, site, &navigate(run, site, noise)?, method)
 }
 
-/// Adds the mounting angles to the nine angles that [11] has found on the same run.
+/// Adds the mounting angles to the nine angles that \[11\] has found on the same run.
 ///
 /// # Errors
 /// The method does not find the mounting angles; the error has the reason.

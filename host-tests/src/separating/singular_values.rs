@@ -1,4 +1,4 @@
-//! [14]: the mounting angles from the forces at the stops, by singular value decomposition.
+//! \[14\]: the mounting angles from the forces at the stops, by singular value decomposition.
 //!
 //! With C = rot_sr of (M2), R_k = rot_rr0 at stop k, and the force f_b of the base in the frame r0:
 //! ```text

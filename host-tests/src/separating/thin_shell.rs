@@ -1,4 +1,4 @@
-//! [13]: the mounting angles from the residual rotation of the corrected gyros, by a search in thin shells (L. Kang,
+//! \[13\]: the mounting angles from the residual rotation of the corrected gyros, by a search in thin shells (L. Kang,
 //! L. Ye, K. Song, Y. Zhou, Sensors 2014, 14, 18075).
 //!
 //! With C = rot_sr of (M2), R = rot_rr0, and the rate w_r of the gimbals in the r-frame by the encoders, the residual

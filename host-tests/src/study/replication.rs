@@ -69,8 +69,8 @@ pub struct ShownRun {
     pub truth: ParameterTable,
     /// Signals of IMU and encoders.
     pub signals: Signals,
-    /// The same readings through the separating methods: [11] with [13], which is the paper's reference, and [11] with
-    /// [14].
+    /// The same readings through the separating methods: \[11\] with \[13\], which is the paper's reference, and \[11\] with
+    /// \[14\].
     pub separated: [Separated; 2],
 }
 
@@ -96,7 +96,7 @@ impl ShownRun {
     }
 }
 
-/// [11] with [13], then [11] with [14].
+/// \[11\] with \[13\], then \[11\] with \[14\].
 fn separate_run_of(gimballed: &GimballedRun, run: &VirtualRun) -> Result<[Separated; 2], SeparatingError> {
     let site = &run.unit.site;
     let navigated = navigate(gimballed, site, &SensorNoise::from(&run.unit.noise))?;
