@@ -11,13 +11,13 @@ use rins_selfcal::base::site::Site;
 use rins_selfcal::base::units::ARCSEC;
 use rins_selfcal::model::error_model::{INSTALLATION_STATES, InstrumentErrors};
 
-/// The separating methods by name. reference 11 estimates nine angles in both.
+/// The separating methods by name. Reference 11 estimates nine angles in both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum SeparatingMethod {
-    /// The reference of the paper's Table 3: reference 11 for nine angles, reference 13 for the mounting angles from the turning gyros
+    /// What the paper's Table 3 is compared with: reference 11 for nine angles, 13 for the mounting angles from the moves
     #[value(name = "separating")]
     ThinShell,
-    /// reference 11 for nine angles, reference 14 for the mounting angles from the forces at the stops
+    /// Reference 11 for nine angles, 14 for the mounting angles from the forces at the stops
     #[value(name = "svd")]
     SingularValues,
 }
