@@ -1,9 +1,12 @@
 //! The instrument's end of a serial line, in this process.
 
+use nix::errno::Errno;
+use nix::poll::{PollFd, PollFlags, poll};
 use rins_selfcal::link::{Command, MAX_FRAME_BYTES, encode};
 use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
+use std::os::fd::AsFd;
 
 /// The instrument's side of a serial line.
 pub trait Line {
@@ -65,6 +68,9 @@ impl<C: Commander> Line for CommandLine<C> {
     }
 }
 
+/// How long to wait for room before the other end is looked at again, ms.
+const ROOM_WAIT_MS: u8 = 10;
+
 /// One end of a pseudo-terminal. Reading does not block. Sending waits for the reader, so that an instrument that runs
 /// faster than real time loses no bytes.
 #[derive(Debug)]
@@ -84,12 +90,20 @@ impl Terminal {
         while !bytes.is_empty() && !self.hung_up {
             match self.file.write(bytes) {
                 Ok(count) => bytes = &bytes[count..],
-                Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
-                    std::thread::yield_now();
-                }
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) if error.kind() == ErrorKind::WouldBlock => self.hung_up = !self.waits_for_reader(),
                 Err(_) => self.hung_up = true,
             }
         }
+    }
+
+    /// Waits until the reader has made room, for a short while. Returns whether the other end is still open: where it is
+    /// closed with a full buffer, writing reports that there is no room, for ever.
+    fn waits_for_reader(&self) -> bool {
+        let mut ends = [PollFd::new(self.file.as_fd(), PollFlags::POLLOUT)];
+        let polled = poll(&mut ends, ROOM_WAIT_MS);
+        let hung_up = ends[0].revents().is_some_and(|events| events.contains(PollFlags::POLLHUP));
+        !hung_up && !matches!(polled, Err(error) if error != Errno::EINTR)
     }
 }
 
@@ -107,5 +121,30 @@ impl Line for Terminal {
     fn transmit(&mut self, next: &mut dyn FnMut() -> Option<u8>) {
         let bytes: Vec<u8> = std::iter::from_fn(next).collect();
         self.write(&bytes);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nix::fcntl::{FcntlArg, OFlag, fcntl};
+    use nix::pty::openpty;
+    use std::thread;
+    use std::time::Duration;
+
+    #[test]
+    fn nobody_waits_for_a_reader_that_has_gone_before_it_read() {
+        let pair = openpty(None, None).expect("a pseudo-terminal");
+        fcntl(&pair.master, FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).expect("not blocking");
+        let mut terminal = Terminal::new(File::from(pair.master));
+        let mut bytes = std::iter::repeat_n(b'x', 1 << 20);
+        let writer = thread::spawn(move || {
+            terminal.transmit(&mut || bytes.next());
+            terminal.hung_up
+        });
+        // The buffer of a pseudo-terminal is full long before.
+        thread::sleep(Duration::from_millis(200));
+        drop(pair.slave);
+        assert!(writer.join().expect("it ends"));
     }
 }

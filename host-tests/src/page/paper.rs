@@ -11,13 +11,13 @@ const CONDITIONS: [Condition; 12] = [
         "random error of the gyros",
         "0.005 deg/h",
         "bias or noise is not stated",
-        "a bias in the unit `real`, zero in those of Tables 1 and 3",
+        "a bias in the unit named real, zero in those of Tables 1 and 3",
     ],
     [
         "random error of the accelerometers",
         "30 (unit lost)",
         "30 ug, as Table 2 has; bias or noise is not stated",
-        "white noise of 30 ug in each sample; a bias too in the unit `real`",
+        "white noise of 30 ug in each sample; a bias too in the unit named real",
     ],
     [
         "measurement noise of the gyros",
@@ -68,7 +68,7 @@ const CONDITIONS: [Condition; 12] = [
         "Kalman filters",
         "a covariance, a dimension of 12, and one setting more for each of the two filters (symbols and numbers lost)",
         "P0 or Q, and R; no numbers can be inferred",
-        "P0, Q and R of `rins guide theory`",
+        "P0, Q and R of the chapter theory (rins guide theory)",
     ],
 ];
 
