@@ -68,7 +68,8 @@ pub fn plan(request: &PlanRequest, name: &str, progress: &(impl Fn(u64, f64) + S
     Ok(Planned { scheme, value, bound: lower_bound(request) })
 }
 
-fn found(request: &PlanRequest, progress: &(impl Fn(u64, f64) + Sync)) -> Option<(f64, Vec<Leg>)> {
+/// The best stops, and their value. `None` if no scheme fits the time.
+pub(super) fn found(request: &PlanRequest, progress: &(impl Fn(u64, f64) + Sync)) -> Option<(f64, Vec<Leg>)> {
     let problem = Problem {
         forecast: Forecast::new(&request.setup, request.turning, request.settling_s),
         objective: &request.objective,

@@ -2,7 +2,7 @@
 //! stops; a slow one needs less motor, and effects that grow with the rate are smaller. Zhang et al. (Optimal Rotational
 //! Angular Velocity Determination Method, Sensors 2022) ask for the rate of Bai's instrument.
 
-use super::planning::{PlanError, Planned, plan};
+use super::planning::{PlanError, Planned, found, plan};
 use super::request::PlanRequest;
 use rins_selfcal::base::units::DEG;
 use rins_selfcal::scheme::Turning;
@@ -34,24 +34,20 @@ pub fn plan_over_rates(
     let factor = (highest_rad_s / lowest_rad_s).powf(f64::from(RATES - 1).recip());
     let at = |rate_rad_s: f64, evaluations: u64| {
         let turning = Turning { rate_rad_s, ..request.turning };
-        plan(&PlanRequest { turning, evaluations, ..request.clone() }, name, progress)
+        PlanRequest { turning, evaluations, ..request.clone() }
     };
     let mut best: Option<(f64, f64)> = None;
-    let mut found = Vec::new();
+    let mut rates = Vec::new();
     for number in 0..RATES {
         let rate_rad_s = lowest_rad_s * factor.powi(number.cast_signed());
-        let value = match at(rate_rad_s, request.evaluations / u64::from(RATES)) {
-            Ok(planned) => Some(planned.value),
-            Err(PlanError::TooShort) => None,
-            Err(error) => return Err(error),
-        };
+        let value = found(&at(rate_rad_s, request.evaluations / u64::from(RATES)), progress).map(|(value, _)| value);
         if let Some(value) = value
             && best.is_none_or(|(least, _)| value < least)
         {
             best = Some((value, rate_rad_s));
         }
-        found.push(AtRate { rate_deg_s: rate_rad_s / DEG, value });
+        rates.push(AtRate { rate_deg_s: rate_rad_s / DEG, value });
     }
     let (_, rate_rad_s) = best.ok_or(PlanError::TooShort)?;
-    Ok((at(rate_rad_s, request.evaluations)?, found))
+    Ok((plan(&at(rate_rad_s, request.evaluations), name, progress)?, rates))
 }
