@@ -129,12 +129,16 @@ mod tests {
     use super::*;
     use nix::fcntl::{FcntlArg, OFlag, fcntl};
     use nix::pty::openpty;
+    use nix::sys::termios::{SetArg, cfmakeraw, tcgetattr, tcsetattr};
     use std::thread;
     use std::time::Duration;
 
     #[test]
     fn nobody_waits_for_a_reader_that_has_gone_before_it_read() {
         let pair = openpty(None, None).expect("a pseudo-terminal");
+        let mut settings = tcgetattr(&pair.slave).expect("settings");
+        cfmakeraw(&mut settings);
+        tcsetattr(&pair.slave, SetArg::TCSANOW, &settings).expect("raw");
         fcntl(&pair.master, FcntlArg::F_SETFL(OFlag::O_NONBLOCK)).expect("not blocking");
         let mut terminal = Terminal::new(File::from(pair.master));
         let mut bytes = std::iter::repeat_n(b'x', 1 << 20);
